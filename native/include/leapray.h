@@ -1,0 +1,378 @@
+/* LeapRay: rays through sampled volumes. The whole public C interface.
+ *
+ * Words: a sample is an occupancy 0..1 on a lattice point; a cell is the cube
+ * between eight samples; T is the threshold at which the trilinear field f of
+ * the samples has its surface. Sample (i, j, k) lies at index coordinates
+ * (i, j, k); cell (i, j, k) spans i..i+1. Outside the lattice lies one virtual
+ * layer of samples of value 0, so that cut data is capped: n samples make
+ * cells -1..n-1. Triples are in x, y, z order. Matrices are 4x4, row-major,
+ * affine, and act on column vectors.
+ *
+ * Every function is re-entrant; nothing is global. A handle may be read by
+ * any number of threads; calls that change it need it alone, but for
+ * lr_voxelize_part, whose parts may run side by side. A function that returns
+ * lr_status writes one sentence into *error when it fails (error may be NULL)
+ * and leaves its outputs untouched. The header is kept plain: the ctypes
+ * declarations in leapray/_abi.py are generated from it.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LEAPRAY_H
+#define LEAPRAY_H
+
+#include <stdint.h>
+
+#define LR_VERSION "0.1.0"
+#define LR_ABI 1 /* raised whenever a struct or a signature below changes */
+
+#ifndef LR_API
+#define LR_API __attribute__((visibility("default")))
+#endif
+
+/* ---- status ------------------------------------------------------------ */
+
+typedef enum lr_status {
+    LR_OK = 0,
+    LR_E_ARGUMENT = 1, /* an argument out of its range */
+    LR_E_SIZE = 2,     /* more than the format or the given buffer holds */
+    LR_E_MEMORY = 3,   /* the system gave no memory */
+    LR_E_STOPPED = 4   /* the caller's stop word was set */
+} lr_status;
+
+typedef struct lr_error {
+    char text[480]; /* one sentence, UTF-8, NUL-terminated */
+} lr_error;
+
+/* How a long call is watched; any member, and the pointer itself, may be NULL. */
+typedef struct lr_watch {
+    const volatile int32_t *stop; /* nonzero: end within 100 ms with LR_E_STOPPED */
+    volatile double *progress;    /* the call writes the share done, 0..1 */
+} lr_watch;
+
+LR_API int32_t lr_abi(void);            /* LR_ABI of the library */
+LR_API const char *lr_version(void);    /* LR_VERSION of the library */
+
+/* ---- volumes ----------------------------------------------------------- */
+
+typedef enum lr_sample_type {
+    LR_U8 = 0,  /* 0..255 mean 0..1 */
+    LR_U16 = 1, /* 0..65535 mean 0..1 */
+    LR_F32 = 2
+} lr_sample_type;
+
+typedef enum lr_kind {
+    LR_KIND_AUTO = 0, /* for lr_voxelize_begin: solid where every edge is closed */
+    LR_KIND_SOLID = 1,
+    LR_KIND_SHEET = 2 /* a surface without inside: valid in touched cells only */
+} lr_kind;
+
+typedef struct lr_volume lr_volume;
+
+typedef struct lr_volume_desc {
+    int32_t nx, ny, nz;            /* samples per axis, at least 1 */
+    int32_t sample_type;           /* lr_sample_type */
+    int32_t kind;                  /* LR_KIND_SOLID or LR_KIND_SHEET */
+    int32_t has_ids;               /* nonzero: every sample carries a 16-bit id */
+    double threshold;              /* T, 0 < T <= 1 */
+    double object_from_index[16];  /* invertible */
+} lr_volume_desc;
+
+typedef struct lr_volume_info {
+    lr_volume_desc desc;
+    uint64_t n_bricks;             /* bricks of 8^3 samples that are stored */
+    uint64_t n_full;               /* bricks that are 1 throughout and not stored */
+    uint64_t n_surface_cells;
+    uint64_t nbytes;               /* memory held by the volume */
+    int32_t surface_lo[3];         /* bounds of the surface cells, inclusive; */
+    int32_t surface_hi[3];         /* lo > hi where there are none */
+} lr_volume_info;
+
+/* Make an empty volume (all samples 0), fill it by lr_volume_put, then call
+ * lr_volume_finish, which classifies the cells; only then may it be used. */
+LR_API lr_status lr_volume_begin(const lr_volume_desc *desc, lr_volume **volume, lr_error *error);
+
+/* Write a block of size[0] x size[1] x size[2] samples whose first sample is
+ * origin; x varies fastest. samples has desc.sample_type and must be finite;
+ * ids (one per sample) may be NULL. touched (one byte per cell, the cell whose
+ * lowest corner is the sample) says where a sheet is valid; NULL: everywhere;
+ * ignored for solids. Blocks may come in any order and must not overlap. */
+LR_API lr_status lr_volume_put(lr_volume *volume, const int32_t origin[3], const int32_t size[3],
+                               const void *samples, const uint16_t *ids, const uint8_t *touched,
+                               lr_error *error);
+LR_API lr_status lr_volume_finish(lr_volume *volume, const lr_watch *watch, lr_error *error);
+LR_API void lr_volume_free(lr_volume *volume); /* NULL is fine */
+
+LR_API void lr_volume_get_info(const lr_volume *volume, lr_volume_info *info);
+
+/* Read a block back, the inverse of lr_volume_put; it may reach beyond the
+ * lattice, where samples are 0. surface[cell] is 1 on surface cells. Any of the
+ * outputs may be NULL. */
+LR_API lr_status lr_volume_get(const lr_volume *volume, const int32_t origin[3],
+                               const int32_t size[3], void *samples, uint16_t *ids,
+                               uint8_t *surface, lr_error *error);
+
+/* The first samples of all bricks that are not 0 throughout:
+ * origins[n_bricks + n_full][3], the stored ones first, then those whose
+ * samples are all 1 and take no memory. A brick can reach beyond the lattice on
+ * every side. n is the room in origins. */
+LR_API lr_status lr_volume_get_bricks(const lr_volume *volume, int32_t *origins, uint64_t n,
+                                      lr_error *error);
+
+/* Value and gradient of the trilinear field at n points in object space:
+ * points[n][3], value[n] (0..1), gradient[n][3] (per unit of object space);
+ * either output may be NULL. Outside the lattice the field is 0. */
+LR_API lr_status lr_volume_sample(const lr_volume *volume, const double *points, uint64_t n,
+                                  double *value, double *gradient, lr_error *error);
+
+/* ---- voxelization ------------------------------------------------------ */
+
+typedef struct lr_mesh {
+    const double *vertices;    /* [n_vertices][3], object space, finite */
+    uint64_t n_vertices;
+    const int32_t *triangles;  /* [n_triangles][3], counter-clockwise from outside */
+    uint64_t n_triangles;
+    const uint16_t *ids;       /* one per triangle, or NULL */
+} lr_mesh;
+
+typedef enum lr_filter {
+    LR_FILTER_RAMP = 0 /* linear in the signed distance: the oriented box filter */
+} lr_filter;
+
+typedef struct lr_voxelize_options {
+    double voxel_size;   /* edge of a voxel in object space */
+    double half_width;   /* of the filter, in voxels */
+    int32_t filter;      /* lr_filter */
+    int32_t kind;        /* lr_kind */
+    int32_t sample_type; /* lr_sample_type */
+} lr_voxelize_options;
+
+typedef struct lr_voxelizer lr_voxelizer;
+
+typedef struct lr_voxelizer_info {
+    lr_volume_desc desc;      /* of the volume to come; its lattice lies on multiples of voxel_size */
+    uint64_t n_parts;         /* parts to run */
+    uint64_t nbytes;          /* memory of the finished volume, from above */
+    uint64_t n_border_edges;  /* edges with one triangle */
+    uint64_t n_bad_edges;     /* edges with more than two triangles, or two of opposite winding */
+    uint64_t n_degenerate;    /* triangles without area */
+    int32_t inverted;         /* nonzero: a closed mesh was wound inside out and was turned */
+} lr_voxelizer_info;
+
+/* Bin the mesh and say what the volume will be; the arrays of mesh must live
+ * until lr_voxelizer_free. Then run every part 0..n_parts-1 once, in any order,
+ * side by side if wanted; lr_voxelize_end makes the volume. */
+LR_API lr_status lr_voxelize_begin(const lr_mesh *mesh, const lr_voxelize_options *options,
+                                   const lr_watch *watch, lr_voxelizer **voxelizer,
+                                   lr_error *error);
+LR_API void lr_voxelizer_get_info(const lr_voxelizer *voxelizer, lr_voxelizer_info *info);
+LR_API lr_status lr_voxelize_part(lr_voxelizer *voxelizer, uint64_t part, const lr_watch *watch,
+                                  lr_error *error);
+LR_API lr_status lr_voxelize_end(lr_voxelizer *voxelizer, const lr_watch *watch,
+                                 lr_volume **volume, lr_error *error);
+LR_API void lr_voxelizer_free(lr_voxelizer *voxelizer); /* NULL is fine */
+
+/* ---- distance ---------------------------------------------------------- */
+
+typedef enum lr_metric {
+    LR_METRIC_CHESSBOARD = 0
+} lr_metric;
+
+/* dist[nz][ny][nx]: distance in cells from every cell to the nearest one that
+ * is nonzero in cells[nz][ny][nx]; 0 on those, capped at 255. */
+LR_API lr_status lr_distance(const uint8_t *cells, int32_t nx, int32_t ny, int32_t nz,
+                             int32_t metric, uint8_t *dist, const lr_watch *watch,
+                             lr_error *error);
+
+/* ---- traversers and structures ----------------------------------------- */
+
+typedef enum lr_traverser_flag {
+    LR_TRAVERSER_EXACT = 1,  /* agrees with the integer oracle but for ties */
+    LR_TRAVERSER_DEFAULT = 2 /* set for one of them */
+} lr_traverser_flag;
+
+typedef struct lr_traverser {
+    const char *name;   /* as in options and files */
+    const char *label;  /* as in menus */
+    const char *source; /* who published it */
+    const char *about;  /* one sentence: how it works, or what it may miss */
+    uint32_t flags;     /* lr_traverser_flag */
+} lr_traverser;
+
+LR_API int32_t lr_traverser_count(void);
+LR_API lr_status lr_traverser_get(int32_t index, lr_traverser *traverser, lr_error *error);
+
+typedef struct lr_structure lr_structure;
+
+/* What the traverser needs beside the volume, which must live longer. */
+LR_API lr_status lr_structure_build(const lr_volume *volume, int32_t traverser,
+                                    const lr_watch *watch, lr_structure **structure,
+                                    lr_error *error);
+LR_API void lr_structure_free(lr_structure *structure); /* NULL is fine */
+LR_API uint64_t lr_structure_nbytes(const lr_structure *structure); /* without the volume */
+
+/* ---- tracing ----------------------------------------------------------- */
+
+typedef enum lr_mode {
+    LR_MODE_SURFACE = 0, /* the first crossing of f = T, in either direction */
+    LR_MODE_BINARY = 1   /* the first object cell: largest of its samples >= T */
+} lr_mode;
+
+typedef enum lr_hit_test {
+    LR_HIT_FACES = 0,  /* f on the cell's faces only: loses double roots */
+    LR_HIT_EXTREMA = 1 /* and at the extrema of the cubic between them */
+} lr_hit_test;
+
+typedef enum lr_root {
+    LR_ROOT_NEWTON = 0, /* Newton's steps inside a bracket */
+    LR_ROOT_LINEAR = 1  /* one linear interpolation */
+} lr_root;
+
+typedef enum lr_normal {
+    LR_NORMAL_CENTRAL = 0, /* central differences at the corners, interpolated */
+    LR_NORMAL_ANALYTIC = 1 /* gradient of the trilinear field */
+} lr_normal;
+
+typedef struct lr_trace_options {
+    int32_t mode;     /* lr_mode */
+    int32_t hit_test; /* lr_hit_test */
+    int32_t root;     /* lr_root */
+    int32_t normal;   /* lr_normal */
+} lr_trace_options;
+
+/* Where a secondary ray leaves a surface: the search in this cell takes the
+ * ray's start as lying on the given side, whatever rounding makes of it. */
+typedef struct lr_start {
+    int32_t cell[3];
+    int32_t side; /* -1: where f < T; +1: where f >= T; 0: unknown, cell is not read */
+} lr_start;
+
+/* n rays P = o + t d in object space; d need not be unit. A ray with a zero
+ * or non-finite component where none is allowed (d = 0, NaN, infinity) misses. */
+typedef struct lr_rays {
+    const double *ox, *oy, *oz;
+    const double *dx, *dy, *dz;
+    const double *t_min;   /* NULL: 0; not below 0 where start is used */
+    const double *t_max;   /* NULL: infinity */
+    const lr_start *start; /* NULL: unknown */
+} lr_rays;
+
+/* One entry per ray; any pointer but t may be NULL. */
+typedef struct lr_hits {
+    double *t;              /* infinity on a miss */
+    int32_t *ci, *cj, *ck;  /* the cell hit */
+    double *nx, *ny, *nz;   /* unit normal in object space, towards f < T */
+    double *gx, *gy, *gz;   /* unit normal of the trilinear field itself: tells the
+                               side on which a secondary ray starts */
+    int32_t *id;            /* of the object sample nearest the hit; 0 without ids */
+} lr_hits;
+
+typedef struct lr_counters {
+    uint64_t rays;
+    uint64_t cells;   /* cells in which a ray stood */
+    uint64_t jumps;   /* steps over more than one cell */
+    uint64_t tests;   /* cells in which the surface was searched */
+    uint64_t samples; /* evaluations of f */
+    uint64_t hits;
+} lr_counters;
+
+/* counters is added to; NULL costs nothing. LR_E_STOPPED leaves hits undefined. */
+LR_API lr_status lr_trace(const lr_structure *structure, const lr_rays *rays, uint64_t n,
+                          const lr_trace_options *options, const lr_hits *hits,
+                          lr_counters *counters, const lr_watch *watch, lr_error *error);
+
+/* ---- rendering --------------------------------------------------------- */
+
+/* A ray through film point (x, y), in pixels from the image's lower left
+ * corner: with F = corner + x * dx + y * dy, a perspective ray is eye + t F, an
+ * orthographic one eye + F + t forward. F and forward are scaled so that t is
+ * the depth along the camera's axis. All in world space. */
+typedef enum lr_projection {
+    LR_PERSPECTIVE = 0,
+    LR_ORTHOGRAPHIC = 1
+} lr_projection;
+
+typedef struct lr_camera {
+    int32_t projection; /* lr_projection */
+    int32_t reserved;
+    double eye[3], forward[3];
+    double corner[3], dx[3], dy[3];
+    double clip_start, clip_end; /* depth */
+} lr_camera;
+
+typedef enum lr_light_kind {
+    LR_LIGHT_SUN = 0,  /* color: irradiance on a plane facing it */
+    LR_LIGHT_POINT = 1 /* color: radiant intensity; irradiance is color / distance^2 */
+} lr_light_kind;
+
+typedef struct lr_light {
+    int32_t kind;         /* lr_light_kind */
+    int32_t casts_shadow; /* zero: shines through everything */
+    double position[3];   /* of a point light */
+    double direction[3];  /* unit, from the surface towards a sun */
+    double color[3];
+} lr_light;
+
+typedef struct lr_material {
+    double base_color[3]; /* reflectance of a Lambertian surface */
+} lr_material;
+
+typedef enum lr_visibility {
+    LR_VISIBLE_CAMERA = 1,
+    LR_VISIBLE_SHADOW = 2, /* stops light */
+    LR_VISIBLE_DIFFUSE = 4 /* stops the light of the world */
+} lr_visibility;
+
+typedef struct lr_instance {
+    const lr_structure *structure;
+    double world_from_object[16];
+    uint32_t visibility;     /* lr_visibility */
+    int32_t object_index;    /* the value of the object index pass */
+    uint32_t first_material; /* id m of a hit has material slots[first_material + min(m, n_materials-1)] */
+    uint32_t n_materials;    /* at least 1 */
+} lr_instance;
+
+typedef struct lr_scene_desc {
+    lr_camera camera;
+    const lr_instance *instances;
+    uint64_t n_instances;
+    const lr_light *lights;
+    uint64_t n_lights;
+    const lr_material *materials;
+    uint64_t n_materials;
+    const uint32_t *slots;   /* indices into materials */
+    uint64_t n_slots;
+    double world_color[3];   /* radiance of the surroundings */
+    int32_t film_transparent;
+    int32_t reserved;
+} lr_scene_desc;
+
+typedef struct lr_scene lr_scene;
+
+/* Copies everything but the structures, which must live longer, and builds the
+ * hierarchy over the instances. */
+LR_API lr_status lr_scene_new(const lr_scene_desc *desc, lr_scene **scene, lr_error *error);
+LR_API void lr_scene_free(lr_scene *scene); /* NULL is fine */
+
+typedef struct lr_tile {
+    int32_t x, y, width, height; /* pixels of the image; row 0 is the lowest */
+    int32_t samples;             /* per pixel, box filter of one pixel */
+    uint32_t seed;
+    lr_trace_options trace;      /* mode must be LR_MODE_SURFACE */
+} lr_tile;
+
+/* Buffers of the tile alone, rows from below; any but combined may be NULL. The
+ * geometry passes come from the pixel's centre. */
+typedef struct lr_passes {
+    float *combined;     /* [height][width][4], premultiplied by alpha */
+    float *depth;        /* [height][width], along the camera's axis; 1e10 where nothing is */
+    float *normal;       /* [height][width][3], world space, towards the camera's side */
+    float *position;     /* [height][width][3], world space */
+    float *object_index; /* [height][width] */
+} lr_passes;
+
+/* Bytes of working memory that lr_render_tile wants for a tile of that size. */
+LR_API uint64_t lr_render_nbytes(const lr_scene *scene, int32_t width, int32_t height);
+LR_API lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile,
+                                const lr_passes *passes, void *workspace, uint64_t nbytes,
+                                lr_counters *counters, const lr_watch *watch, lr_error *error);
+
+#endif
