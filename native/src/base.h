@@ -1,0 +1,52 @@
+/* What every room of the core shares.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_BASE_H
+#define LR_BASE_H
+
+#include <assert.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "leapray.h"
+
+#define LR_INLINE static inline __attribute__((always_inline))
+
+LR_INLINE int32_t lr_min_i(int32_t a, int32_t b)
+{
+    return a < b ? a : b;
+}
+
+LR_INLINE int32_t lr_max_i(int32_t a, int32_t b)
+{
+    return a > b ? a : b;
+}
+
+/* NaN in x gives lo. */
+LR_INLINE double lr_clamp(double x, double lo, double hi)
+{
+    double y = x > lo ? x : lo;
+    return y < hi ? y : hi;
+}
+
+LR_INLINE double lr_dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+LR_INLINE bool lr_stopped(const lr_watch *watch)
+{
+    return watch != NULL && watch->stop != NULL && *watch->stop != 0;
+}
+
+LR_INLINE void lr_progress(const lr_watch *watch, double share)
+{
+    if (watch != NULL && watch->progress != NULL)
+        *watch->progress = share;
+}
+
+#endif
