@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compile src/**/*.c into leapray/libleapray.so, only what has changed.
+
+    python native/build_core.py [--force]
+
+The compiler is the one that PyPI ships as `ziglang`, taken from the Python
+that runs this file, so that no system compiler is needed and every machine
+builds the same code: x86-64-v2, glibc 2.28 or later. An object is kept as long
+as the hash of its command, its source and the headers it names stands; the
+library is written beside and renamed, and a lock keeps two builds apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import importlib.metadata
+import os
+import shlex
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+
+NATIVE = Path(__file__).resolve().parent
+LIBRARY = NATIVE / "leapray" / "libleapray.so"
+OBJECTS = NATIVE / "build"
+
+TARGET = ("-target", "x86_64-linux-gnu.2.28", "-mcpu=x86_64_v2")
+PLATFORM = "manylinux_2_28_x86_64"  # the same, as a wheel says it
+FLAGS = (
+    *("-std=c17", "-O2", "-g", "-fPIC", "-fvisibility=hidden", "-fno-sanitize=undefined"),
+    *("-ffp-contract=off", "-fno-math-errno"),
+    *("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wstrict-prototypes", "-Wvla", "-Werror"),
+    *("-Iinclude", "-Isrc"),
+)
+LINK = ("-shared", "-lm")
+
+
+class BuildError(Exception):
+    """The compiler's own words, or why there is none."""
+
+
+def compiler() -> tuple[tuple[str, ...], str]:
+    """The command of the compiler and its version."""
+    try:
+        version = importlib.metadata.version("ziglang")
+    except importlib.metadata.PackageNotFoundError:
+        raise BuildError(
+            f"{sys.executable} has no package ziglang, which holds the compiler; "
+            "`python3 build.py build` uses an environment that has it"
+        ) from None
+    return (sys.executable, "-m", "ziglang", "cc"), version
+
+
+@contextlib.contextmanager
+def locked(path: Path):
+    """Hold an exclusive lock on path; the system releases it when the process ends."""
+    import fcntl
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path, "w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+@cache
+def content(path: Path) -> bytes:
+    """Hash of one file, read once; empty where it is gone."""
+    try:
+        return hashlib.sha256(path.read_bytes()).digest()
+    except FileNotFoundError:
+        return b""
+
+
+def run(command: list[str]) -> None:
+    result = subprocess.run(
+        command, cwd=NATIVE, capture_output=True, text=True, env=environment(), check=False
+    )
+    if result.returncode:
+        raise BuildError(f"{shlex.join(command)}\n{result.stderr}{result.stdout}")
+
+
+def environment() -> dict[str, str]:
+    """The compiler keeps its own cache in the home folder; without one, here."""
+    env = dict(os.environ)
+    if not os.access(env.get("XDG_CACHE_HOME") or env.get("HOME") or "/nowhere", os.W_OK):
+        env.setdefault("ZIG_GLOBAL_CACHE_DIR", str(OBJECTS / "zig-cache"))
+    return env
+
+
+class Unit:
+    """One source file, its object, and the note of what the object was made from."""
+
+    def __init__(self, source: Path, tag: str) -> None:
+        self.source = source
+        name = str(source.relative_to(NATIVE / "src").with_suffix("")).replace("/", ".")
+        self.object = OBJECTS / f"{name}.o"
+        self.depends = OBJECTS / f"{name}.d"
+        self.note = OBJECTS / f"{name}.key"
+        self.tag = tag
+
+    def key(self) -> str:
+        """Hash of all that the object depends on; empty where that is not known yet."""
+        try:
+            rule = self.depends.read_text()
+        except FileNotFoundError:
+            return ""
+        names = shlex.split(rule.replace("\\\n", " "))[1:]
+        digest = hashlib.sha256(self.tag.encode())
+        for name in names:
+            digest.update(name.encode() + content(NATIVE / name))
+        return digest.hexdigest()
+
+    def current(self) -> bool:
+        known = self.note.read_text() if self.note.exists() else "unknown"
+        return self.object.exists() and known == self.key()
+
+    def compile(self, command: tuple[str, ...]) -> None:
+        self.note.unlink(missing_ok=True)
+        source = str(self.source.relative_to(NATIVE))
+        outputs = ["-MMD", "-MF", str(self.depends), "-o", str(self.object)]
+        run([*command, *TARGET, *FLAGS, "-c", source, *outputs])
+        self.note.write_text(self.key())
+
+
+def build(force: bool = False, say=lambda sentence: None) -> bool:
+    """Bring the library up to date; true where something was compiled. Raises BuildError."""
+    command, version = compiler()
+    with locked(OBJECTS / "lock"):
+        content.cache_clear()
+        sources = sorted((NATIVE / "src").rglob("*.c"))
+        units = [Unit(source, " ".join((version, *TARGET, *FLAGS))) for source in sources]
+        stale = [unit for unit in units if force or not unit.current()]
+        note = OBJECTS / "library.key"
+        linked = note.read_text() if LIBRARY.exists() and note.exists() else ""
+        if not stale and linked == library_key(units):
+            return False
+        say(f"compiling {len(stale)} of {len(units)} files of the core")
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(lambda unit: unit.compile(command), stale))
+        beside = LIBRARY.with_suffix(f".{os.getpid()}")
+        objects = [str(unit.object) for unit in units]
+        try:
+            run([*command, *TARGET, *objects, *LINK, "-o", str(beside)])
+            os.replace(beside, LIBRARY)
+        finally:
+            beside.unlink(missing_ok=True)
+        note.write_text(library_key(units))
+    return True
+
+
+def library_key(units: list[Unit]) -> str:
+    """Hash of the objects' keys and the link line."""
+    parts = [" ".join(LINK), *(unit.object.name + unit.key() for unit in units)]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Compile the core of LeapRay.")
+    parser.add_argument("--force", action="store_true", help="compile every file")
+    options = parser.parse_args()
+    try:
+        build(options.force, say=lambda sentence: print(sentence, file=sys.stderr))
+    except BuildError as error:
+        print(f"build_core: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

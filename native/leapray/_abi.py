@@ -1,0 +1,469 @@
+# Generated from include/leapray.h by generate_abi.py; do not edit.
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The public C interface as ctypes: enums, structs, prototypes."""
+
+import ctypes
+from enum import IntEnum
+
+LR_VERSION = "0.1.0"
+LR_ABI = 1
+
+
+class lr_status(IntEnum):
+    LR_OK = 0
+    LR_E_ARGUMENT = 1
+    LR_E_SIZE = 2
+    LR_E_MEMORY = 3
+    LR_E_STOPPED = 4
+
+
+class lr_sample_type(IntEnum):
+    LR_U8 = 0
+    LR_U16 = 1
+    LR_F32 = 2
+
+
+class lr_kind(IntEnum):
+    LR_KIND_AUTO = 0
+    LR_KIND_SOLID = 1
+    LR_KIND_SHEET = 2
+
+
+class lr_filter(IntEnum):
+    LR_FILTER_RAMP = 0
+
+
+class lr_metric(IntEnum):
+    LR_METRIC_CHESSBOARD = 0
+
+
+class lr_traverser_flag(IntEnum):
+    LR_TRAVERSER_EXACT = 1
+    LR_TRAVERSER_DEFAULT = 2
+
+
+class lr_mode(IntEnum):
+    LR_MODE_SURFACE = 0
+    LR_MODE_BINARY = 1
+
+
+class lr_hit_test(IntEnum):
+    LR_HIT_FACES = 0
+    LR_HIT_EXTREMA = 1
+
+
+class lr_root(IntEnum):
+    LR_ROOT_NEWTON = 0
+    LR_ROOT_LINEAR = 1
+
+
+class lr_normal(IntEnum):
+    LR_NORMAL_CENTRAL = 0
+    LR_NORMAL_ANALYTIC = 1
+
+
+class lr_projection(IntEnum):
+    LR_PERSPECTIVE = 0
+    LR_ORTHOGRAPHIC = 1
+
+
+class lr_light_kind(IntEnum):
+    LR_LIGHT_SUN = 0
+    LR_LIGHT_POINT = 1
+
+
+class lr_visibility(IntEnum):
+    LR_VISIBLE_CAMERA = 1
+    LR_VISIBLE_SHADOW = 2
+    LR_VISIBLE_DIFFUSE = 4
+
+
+LR_OK, LR_E_ARGUMENT, LR_E_SIZE, LR_E_MEMORY, LR_E_STOPPED = lr_status
+LR_U8, LR_U16, LR_F32 = lr_sample_type
+LR_KIND_AUTO, LR_KIND_SOLID, LR_KIND_SHEET = lr_kind
+(LR_FILTER_RAMP,) = lr_filter
+(LR_METRIC_CHESSBOARD,) = lr_metric
+LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT = lr_traverser_flag
+LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
+LR_HIT_FACES, LR_HIT_EXTREMA = lr_hit_test
+LR_ROOT_NEWTON, LR_ROOT_LINEAR = lr_root
+LR_NORMAL_CENTRAL, LR_NORMAL_ANALYTIC = lr_normal
+LR_PERSPECTIVE, LR_ORTHOGRAPHIC = lr_projection
+LR_LIGHT_SUN, LR_LIGHT_POINT = lr_light_kind
+LR_VISIBLE_CAMERA, LR_VISIBLE_SHADOW, LR_VISIBLE_DIFFUSE = lr_visibility
+
+
+class lr_error(ctypes.Structure):
+    _fields_ = (
+        ("text", ctypes.c_char * 480),
+    )
+
+
+class lr_watch(ctypes.Structure):
+    _fields_ = (
+        ("stop", ctypes.POINTER(ctypes.c_int32)),
+        ("progress", ctypes.POINTER(ctypes.c_double)),
+    )
+
+
+class lr_volume(ctypes.Structure):
+    pass  # opaque
+
+
+class lr_volume_desc(ctypes.Structure):
+    _fields_ = (
+        ("nx", ctypes.c_int32),
+        ("ny", ctypes.c_int32),
+        ("nz", ctypes.c_int32),
+        ("sample_type", ctypes.c_int32),
+        ("kind", ctypes.c_int32),
+        ("has_ids", ctypes.c_int32),
+        ("threshold", ctypes.c_double),
+        ("object_from_index", ctypes.c_double * 16),
+    )
+
+
+class lr_volume_info(ctypes.Structure):
+    _fields_ = (
+        ("desc", lr_volume_desc),
+        ("n_bricks", ctypes.c_uint64),
+        ("n_full", ctypes.c_uint64),
+        ("n_surface_cells", ctypes.c_uint64),
+        ("nbytes", ctypes.c_uint64),
+        ("surface_lo", ctypes.c_int32 * 3),
+        ("surface_hi", ctypes.c_int32 * 3),
+    )
+
+
+class lr_mesh(ctypes.Structure):
+    _fields_ = (
+        ("vertices", ctypes.POINTER(ctypes.c_double)),
+        ("n_vertices", ctypes.c_uint64),
+        ("triangles", ctypes.POINTER(ctypes.c_int32)),
+        ("n_triangles", ctypes.c_uint64),
+        ("ids", ctypes.POINTER(ctypes.c_uint16)),
+    )
+
+
+class lr_voxelize_options(ctypes.Structure):
+    _fields_ = (
+        ("voxel_size", ctypes.c_double),
+        ("half_width", ctypes.c_double),
+        ("filter", ctypes.c_int32),
+        ("kind", ctypes.c_int32),
+        ("sample_type", ctypes.c_int32),
+    )
+
+
+class lr_voxelizer(ctypes.Structure):
+    pass  # opaque
+
+
+class lr_voxelizer_info(ctypes.Structure):
+    _fields_ = (
+        ("desc", lr_volume_desc),
+        ("n_parts", ctypes.c_uint64),
+        ("nbytes", ctypes.c_uint64),
+        ("n_border_edges", ctypes.c_uint64),
+        ("n_bad_edges", ctypes.c_uint64),
+        ("n_degenerate", ctypes.c_uint64),
+        ("inverted", ctypes.c_int32),
+    )
+
+
+class lr_traverser(ctypes.Structure):
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("label", ctypes.c_char_p),
+        ("source", ctypes.c_char_p),
+        ("about", ctypes.c_char_p),
+        ("flags", ctypes.c_uint32),
+    )
+
+
+class lr_structure(ctypes.Structure):
+    pass  # opaque
+
+
+class lr_trace_options(ctypes.Structure):
+    _fields_ = (
+        ("mode", ctypes.c_int32),
+        ("hit_test", ctypes.c_int32),
+        ("root", ctypes.c_int32),
+        ("normal", ctypes.c_int32),
+    )
+
+
+class lr_start(ctypes.Structure):
+    _fields_ = (
+        ("cell", ctypes.c_int32 * 3),
+        ("side", ctypes.c_int32),
+    )
+
+
+class lr_rays(ctypes.Structure):
+    _fields_ = (
+        ("ox", ctypes.POINTER(ctypes.c_double)),
+        ("oy", ctypes.POINTER(ctypes.c_double)),
+        ("oz", ctypes.POINTER(ctypes.c_double)),
+        ("dx", ctypes.POINTER(ctypes.c_double)),
+        ("dy", ctypes.POINTER(ctypes.c_double)),
+        ("dz", ctypes.POINTER(ctypes.c_double)),
+        ("t_min", ctypes.POINTER(ctypes.c_double)),
+        ("t_max", ctypes.POINTER(ctypes.c_double)),
+        ("start", ctypes.POINTER(lr_start)),
+    )
+
+
+class lr_hits(ctypes.Structure):
+    _fields_ = (
+        ("t", ctypes.POINTER(ctypes.c_double)),
+        ("ci", ctypes.POINTER(ctypes.c_int32)),
+        ("cj", ctypes.POINTER(ctypes.c_int32)),
+        ("ck", ctypes.POINTER(ctypes.c_int32)),
+        ("nx", ctypes.POINTER(ctypes.c_double)),
+        ("ny", ctypes.POINTER(ctypes.c_double)),
+        ("nz", ctypes.POINTER(ctypes.c_double)),
+        ("gx", ctypes.POINTER(ctypes.c_double)),
+        ("gy", ctypes.POINTER(ctypes.c_double)),
+        ("gz", ctypes.POINTER(ctypes.c_double)),
+        ("id", ctypes.POINTER(ctypes.c_int32)),
+    )
+
+
+class lr_counters(ctypes.Structure):
+    _fields_ = (
+        ("rays", ctypes.c_uint64),
+        ("cells", ctypes.c_uint64),
+        ("jumps", ctypes.c_uint64),
+        ("tests", ctypes.c_uint64),
+        ("samples", ctypes.c_uint64),
+        ("hits", ctypes.c_uint64),
+    )
+
+
+class lr_camera(ctypes.Structure):
+    _fields_ = (
+        ("projection", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
+        ("eye", ctypes.c_double * 3),
+        ("forward", ctypes.c_double * 3),
+        ("corner", ctypes.c_double * 3),
+        ("dx", ctypes.c_double * 3),
+        ("dy", ctypes.c_double * 3),
+        ("clip_start", ctypes.c_double),
+        ("clip_end", ctypes.c_double),
+    )
+
+
+class lr_light(ctypes.Structure):
+    _fields_ = (
+        ("kind", ctypes.c_int32),
+        ("casts_shadow", ctypes.c_int32),
+        ("position", ctypes.c_double * 3),
+        ("direction", ctypes.c_double * 3),
+        ("color", ctypes.c_double * 3),
+    )
+
+
+class lr_material(ctypes.Structure):
+    _fields_ = (
+        ("base_color", ctypes.c_double * 3),
+    )
+
+
+class lr_instance(ctypes.Structure):
+    _fields_ = (
+        ("structure", ctypes.POINTER(lr_structure)),
+        ("world_from_object", ctypes.c_double * 16),
+        ("visibility", ctypes.c_uint32),
+        ("object_index", ctypes.c_int32),
+        ("first_material", ctypes.c_uint32),
+        ("n_materials", ctypes.c_uint32),
+    )
+
+
+class lr_scene_desc(ctypes.Structure):
+    _fields_ = (
+        ("camera", lr_camera),
+        ("instances", ctypes.POINTER(lr_instance)),
+        ("n_instances", ctypes.c_uint64),
+        ("lights", ctypes.POINTER(lr_light)),
+        ("n_lights", ctypes.c_uint64),
+        ("materials", ctypes.POINTER(lr_material)),
+        ("n_materials", ctypes.c_uint64),
+        ("slots", ctypes.POINTER(ctypes.c_uint32)),
+        ("n_slots", ctypes.c_uint64),
+        ("world_color", ctypes.c_double * 3),
+        ("film_transparent", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
+    )
+
+
+class lr_scene(ctypes.Structure):
+    pass  # opaque
+
+
+class lr_tile(ctypes.Structure):
+    _fields_ = (
+        ("x", ctypes.c_int32),
+        ("y", ctypes.c_int32),
+        ("width", ctypes.c_int32),
+        ("height", ctypes.c_int32),
+        ("samples", ctypes.c_int32),
+        ("seed", ctypes.c_uint32),
+        ("trace", lr_trace_options),
+    )
+
+
+class lr_passes(ctypes.Structure):
+    _fields_ = (
+        ("combined", ctypes.POINTER(ctypes.c_float)),
+        ("depth", ctypes.POINTER(ctypes.c_float)),
+        ("normal", ctypes.POINTER(ctypes.c_float)),
+        ("position", ctypes.POINTER(ctypes.c_float)),
+        ("object_index", ctypes.POINTER(ctypes.c_float)),
+    )
+
+
+PROTOTYPES = {
+    "lr_abi": (ctypes.c_int32, ()),
+    "lr_version": (ctypes.c_char_p, ()),
+    "lr_volume_begin": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume_desc),
+        ctypes.POINTER(ctypes.POINTER(lr_volume)),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_put": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.c_void_p,
+        ctypes.POINTER(ctypes.c_uint16),
+        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_finish": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_free": (None, (
+        ctypes.POINTER(lr_volume),
+    )),
+    "lr_volume_get_info": (None, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(lr_volume_info),
+    )),
+    "lr_volume_get": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.c_void_p,
+        ctypes.POINTER(ctypes.c_uint16),
+        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_get_bricks": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_sample": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.c_uint64,
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_voxelize_begin": (ctypes.c_int, (
+        ctypes.POINTER(lr_mesh),
+        ctypes.POINTER(lr_voxelize_options),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(ctypes.POINTER(lr_voxelizer)),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_voxelizer_get_info": (None, (
+        ctypes.POINTER(lr_voxelizer),
+        ctypes.POINTER(lr_voxelizer_info),
+    )),
+    "lr_voxelize_part": (ctypes.c_int, (
+        ctypes.POINTER(lr_voxelizer),
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_voxelize_end": (ctypes.c_int, (
+        ctypes.POINTER(lr_voxelizer),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(ctypes.POINTER(lr_volume)),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_voxelizer_free": (None, (
+        ctypes.POINTER(lr_voxelizer),
+    )),
+    "lr_distance": (ctypes.c_int, (
+        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_traverser_count": (ctypes.c_int32, ()),
+    "lr_traverser_get": (ctypes.c_int, (
+        ctypes.c_int32,
+        ctypes.POINTER(lr_traverser),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_structure_build": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.c_int32,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(ctypes.POINTER(lr_structure)),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_structure_free": (None, (
+        ctypes.POINTER(lr_structure),
+    )),
+    "lr_structure_nbytes": (ctypes.c_uint64, (
+        ctypes.POINTER(lr_structure),
+    )),
+    "lr_trace": (ctypes.c_int, (
+        ctypes.POINTER(lr_structure),
+        ctypes.POINTER(lr_rays),
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_trace_options),
+        ctypes.POINTER(lr_hits),
+        ctypes.POINTER(lr_counters),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_scene_new": (ctypes.c_int, (
+        ctypes.POINTER(lr_scene_desc),
+        ctypes.POINTER(ctypes.POINTER(lr_scene)),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_scene_free": (None, (
+        ctypes.POINTER(lr_scene),
+    )),
+    "lr_render_nbytes": (ctypes.c_uint64, (
+        ctypes.POINTER(lr_scene),
+        ctypes.c_int32,
+        ctypes.c_int32,
+    )),
+    "lr_render_tile": (ctypes.c_int, (
+        ctypes.POINTER(lr_scene),
+        ctypes.POINTER(lr_tile),
+        ctypes.POINTER(lr_passes),
+        ctypes.c_void_p,
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_counters),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+}

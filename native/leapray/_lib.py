@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The compiled core: found, checked and declared once; its errors as exceptions.
+
+Calls into `lib` release the interpreter lock, so any number of Python threads
+may trace at once. A C call is deaf to Ctrl-C; long ones therefore go through
+`call`, which lets a worker run them while the main thread listens.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from pathlib import Path
+
+from . import _abi
+
+
+class LeapRayError(Exception):
+    """What the core refused, in one sentence."""
+
+
+class Stopped(LeapRayError):
+    """The call ended early because its watch was told to stop."""
+
+
+class OutOfMemory(LeapRayError):
+    """The system, or the budget, has no room for what was asked."""
+
+
+EXCEPTIONS = {_abi.LR_E_STOPPED: Stopped, _abi.LR_E_MEMORY: OutOfMemory}
+
+
+def load(path: Path) -> ctypes.CDLL:
+    """The core at path with its prototypes declared.
+
+    Raises ImportError, in one sentence, where it is missing, does not load, or
+    is of another version than this package.
+    """
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        missing = "is missing; `python3 build.py build` makes it"
+        reason = f"does not load: {error}" if path.exists() else missing
+        raise ImportError(f"LeapRay's core {path} {reason}") from error
+    for name, (result, arguments) in _abi.PROTOTYPES.items():
+        if hasattr(library, name):
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+    abi, version = library.lr_abi(), library.lr_version().decode()
+    if (abi, version) != (_abi.LR_ABI, _abi.LR_VERSION):
+        raise ImportError(
+            f"LeapRay's core {path} is version {version} (ABI {abi}), but this package needs "
+            f"version {_abi.LR_VERSION} (ABI {_abi.LR_ABI}); install the two together"
+        )
+    return library
+
+
+lib = load(Path(__file__).with_name("libleapray.so"))
+
+
+def check(status: int, error: _abi.lr_error) -> None:
+    """Raise what a status other than LR_OK stands for, with the core's sentence."""
+    if status != _abi.LR_OK:
+        sentence = error.text.decode("utf-8", "replace") or f"the core failed with status {status}"
+        raise EXCEPTIONS.get(status, LeapRayError)(sentence)
+
+
+class Watch:
+    """A stop word and a progress word that C calls read and write; usable from any thread."""
+
+    def __init__(self) -> None:
+        self._stop = ctypes.c_int32(0)
+        self._progress = ctypes.c_double(0.0)
+        self._words = _abi.lr_watch(ctypes.pointer(self._stop), ctypes.pointer(self._progress))
+        self.pointer = ctypes.pointer(self._words)  # for C, as long as the watch lives
+
+    def stop(self) -> None:
+        """Ask the calls that were given this watch to end, within 100 ms, by Stopped."""
+        self._stop.value = 1
+
+    @property
+    def stopped(self) -> bool:
+        return bool(self._stop.value)
+
+    @property
+    def progress(self) -> float:
+        """The share of the work that is done, 0..1."""
+        return self._progress.value
+
+
+def call(function, *arguments, watch: Watch | None = None) -> None:
+    """Call function(*arguments, watch, error), raise what it reports, listen for Ctrl-C meanwhile.
+
+    On the main thread the call runs in a worker: KeyboardInterrupt sets the
+    stop word, and is raised again as soon as the call has ended.
+    """
+    watch = watch or Watch()
+    error = _abi.lr_error()
+    if threading.current_thread() is not threading.main_thread():
+        check(function(*arguments, watch.pointer, ctypes.byref(error)), error)
+        return
+
+    ended = threading.Event()
+    outcome: list = []
+
+    def work() -> None:
+        try:
+            outcome.append(function(*arguments, watch.pointer, ctypes.byref(error)))
+        except ctypes.ArgumentError as refused:
+            outcome.append(refused)
+        finally:
+            ended.set()
+
+    worker = threading.Thread(target=work, name="leapray-call")
+    worker.start()
+    try:
+        ended.wait()
+    except BaseException:
+        watch.stop()
+        raise
+    finally:
+        worker.join()
+    if isinstance(outcome[0], ctypes.ArgumentError):
+        raise outcome[0]
+    check(outcome[0], error)
