@@ -1,0 +1,195 @@
+/* lr_volume_finish: which cells hold surface, and which bricks need no memory.
+ *
+ * A brick that is 0 or 1 throughout and carries no id is dropped; a surface cell
+ * whose lowest corner lies in a dropped brick brings that brick back, since the
+ * cell's bit needs a place.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "error.h"
+#include "volume/access.h"
+
+/* 0: zero throughout, 1: one throughout, 2: neither. Ids other than 0 and
+ * touched cells are something to keep. */
+static uint32_t constant_of(const lr_volume *v, uint32_t brick)
+{
+    size_t at = (size_t)brick * LR_BRICK_SAMPLES;
+    if (v->ids != NULL)
+        for (int i = 0; i < LR_BRICK_SAMPLES; i++)
+            if (v->ids[at + (size_t)i] != 0)
+                return 2;
+    if (v->desc.kind == LR_KIND_SHEET)
+        for (int s = 0; s < 8; s++)
+            if (v->cells[brick][s] != 0)
+                return 2;
+    double first = lr_load(v, at);
+    if (first != 0.0 && first != v->one)
+        return 2;
+    for (int i = 1; i < LR_BRICK_SAMPLES; i++)
+        if (lr_load(v, at + (size_t)i) != first)
+            return 2;
+    return first == 0.0 ? LR_BRICK_ZERO : LR_BRICK_ONE;
+}
+
+static void move_brick(lr_volume *v, uint32_t to, uint32_t from)
+{
+    size_t nbytes = LR_BRICK_SAMPLES * lr_sample_nbytes(v->desc.sample_type);
+    memcpy(v->samples + to * nbytes, v->samples + from * nbytes, nbytes);
+    memcpy(v->cells[to], v->cells[from], sizeof v->cells[to]);
+    if (v->ids != NULL)
+        memcpy(v->ids + (size_t)to * LR_BRICK_SAMPLES, v->ids + (size_t)from * LR_BRICK_SAMPLES,
+               LR_BRICK_SAMPLES * sizeof *v->ids);
+}
+
+/* Drop constant bricks and close the gaps. moved[b] is where brick b went. */
+static lr_status drop_constants(lr_volume *v, const lr_watch *watch, lr_error *error)
+{
+    uint32_t *moved = malloc((size_t)v->n_bricks * sizeof *moved);
+    if (moved == NULL)
+        return lr_fail_memory(error, (uint64_t)v->n_bricks * sizeof *moved, "a list of bricks");
+    uint32_t next = LR_FIRST_STORED;
+    for (uint32_t b = LR_FIRST_STORED; b < v->n_bricks; b++) {
+        uint32_t constant = constant_of(v, b);
+        moved[b] = constant < 2 ? constant : next++;
+    }
+    bool stopped = lr_stopped(watch);
+    if (!stopped) {
+        for (uint32_t b = LR_FIRST_STORED; b < v->n_bricks; b++)
+            if (moved[b] >= LR_FIRST_STORED && moved[b] != b)
+                move_brick(v, moved[b], b);
+        size_t n = lr_table_count(v);
+        for (size_t at = 0; at < n; at++)
+            if (v->table[at] >> 8 >= LR_FIRST_STORED)
+                v->table[at] = moved[v->table[at] >> 8] << 8;
+        v->n_bricks = next;
+    }
+    free(moved);
+    return stopped ? lr_fail_stopped(error) : LR_OK;
+}
+
+/* Rows of 9 bits: is sample (x, y, z) of the brick or of the near layers of its
+ * upper neighbours at or above T? */
+static void above_rows(const lr_volume *v, const int32_t b[3], uint32_t rows[9][9])
+{
+    for (int z = 0; z < 9; z++)
+        for (int y = 0; y < 9; y++) {
+            uint32_t row = 0;
+            for (int x = 0; x < 9; x++) {
+                int32_t p[3] = {8 * b[0] + x, 8 * b[1] + y, 8 * b[2] + z};
+                bool inside = p[0] >> 3 < v->table_size[0] && p[1] >> 3 < v->table_size[1] &&
+                              p[2] >> 3 < v->table_size[2];
+                row |= (uint32_t)(inside && lr_sample(v, p[0], p[1], p[2]) >= v->threshold) << x;
+            }
+            rows[z][y] = row;
+        }
+}
+
+/* Surface cells of the brick at table position b. */
+static bool surface_words(const lr_volume *v, const int32_t b[3], uint64_t words[8])
+{
+    uint32_t rows[9][9];
+    above_rows(v, b, rows);
+    memset(words, 0, 8 * sizeof *words);
+    uint64_t any_cell = 0;
+    for (int z = 0; z < 8; z++)
+        for (int y = 0; y < 8; y++) {
+            const uint32_t r[4] = {rows[z][y], rows[z][y + 1], rows[z + 1][y], rows[z + 1][y + 1]};
+            uint32_t any = r[0] | r[1] | r[2] | r[3], all = r[0] & r[1] & r[2] & r[3];
+            uint64_t cells = ((any | any >> 1) & ~(all & all >> 1)) & 0xff;
+            int word = 2 * (y >> 2) + 4 * (z >> 2), bit = 4 * (y & 3) + 16 * (z & 3);
+            words[word] |= (cells & 15) << bit;
+            words[word + 1] |= (cells >> 4) << bit;
+            any_cell |= cells;
+        }
+    return any_cell != 0;
+}
+
+/* Is the brick surrounded, towards larger coordinates, by its own constant? */
+static bool plain(const lr_volume *v, const int32_t b[3])
+{
+    uint32_t constant = v->table[lr_table_at(v, b[0], b[1], b[2])] >> 8;
+    if (constant >= LR_FIRST_STORED)
+        return false;
+    for (int n = 1; n < 8; n++) {
+        int32_t x = b[0] + (n & 1), y = b[1] + (n >> 1 & 1), z = b[2] + (n >> 2);
+        bool inside = x < v->table_size[0] && y < v->table_size[1] && z < v->table_size[2];
+        if ((inside ? v->table[lr_table_at(v, x, y, z)] >> 8 : LR_BRICK_ZERO) != constant)
+            return false;
+    }
+    return true;
+}
+
+static lr_status classify_brick(lr_volume *v, const int32_t b[3], lr_error *error)
+{
+    uint64_t words[8];
+    if (plain(v, b))
+        return LR_OK;
+    size_t at = lr_table_at(v, b[0], b[1], b[2]);
+    bool any = surface_words(v, b, words);
+    if (v->table[at] >> 8 < LR_FIRST_STORED && (!any || v->desc.kind == LR_KIND_SHEET))
+        return LR_OK; /* an untouched brick of a sheet holds no surface */
+    uint32_t brick;
+    lr_status status = lr_volume_open_brick(v, at, &brick, error);
+    if (status != LR_OK)
+        return status;
+    uint32_t sub = 0;
+    for (int s = 0; s < 8; s++) {
+        v->cells[brick][s] = v->desc.kind == LR_KIND_SHEET ? v->cells[brick][s] & words[s] : words[s];
+        sub |= (uint32_t)(v->cells[brick][s] != 0) << s;
+        v->n_surface_cells += (uint64_t)__builtin_popcountll(v->cells[brick][s]);
+    }
+    v->table[at] = brick << 8 | sub;
+    return LR_OK;
+}
+
+static void widen(lr_volume *v, int32_t x, int32_t y, int32_t z)
+{
+    const int32_t c[3] = {x, y, z};
+    for (int a = 0; a < 3; a++) {
+        v->surface_lo[a] = lr_min_i(v->surface_lo[a], c[a]);
+        v->surface_hi[a] = lr_max_i(v->surface_hi[a], c[a]);
+    }
+}
+
+/* Bounds of the surface cells. */
+static void bound(lr_volume *v, const int32_t b[3])
+{
+    uint32_t entry = v->table[lr_table_at(v, b[0], b[1], b[2])];
+    if ((entry & 0xff) == 0)
+        return;
+    for (int32_t z = 8 * b[2]; z < 8 * b[2] + 8; z++)
+        for (int32_t y = 8 * b[1]; y < 8 * b[1] + 8; y++)
+            for (int32_t x = 8 * b[0]; x < 8 * b[0] + 8; x++)
+                if (v->cells[entry >> 8][lr_sub_of(x, y, z)] >> lr_bit_of(x, y, z) & 1)
+                    widen(v, x, y, z);
+}
+
+lr_status lr_volume_finish(lr_volume *v, const lr_watch *watch, lr_error *error)
+{
+    if (v->finished)
+        return LR_OK;
+    lr_status status = drop_constants(v, watch, error);
+    for (int a = 0; a < 3; a++) {
+        v->surface_lo[a] = INT32_MAX / 2;
+        v->surface_hi[a] = INT32_MIN / 2;
+    }
+    v->n_surface_cells = 0;
+    for (int32_t z = 0; status == LR_OK && z < v->table_size[2]; z++) {
+        for (int32_t y = 0; status == LR_OK && y < v->table_size[1]; y++) {
+            if (lr_stopped(watch))
+                return lr_fail_stopped(error);
+            for (int32_t x = 0; status == LR_OK && x < v->table_size[0]; x++) {
+                const int32_t b[3] = {x, y, z};
+                status = classify_brick(v, b, error);
+                if (status == LR_OK)
+                    bound(v, b);
+            }
+        }
+        lr_progress(watch, (double)(z + 1) / v->table_size[2]);
+    }
+    if (status == LR_OK && v->n_bricks < v->capacity) { /* give back what was not needed */
+        v->capacity = 0;
+        status = lr_volume_reserve(v, v->n_bricks - LR_FIRST_STORED, error);
+    }
+    v->finished = status == LR_OK;
+    return status;
+}

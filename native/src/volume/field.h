@@ -1,0 +1,48 @@
+/* The trilinear field of a cell: its value, gradient and central differences.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_FIELD_H
+#define LR_FIELD_H
+
+#include "volume/access.h"
+
+LR_INLINE double lr_mix(double a, double b, double u)
+{
+    return a + u * (b - a);
+}
+
+/* p in cell coordinates 0..1. */
+LR_INLINE double lr_trilinear(const double s[8], const double p[3])
+{
+    return lr_mix(lr_mix(lr_mix(s[0], s[1], p[0]), lr_mix(s[2], s[3], p[0]), p[1]),
+                  lr_mix(lr_mix(s[4], s[5], p[0]), lr_mix(s[6], s[7], p[0]), p[1]), p[2]);
+}
+
+LR_INLINE void lr_trilinear_gradient(const double s[8], const double p[3], double g[3])
+{
+    g[0] = lr_mix(lr_mix(s[1] - s[0], s[3] - s[2], p[1]), lr_mix(s[5] - s[4], s[7] - s[6], p[1]),
+                  p[2]);
+    g[1] = lr_mix(lr_mix(s[2] - s[0], s[3] - s[1], p[0]), lr_mix(s[6] - s[4], s[7] - s[5], p[0]),
+                  p[2]);
+    g[2] = lr_mix(lr_mix(s[4] - s[0], s[5] - s[1], p[0]), lr_mix(s[6] - s[2], s[7] - s[3], p[0]),
+                  p[1]);
+}
+
+/* Central differences at the eight corners of storage cell c, interpolated at p. */
+LR_INLINE void lr_central_gradient(const lr_volume *v, const int32_t c[3], const double p[3],
+                                   double g[3])
+{
+    double b[64];
+    lr_block(v, c[0] - 1, c[1] - 1, c[2] - 1, 4, b);
+    const int stride[3] = {1, 4, 16};
+    for (int a = 0; a < 3; a++) {
+        double corner[8];
+        for (int n = 0; n < 8; n++) {
+            const double *at = b + 21 + (n & 1) + 4 * (n >> 1 & 1) + 16 * (n >> 2);
+            corner[n] = 0.5 * (at[stride[a]] - at[-stride[a]]);
+        }
+        g[a] = lr_trilinear(corner, p);
+    }
+}
+
+#endif
