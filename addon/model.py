@@ -55,7 +55,7 @@ class Light:
 
 @dataclass(frozen=True)
 class Camera:
-    """Rays through the film; see lr_camera in leapray.h. Film coordinates are pixels from the lower left."""
+    """Rays through the film; see lr_camera in leapray.h. Film: pixels from the lower left."""
 
     projection: str  # "perspective" | "orthographic"
     eye: NDArray[np.float64]  # (3,) world space
