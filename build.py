@@ -26,6 +26,8 @@ import platform
 import shutil
 import subprocess
 import sys
+import tempfile
+import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
@@ -56,7 +58,7 @@ class Refusal(Exception):
 
 
 def say(sentence):
-    print("build.py: " + sentence, file=sys.stderr, flush=True)
+    print(f"build.py: {sentence}", file=sys.stderr, flush=True)
 
 
 # ---- the environment -----------------------------------------------------
@@ -95,12 +97,12 @@ class Environment:
             if self.ready():
                 return
             if self.stamp.exists() and self.python.exists():
-                say("bringing .venv/%s up to date" % self.version)
+                say(f"bringing .venv/{self.version} up to date")
                 self.stamp.unlink()
             else:
-                say("making .venv/%s, once; this takes a minute or two" % self.version)
-                shutil.rmtree(str(self.folder), ignore_errors=True)
-                run([base, "-m", "venv", self.folder], lock, "could not make " + str(self.folder))
+                say(f"making .venv/{self.version}, once; this takes a minute or two")
+                shutil.rmtree(self.folder, ignore_errors=True)
+                run([base, "-m", "venv", self.folder], lock, f"could not make {self.folder}")
             with contextlib.suppress(FileNotFoundError):
                 self.blender_loads.unlink()
             pip = [self.python, "-m", "pip", "--disable-pip-version-check", "--no-input"]
@@ -108,7 +110,7 @@ class Environment:
             install = ["install", *quiet, "--only-binary", ":all:", "-r", REQUIREMENTS]
             run(pip + install, lock, "could not install what requirements.txt names")
             packages = next(self.folder.glob("lib/python*/site-packages"))
-            (packages / "leapray.pth").write_text("%s\n%s\n" % (ROOT, ROOT / "native"))
+            (packages / "leapray.pth").write_text(f"{ROOT}\n{ROOT / 'native'}\n")
             beside = self.stamp.with_suffix(".new")
             beside.write_text(self.wanted_stamp())
             beside.replace(self.stamp)
@@ -120,11 +122,11 @@ def locked(path):
     import fcntl
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    with open(str(path), "w") as file:
+    with open(path, "w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            say("waiting for another build.py, which is making " + path.stem)
+            say(f"waiting for another build.py, which is making .venv/{path.stem}")
             fcntl.flock(file, fcntl.LOCK_EX)
         yield file
 
@@ -197,15 +199,15 @@ def find_python(versions):
                 incomplete.append(version)
     if incomplete:
         name = "python" + incomplete[0]
-        raise Refusal("%s cannot make environments here; install %s-venv" % (name, name))
+        raise Refusal(f"{name} cannot make environments here; install {name}-venv")
     raise Refusal(
-        "Blender's module needs Python %s, and none was found (this is %s); install it, by your "
-        "system's packages or from python.org" % (" or ".join(versions), this_version())
+        f"Blender's module needs Python {' or '.join(versions)}, and none was found (this is "
+        f"{this_version()}); install it, by your system's packages or from python.org"
     )
 
 
 def this_version():
-    return "%d.%d" % sys.version_info[:2]
+    return "{}.{}".format(*sys.version_info)
 
 
 def preferences(choice):
@@ -217,7 +219,7 @@ def preferences(choice):
     if choice == "other":
         return [others[-1:]]
     if choice:
-        raise Refusal("--python takes %s or other, not %s" % (", ".join(SUPPORTED), choice))
+        raise Refusal(f"--python takes {', '.join(SUPPORTED)} or other, not {choice}")
     return [[own], others] if own in SUPPORTED else [others]
 
 
@@ -242,7 +244,7 @@ def environment_for(choice):
 def enter(choice, words):
     """Go on inside the environment; does not return."""
     if sys.platform != "linux" or platform.machine() != "x86_64":
-        raise Refusal("LeapRay builds on Linux x86-64 so far, and this is " + platform.platform())
+        raise Refusal(f"LeapRay builds on Linux x86-64 so far, and this is {platform.platform()}")
     python = str(environment_for(choice).python)
     os.execv(python, [python, str(ROOT / "build.py"), *words])
 
@@ -257,7 +259,7 @@ def build_core():
     try:
         core.build(say=say)
     except core.BuildError as error:
-        raise Refusal("the core does not compile:\n%s" % error) from None
+        raise Refusal(f"the core does not compile:\n{error}") from None
 
 
 def see_that_blender_loads(environment):
@@ -280,8 +282,8 @@ def see_that_blender_loads(environment):
             raise Refusal("Blender's module does not load:\n" + probe.stderr.decode())
         packages = [SYSTEM_LIBRARIES[name] for name in missing if name in SYSTEM_LIBRARIES]
         raise Refusal(
-            "Blender's module needs %s from the system; on Debian and its kin: apt install %s"
-            % (", ".join(missing), " ".join(packages))
+            f"Blender's module needs {', '.join(missing)} from the system; on Debian and its kin: "
+            f"apt install {' '.join(packages)}"
         )
     environment.blender_loads.touch()
 
@@ -290,18 +292,70 @@ def test(words):
     """Run pytest in the project's folder; --quick leaves out what is marked slow."""
     if "--quick" in words:
         words = [word for word in words if word != "--quick"] + ["-m", "not slow"]
-    os.chdir(str(ROOT))
+    os.chdir(ROOT)
     os.execv(sys.executable, [sys.executable, "-m", "pytest", *words])
+
+
+def make_wheel():
+    """The core as a wheel in dist/, for every Python from 3.11; returns its path."""
+    with tempfile.TemporaryDirectory() as folder:
+        pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet"]
+        here = ["--no-deps", "--no-build-isolation", "--wheel-dir", folder, str(ROOT / "native")]
+        if subprocess.run(pip + here).returncode:
+            raise Refusal("the wheel of the core was not made; what pip said stands above")
+        (wheel,) = Path(folder).glob("leapray-*.whl")
+        return moved(wheel)
+
+
+def make_extension():
+    """The extension for Blender in dist/, with the core's wheel inside; returns its path.
+
+    The tool that Blender ships is asked to check and to build; it leaves out
+    wheels that do not fit without a word, so the contents are looked at too.
+    """
+    wheel = make_wheel()
+    import importlib.util
+
+    blender = Path(importlib.util.find_spec("bpy").origin).parent
+    (tool,) = blender.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py")
+    with tempfile.TemporaryDirectory() as folder:
+        source, made = Path(folder, "leapray"), Path(folder, "made")
+        shutil.copytree(ROOT / "addon", source, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copy(ROOT / "LICENSE", source)
+        (source / "wheels").mkdir()
+        shutil.copy(wheel, source / "wheels")
+        made.mkdir()
+        for task in (
+            ["validate", str(source)],
+            ["build", "--source-dir", str(source), "--output-dir", str(made)],
+        ):
+            done = subprocess.run([sys.executable, str(tool), *task], stdout=subprocess.PIPE)
+            if done.returncode:
+                print(done.stdout.decode(), file=sys.stderr)
+                raise Refusal("Blender's own tool refuses the extension; what it said stands above")
+        (archive,) = made.glob("*.zip")
+        names = zipfile.ZipFile(archive).namelist()
+        if f"wheels/{wheel.name}" not in names:
+            raise Refusal(f"{archive.name} lacks wheels/{wheel.name}; does the manifest name it?")
+        return moved(archive)
+
+
+def moved(path):
+    """Put a finished file into dist/, whole or not at all; returns where it is."""
+    target = ROOT / "dist" / path.name
+    target.parent.mkdir(exist_ok=True)
+    beside = target.with_suffix(f".{os.getpid()}")
+    shutil.copyfile(path, beside)
+    return beside.replace(target)
 
 
 def work(environment, verb, words):
     """Do what the verb says; returns the exit code."""
     build_core()
     if verb in ("build", "package"):
-        from native import package
-
-        made = package.wheel() if verb == "build" else package.extension()
-        print(made)
+        if words:
+            raise Refusal(f"{verb} takes no further words, but got {' '.join(words)}")
+        print(make_wheel() if verb == "build" else make_extension())
         return 0
     see_that_blender_loads(environment)
     if verb == "test":
@@ -320,7 +374,7 @@ def main(words):
         print(__doc__.split("\n", 2)[2].rsplit("\n\n", 1)[0])
         return 0 if verb else 2
     if verb not in VERBS:
-        raise Refusal("no verb %s; there are %s" % (verb, ", ".join(VERBS)))
+        raise Refusal(f"no verb {verb}; there are {', '.join(VERBS)}")
     environment = Environment(this_version())
     if choice or not environment.running():
         enter(choice, words)
