@@ -88,16 +88,17 @@ class Watch:
         return self._progress.value
 
 
-def call(function, *arguments, watch: Watch | None = None) -> None:
-    """Call function(*arguments, watch, error), raise what it reports, listen for Ctrl-C meanwhile.
+def call(function, *arguments, watch: Watch | None = None, outputs: tuple = ()) -> None:
+    """Call function(*arguments, watch, &outputs..., error), raise what it reports, hear Ctrl-C.
 
     On the main thread the call runs in a worker: KeyboardInterrupt sets the
     stop word, and is raised again as soon as the call has ended.
     """
     watch = watch or Watch()
     error = _abi.lr_error()
+    tail = (watch.pointer, *map(ctypes.byref, outputs), ctypes.byref(error))
     if threading.current_thread() is not threading.main_thread():
-        check(function(*arguments, watch.pointer, ctypes.byref(error)), error)
+        check(function(*arguments, *tail), error)
         return
 
     ended = threading.Event()
@@ -105,7 +106,7 @@ def call(function, *arguments, watch: Watch | None = None) -> None:
 
     def work() -> None:
         try:
-            outcome.append(function(*arguments, watch.pointer, ctypes.byref(error)))
+            outcome.append(function(*arguments, *tail))
         except ctypes.ArgumentError as refused:
             outcome.append(refused)
         finally:

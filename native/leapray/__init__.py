@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""LeapRay's core: rays through sampled volumes, numpy in and numpy out."""
+
+from ._abi import LR_VERSION as __version__
+from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
+from .tracing import (
+    HIT_TESTS,
+    METRICS,
+    MODES,
+    NORMALS,
+    ROOTS,
+    Hits,
+    Structure,
+    Traverser,
+    build,
+    distance,
+    trace,
+    traverser,
+    traversers,
+)
+from .volume import Volume, VolumeBuilder, VolumeInfo
+
+__all__ = [
+    "HIT_TESTS",
+    "METRICS",
+    "MODES",
+    "NORMALS",
+    "ROOTS",
+    "Hits",
+    "LeapRayError",
+    "OutOfMemory",
+    "Stopped",
+    "Structure",
+    "Traverser",
+    "Volume",
+    "VolumeBuilder",
+    "VolumeInfo",
+    "Watch",
+    "__version__",
+    "build",
+    "distance",
+    "trace",
+    "traverser",
+    "traversers",
+]

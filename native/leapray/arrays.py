@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""numpy arrays on their way into C and back."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _abi
+from ._lib import LeapRayError
+
+SAMPLE_TYPES = {
+    "u8": (_abi.LR_U8, np.dtype(np.uint8)),
+    "u16": (_abi.LR_U16, np.dtype(np.uint16)),
+    "f32": (_abi.LR_F32, np.dtype(np.float32)),
+}
+
+
+def pointer(array: NDArray | None, c_type=ctypes.c_double):
+    """The C pointer to a contiguous array's data; None stays NULL."""
+    return None if array is None else array.ctypes.data_as(ctypes.POINTER(c_type))
+
+
+def triple(values, c_type=ctypes.c_int32):
+    """Three numbers as a C array."""
+    return (c_type * 3)(*values)
+
+
+def matrix(values: ArrayLike | None, name: str):
+    """A 4x4 matrix as a row-major C array; None is the identity. Raises LeapRayError."""
+    array = np.eye(4) if values is None else np.asarray(values, dtype=np.float64)
+    if array.shape != (4, 4):
+        raise LeapRayError(f"{name} must be a 4x4 matrix; its shape is {array.shape}")
+    return (ctypes.c_double * 16)(*array.ravel())
+
+
+def columns(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """(n, 3) vectors as three contiguous rows (3, n). Raises LeapRayError."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 1 and array.size == 3:
+        array = array[None]
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise LeapRayError(f"{name} must have the shape (n, 3); it is {array.shape}")
+    return np.ascontiguousarray(array.T)
+
+
+def per_ray(value: ArrayLike | None, n: int, name: str) -> NDArray[np.float64] | None:
+    """A number for all rays or one each as (n,); None stays None. Raises LeapRayError."""
+    if value is None:
+        return None
+    array = np.asarray(value, dtype=np.float64)
+    if array.ndim > 1 or array.size not in (1, n):
+        raise LeapRayError(f"{name} must be one number or {n}; its shape is {array.shape}")
+    return np.ascontiguousarray(np.broadcast_to(array, (n,)))
+
+
+def choice(names: dict[str, int], value: str, what: str) -> int:
+    """The number that a name stands for. Raises LeapRayError that lists the names."""
+    if value not in names:
+        raise LeapRayError(f"unknown {what} {value!r}; there are {', '.join(names)}")
+    return names[value]

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Work in parts on several threads; the core lets go of the interpreter meanwhile."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from typing import TypeVar
+
+from ._lib import Watch
+
+T = TypeVar("T")
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run_parts(
+    part: Callable[[int, int], T], n: int, size: int, threads: int, watch: Watch
+) -> list[T]:
+    """part(first, last) over 0..n in steps of size, in order of the result; threads 0: all cores.
+
+    The first exception, Ctrl-C among them, sets the watch's stop word and is
+    raised once all threads have ended.
+    """
+    with ThreadPoolExecutor(threads or cores(), thread_name_prefix="leapray") as pool:
+        try:
+            jobs = [pool.submit(part, i, min(i + size, n)) for i in range(0, n, size)]
+            wait(jobs, return_when=FIRST_EXCEPTION)
+            failed = [job for job in jobs if job.done() and job.exception() is not None]
+            if failed:
+                raise failed[0].exception()
+            return [job.result() for job in jobs]
+        except BaseException:
+            watch.stop()
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise

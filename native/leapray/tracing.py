@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Traversers, the structures they need, and rays through them."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _abi
+from ._lib import LeapRayError, Watch, call, check, lib
+from .arrays import choice, columns, per_ray, pointer
+from .threads import run_parts
+from .volume import Volume
+
+PART = 65536  # rays that a thread takes at a time
+
+MODES = {"surface": _abi.LR_MODE_SURFACE, "binary": _abi.LR_MODE_BINARY}
+HIT_TESTS = {"extrema": _abi.LR_HIT_EXTREMA, "faces": _abi.LR_HIT_FACES}
+ROOTS = {"newton": _abi.LR_ROOT_NEWTON, "linear": _abi.LR_ROOT_LINEAR}
+NORMALS = {"central": _abi.LR_NORMAL_CENTRAL, "analytic": _abi.LR_NORMAL_ANALYTIC}
+METRICS = {"chessboard": _abi.LR_METRIC_CHESSBOARD}
+
+
+@dataclass(frozen=True)
+class Traverser:
+    """A line of the core's registry."""
+
+    index: int
+    name: str  # as in options and files
+    label: str  # as in menus
+    source: str
+    about: str
+    exact: bool  # agrees with the integer oracle but for ties
+    default: bool
+
+
+def traversers() -> list[Traverser]:
+    """All traversers that the core has, in the registry's order."""
+    found = []
+    for index in range(lib.lr_traverser_count()):
+        entry, error = _abi.lr_traverser(), _abi.lr_error()
+        check(lib.lr_traverser_get(index, ctypes.byref(entry), ctypes.byref(error)), error)
+        words = [getattr(entry, key).decode() for key in ("name", "label", "source", "about")]
+        exact = bool(entry.flags & _abi.LR_TRAVERSER_EXACT)
+        found.append(
+            Traverser(index, *words, exact, bool(entry.flags & _abi.LR_TRAVERSER_DEFAULT))
+        )
+    return found
+
+
+def traverser(name: str | None = None) -> Traverser:
+    """The traverser of that name; the default one without. Raises LeapRayError with the names."""
+    known = traversers()
+    for entry in known:
+        if entry.name == name or (not name and entry.default):
+            return entry
+    raise LeapRayError(
+        f"unknown traverser {name!r}; there are {', '.join(entry.name for entry in known)}"
+    )
+
+
+class Structure:
+    """What a traverser needs beside the volume, which it keeps alive."""
+
+    def __init__(self, volume: Volume, entry: Traverser, handle) -> None:
+        self.volume = volume
+        self.traverser = entry
+        self.handle = handle
+        self.nbytes = lib.lr_structure_nbytes(handle)
+        weakref.finalize(self, lib.lr_structure_free, handle)
+
+
+def build(
+    volume: Volume, traverser_name: str | None = None, *, threads: int = 0, watch: Watch | None = None
+) -> Structure:
+    """Build the structure of a traverser (the default one without a name) for a volume.
+
+    threads is taken for the builders that can use them; none of today's does.
+    Raises LeapRayError for an unknown name, Stopped when watch was told to stop.
+    """
+    entry = traverser(traverser_name)
+    handle = ctypes.POINTER(_abi.lr_structure)()
+    call(lib.lr_structure_build, volume.handle, entry.index, watch=watch, outputs=(handle,))
+    return Structure(volume, entry, handle)
+
+
+@dataclass(frozen=True)
+class Hits:
+    """One entry per ray. Points are origins + t * directions."""
+
+    t: NDArray[np.float64]  # (n,) infinity on a miss
+    cell: NDArray[np.int32]  # (n, 3) i, j, k of the cell hit
+    normal: NDArray[np.float64]  # (n, 3) unit, outward, object space; 0 on a miss
+    field_normal: NDArray[np.float64]  # (n, 3) of the trilinear field itself
+    id: NDArray[np.int32]  # (n,)
+    counters: dict[str, int]  # totals: rays, cells, jumps, tests, samples, hits; empty if not asked
+
+
+def options(mode: str, hit_test: str, root: str, normal: str) -> _abi.lr_trace_options:
+    """The C options that these names stand for. Raises LeapRayError that lists the names."""
+    return _abi.lr_trace_options(
+        mode=choice(MODES, mode, "mode"),
+        hit_test=choice(HIT_TESTS, hit_test, "hit test"),
+        root=choice(ROOTS, root, "root finder"),
+        normal=choice(NORMALS, normal, "normal"),
+    )
+
+
+def trace(
+    structure: Structure,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    *,
+    t_min: ArrayLike | None = None,
+    t_max: ArrayLike | None = None,
+    mode: str = "surface",
+    hit_test: str = "extrema",
+    root: str = "newton",
+    normal: str = "central",
+    start: tuple[ArrayLike, ArrayLike] | None = None,
+    threads: int = 1,
+    count: bool = True,
+    watch: Watch | None = None,
+) -> Hits:
+    """Trace rays P = origin + t direction, both (n, 3) in object space.
+
+    Directions need not be unit; rays without direction or with a NaN or an
+    infinity miss. t_min (default 0) and t_max (default infinity): a number or
+    one per ray. mode "surface" finds the first crossing of f = T in either
+    direction, "binary" the first object cell. start: cells (n, 3) and sides (n,)
+    of rays that leave a surface: side -1 where f < T, +1 where f >= T, 0 unknown.
+    count: fill counters. Raises LeapRayError for shapes and unknown names,
+    Stopped when watch was told to stop.
+    """
+    o, d = columns(origins, "origins"), columns(directions, "directions")
+    if o.shape != d.shape:
+        raise LeapRayError(f"there are {o.shape[1]} origins but {d.shape[1]} directions")
+    n = o.shape[1]
+    chosen = options(mode, hit_test, root, normal)
+    low, high = per_ray(t_min, n, "t_min"), per_ray(t_max, n, "t_max")
+    starts = None if start is None else _starts(start, n)
+    t, cell = np.empty(n), np.empty((3, n), np.int32)
+    normals, field, ids = np.empty((3, n)), np.empty((3, n)), np.empty(n, np.int32)
+    watch = watch or Watch()
+
+    def part(first: int, last: int) -> _abi.lr_counters:
+        def at(array, c_type=ctypes.c_double):
+            return None if array is None else pointer(array[first:last], c_type)
+
+        rays = _abi.lr_rays(
+            *map(at, o), *map(at, d), at(low), at(high), at(starts, _abi.lr_start)
+        )
+        integers = [at(row, ctypes.c_int32) for row in cell]
+        hits = _abi.lr_hits(
+            at(t), *integers, *map(at, normals), *map(at, field), at(ids, ctypes.c_int32)
+        )
+        counters = _abi.lr_counters()
+        call(
+            lib.lr_trace,
+            structure.handle,
+            ctypes.byref(rays),
+            last - first,
+            ctypes.byref(chosen),
+            ctypes.byref(hits),
+            ctypes.byref(counters) if count else None,
+            watch=watch,
+        )
+        return counters
+
+    totals = [part(0, n)] if threads == 1 else run_parts(part, n, PART, threads, watch)
+    names = [name for name, _ in _abi.lr_counters._fields_] if count else []
+    return Hits(
+        t,
+        np.ascontiguousarray(cell.T),
+        np.ascontiguousarray(normals.T),
+        np.ascontiguousarray(field.T),
+        ids,
+        {name: sum(getattr(one, name) for one in totals) for name in names},
+    )
+
+
+def _starts(start: tuple[ArrayLike, ArrayLike], n: int) -> NDArray:
+    cells, sides = np.asarray(start[0]), np.asarray(start[1])
+    if cells.shape != (n, 3) or sides.shape != (n,):
+        raise LeapRayError(
+            f"start must be cells ({n}, 3) and sides ({n},); they are {cells.shape}, {sides.shape}"
+        )
+    table = np.zeros(n, np.dtype([("cell", np.int32, 3), ("side", np.int32)]))
+    table["cell"], table["side"] = cells, np.sign(sides)
+    return table
+
+
+def distance(cells: ArrayLike, metric: str = "chessboard") -> NDArray[np.uint8]:
+    """Distance from every cell to the nearest one that is true, 0 on those, capped at 255.
+
+    cells: (nz, ny, nx); returns the same shape, in cells. Raises LeapRayError for
+    an unknown metric. Source: Borgefors 1986.
+    """
+    marked = np.ascontiguousarray(cells, dtype=bool).view(np.uint8)
+    if marked.ndim != 3 or marked.size == 0:
+        raise LeapRayError(f"cells must have the shape (nz, ny, nx); it is {marked.shape}")
+    dist = np.empty_like(marked)
+    call(
+        lib.lr_distance,
+        pointer(marked, ctypes.c_uint8),
+        *marked.shape[::-1],
+        choice(METRICS, metric, "metric"),
+        pointer(dist, ctypes.c_uint8),
+    )
+    return dist

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Volumes: samples on a lattice, held by the core in sparse bricks."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _abi
+from ._lib import LeapRayError, call, check, lib
+from .arrays import SAMPLE_TYPES, matrix, pointer, triple
+
+BRICK = 8  # samples along a brick
+
+
+@dataclass(frozen=True)
+class VolumeInfo:
+    """What a volume holds. Triples are in x, y, z order."""
+
+    size: tuple[int, int, int]  # samples per axis
+    dtype: str  # "u8" | "u16" | "f32"
+    kind: str  # "solid" | "sheet"
+    has_ids: bool
+    threshold: float
+    object_from_index: NDArray[np.float64]  # (4, 4)
+    n_bricks: int  # stored
+    n_full: int  # bricks of ones, not stored
+    n_surface_cells: int
+    nbytes: int
+    surface_lo: tuple[int, int, int]  # bounds of the surface cells, inclusive;
+    surface_hi: tuple[int, int, int]  # lo > hi where there are none
+
+
+class Volume:
+    """A lattice of occupancy samples; the surface is where their trilinear field is T.
+
+    samples: (nz, ny, nx) of uint8 or uint16, which mean 0..1, or of float32
+    (float64 is rounded); finite. threshold: T, in (0, 1]. ids: the same shape,
+    0..65535. object_from_index: (4, 4), affine and invertible; sample (i, j, k)
+    lies at index coordinates (i, j, k); identity by default. sheet: the surface
+    has no inside and is valid only in cells where touched (same shape as
+    samples; the cell whose lowest corner is the sample) is true; everywhere by
+    default. Outside the lattice all samples are 0.
+    Raises LeapRayError for anything else, OutOfMemory where there is no room.
+    """
+
+    def __init__(
+        self,
+        samples: ArrayLike,
+        threshold: float = 0.5,
+        ids: ArrayLike | None = None,
+        object_from_index: ArrayLike | None = None,
+        *,
+        sheet: bool = False,
+        touched: ArrayLike | None = None,
+    ) -> None:
+        array = np.asarray(samples)
+        if array.dtype == np.float64:
+            array = array.astype(np.float32)
+        names = [name for name, (_, dtype) in SAMPLE_TYPES.items() if dtype == array.dtype]
+        if not names:
+            raise LeapRayError(f"samples must be uint8, uint16 or float32; they are {array.dtype}")
+        if array.ndim != 3 or array.size == 0:
+            raise LeapRayError(f"samples must have the shape (nz, ny, nx); it is {array.shape}")
+        builder = VolumeBuilder(
+            array.shape[::-1], names[0], threshold, object_from_index, ids is not None, sheet
+        )
+        builder.put((0, 0, 0), array, ids, touched)
+        self._adopt(builder.release(), None)
+
+    @classmethod
+    def from_handle(cls, handle, mesh_info=None) -> Volume:
+        """A finished volume that the core made; owns the handle from now on."""
+        volume = cls.__new__(cls)
+        volume._adopt(handle, mesh_info)
+        return volume
+
+    def _adopt(self, handle, mesh_info) -> None:
+        self.handle = handle
+        self.mesh_info = mesh_info  # of the mesh it was voxelized from, else None
+        weakref.finalize(self, lib.lr_volume_free, handle)
+        info = _abi.lr_volume_info()
+        lib.lr_volume_get_info(handle, ctypes.byref(info))
+        self.info = VolumeInfo(
+            size=(info.desc.nx, info.desc.ny, info.desc.nz),
+            dtype=next(n for n, (c, _) in SAMPLE_TYPES.items() if c == info.desc.sample_type),
+            kind="sheet" if info.desc.kind == _abi.LR_KIND_SHEET else "solid",
+            has_ids=bool(info.desc.has_ids),
+            threshold=info.desc.threshold,
+            object_from_index=np.array(info.desc.object_from_index[:]).reshape(4, 4),
+            n_bricks=info.n_bricks,
+            n_full=info.n_full,
+            n_surface_cells=info.n_surface_cells,
+            nbytes=info.nbytes,
+            surface_lo=tuple(info.surface_lo),
+            surface_hi=tuple(info.surface_hi),
+        )
+
+    def _get(self, origin, size, dtype, which: str) -> NDArray:
+        block = np.empty(tuple(size)[::-1], dtype)
+        c_type = ctypes.c_uint16 if which == "ids" else ctypes.c_uint8
+        target = None if which == "samples" else pointer(block, c_type)
+        error = _abi.lr_error()
+        status = lib.lr_volume_get(
+            self.handle,
+            triple(origin),
+            triple(size),
+            block.ctypes.data_as(ctypes.c_void_p) if which == "samples" else None,
+            target if which == "ids" else None,
+            target if which == "surface" else None,
+            ctypes.byref(error),
+        )
+        check(status, error)
+        return block
+
+    def read(self, origin=(0, 0, 0), size=None) -> NDArray:
+        """A block of samples, size in x, y, z order (default: all), as (nz, ny, nx).
+
+        It may reach beyond the lattice, where samples are 0.
+        """
+        return self._get(
+            origin, size or self.info.size, SAMPLE_TYPES[self.info.dtype][1], "samples"
+        )
+
+    def read_ids(self, origin=(0, 0, 0), size=None) -> NDArray[np.uint16]:
+        """The ids of a block of samples, as `read`; 0 without ids."""
+        return self._get(origin, size or self.info.size, np.uint16, "ids")
+
+    def read_surface(self, origin=(0, 0, 0), size=None) -> NDArray[np.bool_]:
+        """Which cells of a block are surface cells, as `read`; cell and lowest sample agree."""
+        return self._get(origin, size or self.info.size, np.uint8, "surface").astype(bool)
+
+    def bricks(self) -> tuple[NDArray[np.int32], int]:
+        """Origins (n, 3) of all bricks of 8^3 samples that are not 0, and how many are stored.
+
+        The stored ones come first; all samples of the others are 1.
+        """
+        count = self.info.n_bricks + self.info.n_full
+        origins = np.empty((count, 3), np.int32)
+        error = _abi.lr_error()
+        status = lib.lr_volume_get_bricks(
+            self.handle, pointer(origins, ctypes.c_int32), count, ctypes.byref(error)
+        )
+        check(status, error)
+        return origins, self.info.n_bricks
+
+    def sample(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Value (n,) and gradient (n, 3) of the trilinear field at points (n, 3).
+
+        Points and gradient are in object space, values in 0..1; 0 outside the lattice.
+        """
+        where = np.ascontiguousarray(points, dtype=np.float64)
+        if where.ndim != 2 or where.shape[1] != 3:
+            raise LeapRayError(f"points must have the shape (n, 3); it is {where.shape}")
+        value, gradient = np.empty(len(where)), np.empty((len(where), 3))
+        error = _abi.lr_error()
+        status = lib.lr_volume_sample(
+            self.handle,
+            pointer(where),
+            len(where),
+            pointer(value),
+            pointer(gradient),
+            ctypes.byref(error),
+        )
+        check(status, error)
+        return value, gradient
+
+
+class VolumeBuilder:
+    """An empty volume that is filled block by block; `finish` makes the Volume.
+
+    size: samples per axis in x, y, z order; dtype: "u8", "u16" or "f32"; the
+    rest as for Volume. Raises LeapRayError.
+    """
+
+    def __init__(
+        self, size, dtype, threshold=0.5, object_from_index=None, has_ids=False, sheet=False
+    ) -> None:
+        sample_type, self._dtype = SAMPLE_TYPES[dtype]
+        desc = _abi.lr_volume_desc(
+            nx=size[0],
+            ny=size[1],
+            nz=size[2],
+            sample_type=sample_type,
+            kind=_abi.LR_KIND_SHEET if sheet else _abi.LR_KIND_SOLID,
+            has_ids=has_ids,
+            threshold=threshold,
+            object_from_index=matrix(object_from_index, "object_from_index"),
+        )
+        self._handle = ctypes.POINTER(_abi.lr_volume)()
+        error = _abi.lr_error()
+        status = lib.lr_volume_begin(
+            ctypes.byref(desc), ctypes.byref(self._handle), ctypes.byref(error)
+        )
+        check(status, error)
+        self._free = weakref.finalize(self, lib.lr_volume_free, self._handle)
+
+    def put(self, origin, samples: NDArray, ids=None, touched=None) -> None:
+        """Write a block (nz, ny, nx) of samples, ids and touched cells from origin (x, y, z) on."""
+        block = np.ascontiguousarray(samples, dtype=self._dtype)
+        if ids is not None:
+            ids = _same_shape(ids, block.shape, np.uint16, "ids")
+        if touched is not None:
+            touched = _same_shape(touched, block.shape, np.uint8, "touched")
+        error = _abi.lr_error()
+        status = lib.lr_volume_put(
+            self._handle,
+            triple(origin),
+            triple(block.shape[::-1]),
+            block.ctypes.data_as(ctypes.c_void_p),
+            pointer(ids, ctypes.c_uint16),
+            pointer(touched, ctypes.c_uint8),
+            ctypes.byref(error),
+        )
+        check(status, error)
+
+    def release(self):
+        """Finish, and give the handle away."""
+        call(lib.lr_volume_finish, self._handle)
+        self._free.detach()
+        return self._handle
+
+    def finish(self) -> Volume:
+        """The volume; the builder is spent."""
+        return Volume.from_handle(self.release())
+
+
+def _same_shape(values: ArrayLike, shape: tuple, dtype, name: str) -> NDArray:
+    array = np.asarray(values)
+    if array.shape != shape:
+        raise LeapRayError(f"{name} must have the samples' shape {shape}; it is {array.shape}")
+    if array.dtype.kind not in "bui" or (array.size and not 0 <= array.min() <= array.max() < 65536):
+        raise LeapRayError(f"{name} must be whole numbers from 0 to 65535")
+    return np.ascontiguousarray(array, dtype=dtype)

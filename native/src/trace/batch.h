@@ -1,0 +1,157 @@
+/* The batch template: set-up, walk, hit test and output of every traverser.
+ *
+ * A traverser's file defines LR_NAME (its name in the registry) and either
+ *   LR_BOX   box(data, volume, ray, state, c, lo, hi): true where cell c is wanted,
+ *            else an empty box lo..hi around it, or
+ *   LR_WALK  walk(data, volume, ray, cursor, state, tally): steps until the cursor
+ *            stands on a wanted cell; false where the ray has ended,
+ * LR_STATE and LR_START(data, volume, ray, cursor, state) where its walk keeps
+ * something (else neither), then includes this file, which makes
+ * lr_<name>_trace. The state survives a cell whose hit test failed: the template
+ * leaves that cell by the exit kernel, and the walk goes on.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+
+#include "trace/output.h"
+#include "trace/traverser.h"
+
+#define LR_JOIN_(a, b, c) a##b##c
+#define LR_JOIN(a, b, c) LR_JOIN_(a, b, c)
+
+#ifndef LR_STATE
+#define LR_STATE int
+#define LR_START(data, volume, ray, cursor, state) (*(state) = 0)
+#endif
+
+typedef struct lr_tally {
+    uint64_t cells, jumps;
+} lr_tally;
+
+#ifdef LR_BOX
+LR_INLINE bool lr_walk_boxes(const void *data, const lr_volume *v, const lr_ray *r, lr_cursor *u,
+                             LR_STATE *state, lr_tally *tally)
+{
+    int32_t lo[3], hi[3];
+    for (;;) {
+        if (tally != NULL)
+            tally->cells++;
+        if (LR_BOX(data, v, r, state, u->c, lo, hi))
+            return true;
+        if (tally != NULL)
+            tally->jumps += hi[0] - lo[0] + hi[1] - lo[1] + hi[2] - lo[2] > 0;
+        if (!lr_exit(r, u, lo, hi))
+            return false;
+    }
+}
+#define LR_WALK lr_walk_boxes
+#endif
+
+/* A start inside an object cell is a binary hit before any step. */
+LR_INLINE bool lr_starts_inside(const lr_volume *v, const lr_ray *r, double t_min, lr_cursor *u)
+{
+    lr_ray copy = *r;
+    const int32_t lo[3] = {1, 1, 1};
+    const int32_t hi[3] = {v->desc.nx + 1, v->desc.ny + 1, v->desc.nz + 1};
+    return lr_enter(&copy, u, lo, hi, t_min) && u->axis < 0 && lr_object_cell(v, u->c);
+}
+
+/* One ray; counted is a constant, so that counting costs nothing when out. */
+LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays *rays, uint64_t i,
+                            const lr_trace_options *options, const lr_hits *hits, bool counted,
+                            lr_counters *counters)
+{
+    lr_ray r;
+    lr_cursor u;
+    LR_STATE state;
+    lr_tally tally = {0, 0};
+    uint64_t n_samples = 0, n_tests = 0;
+    const double o[3] = {rays->ox[i], rays->oy[i], rays->oz[i]};
+    const double d[3] = {rays->dx[i], rays->dy[i], rays->dz[i]};
+    const double t_min = rays->t_min != NULL ? rays->t_min[i] : 0.0;
+    const lr_start *start = rays->start != NULL ? &rays->start[i] : NULL;
+    int side = start != NULL ? start->side : 0;
+    bool hit = false;
+    lr_put_miss(hits, i);
+    if (!lr_ray_setup(&r, v, o, d, rays->t_max != NULL ? rays->t_max[i] : INFINITY) ||
+        !(t_min <= r.t_max))
+        goto end;
+    if (options->mode == LR_MODE_BINARY && lr_starts_inside(v, &r, t_min, &u)) {
+        lr_put_binary(v, hits, i, &r, &u);
+        hit = true;
+        goto end;
+    }
+    bool inside = lr_enter(&r, &u, v->surface_lo, v->surface_hi, t_min);
+    if (side != 0) { /* leave a surface: stand on its cell, whatever rounding says */
+        for (int a = 0; a < 3; a++)
+            u.c[a] = start->cell[a] + LR_PAD;
+        inside = true;
+        for (int a = 0; a < 3; a++) {
+            inside = inside && u.c[a] >= v->surface_lo[a] && u.c[a] <= v->surface_hi[a];
+            r.lo[a] = v->surface_lo[a];
+            r.hi[a] = v->surface_hi[a];
+        }
+        u.axis = -1;
+        u.t = t_min;
+    }
+    if (!inside)
+        goto end;
+    LR_START(data, v, &r, &u, &state);
+    while (LR_WALK(data, v, &r, &u, &state, counted ? &tally : NULL)) {
+        if (options->mode == LR_MODE_BINARY) {
+            lr_put_binary(v, hits, i, &r, &u);
+            hit = true;
+            break;
+        }
+        lr_found found;
+        double corner[8];
+        n_tests++;
+        if (lr_hit_cell(v, &r, &u, side, options, &found, corner, &n_samples)) {
+            lr_put_surface(v, hits, i, u.c, &found, corner, d, options->normal);
+            hit = true;
+            break;
+        }
+        side = 0;
+        if (!lr_exit(&r, &u, u.c, u.c))
+            break;
+    }
+end:
+    if (counted) {
+        counters->rays++;
+        counters->cells += tally.cells;
+        counters->jumps += tally.jumps;
+        counters->tests += n_tests;
+        counters->samples += n_samples;
+        counters->hits += hit;
+    }
+}
+
+lr_status LR_JOIN(lr_, LR_NAME, _trace)(const lr_volume *volume, const void *data,
+                                        const lr_rays *rays, uint64_t n,
+                                        const lr_trace_options *options, const lr_hits *hits,
+                                        lr_counters *counters, const lr_watch *watch,
+                                        lr_error *error)
+{
+    enum { POLL = 1024 }; /* rays between looks at the stop word */
+    lr_counters sum = {0};
+    for (uint64_t first = 0; first < n; first += POLL) {
+        if (lr_stopped(watch))
+            return lr_fail_stopped(error);
+        lr_progress(watch, (double)first / (double)n);
+        uint64_t last = n - first < POLL ? n : first + POLL;
+        if (counters != NULL)
+            for (uint64_t i = first; i < last; i++)
+                lr_trace_one(volume, data, rays, i, options, hits, true, &sum);
+        else
+            for (uint64_t i = first; i < last; i++)
+                lr_trace_one(volume, data, rays, i, options, hits, false, NULL);
+    }
+    if (counters != NULL) {
+        counters->rays += sum.rays;
+        counters->cells += sum.cells;
+        counters->jumps += sum.jumps;
+        counters->tests += sum.tests;
+        counters->samples += sum.samples;
+        counters->hits += sum.hits;
+    }
+    return LR_OK;
+}

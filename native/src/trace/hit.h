@@ -1,0 +1,195 @@
+/* Does the ray meet the surface f = T inside the cell it stands on, and where?
+ *
+ * Along the ray the trilinear field is a cubic. Its values at the entry and the
+ * exit are taken on the faces, bilinearly from the face's own four samples, so
+ * that both cells of a face see the same bits and no ray slips between them.
+ * `faces` looks at these two values only; `extrema` also at the extrema of the
+ * cubic, so that an entry and exit through the same face of the surface is not
+ * lost. The first interval with a change of sides holds the first root.
+ *
+ * Source: Sramek 1994, section 5 (faces, int); Marmitt, Kleer, Wald et al. 2004
+ * (splitting at extrema). Departures: 1. coefficients are taken at the entry, not
+ * at the ray's origin; 2. the root is bracketed always.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_HIT_H
+#define LR_HIT_H
+
+#include "trace/ray.h"
+#include "volume/field.h"
+
+/* A ray's way through one cell. */
+typedef struct lr_chord {
+    double corner[8];
+    double in[3], out[3];    /* cell coordinates */
+    double t_in, t_out;
+    double f_in, f_out;
+    double c[4];             /* f = sum c[i] x^i, x = 0..1 from in to out */
+} lr_chord;
+
+typedef struct lr_found {
+    double t;
+    double p[3]; /* cell coordinates */
+} lr_found;
+
+/* f on the face where coordinate a is 0 or 1. */
+LR_INLINE double lr_face_value(const double s[8], int a, bool upper, const double p[3])
+{
+    const int u = a == 0 ? 1 : 0, v = a == 2 ? 1 : 2;
+    const int first = upper ? 1 << a : 0, du = 1 << u, dv = 1 << v;
+    return lr_mix(lr_mix(s[first], s[first + du], p[u]),
+                  lr_mix(s[first + dv], s[first + du + dv], p[u]), p[v]);
+}
+
+LR_INLINE void lr_chord_points(lr_chord *h, const lr_ray *r, const lr_cursor *u, int *axis_out)
+{
+    h->t_in = u->t;
+    h->t_out = lr_exit_t(r, u->c, u->c, axis_out);
+    h->t_out = h->t_out > h->t_in ? h->t_out : h->t_in;
+    for (int a = 0; a < 3; a++) {
+        double in = r->o[a] + h->t_in * r->d[a] - u->c[a];
+        double out = r->o[a] + h->t_out * r->d[a] - u->c[a];
+        if (r->s[a] == 0) /* t may be so large that 0 * t is not */
+            in = out = r->o[a] - u->c[a];
+        h->in[a] = a == u->axis ? (r->s[a] > 0 ? 0.0 : 1.0) : lr_clamp(in, 0.0, 1.0);
+        h->out[a] = a == *axis_out ? (r->s[a] > 0 ? 1.0 : 0.0) : lr_clamp(out, 0.0, 1.0);
+    }
+}
+
+LR_INLINE void lr_chord_values(lr_chord *h, const lr_ray *r, const lr_cursor *u, int axis_out)
+{
+    const double *s = h->corner;
+    h->f_in = u->axis < 0 ? lr_trilinear(s, h->in)
+                          : lr_face_value(s, u->axis, r->s[u->axis] < 0, h->in);
+    h->f_out = lr_face_value(s, axis_out, r->s[axis_out] > 0, h->out);
+}
+
+LR_INLINE void lr_chord_cubic(lr_chord *h)
+{
+    const double *s = h->corner, *p = h->in;
+    const double e[3] = {h->out[0] - p[0], h->out[1] - p[1], h->out[2] - p[2]};
+    const double xy = s[3] - s[2] - s[1] + s[0], xz = s[5] - s[4] - s[1] + s[0];
+    const double yz = s[6] - s[4] - s[2] + s[0];
+    const double xyz = s[7] - s[6] - s[5] + s[4] - (s[3] - s[2] - s[1] + s[0]);
+    double g[3];
+    lr_trilinear_gradient(s, p, g);
+    h->c[0] = h->f_in;
+    h->c[1] = lr_dot(g, e);
+    h->c[2] = (xy + xyz * p[2]) * e[0] * e[1] + (xz + xyz * p[1]) * e[0] * e[2] +
+              (yz + xyz * p[0]) * e[1] * e[2];
+    h->c[3] = xyz * e[0] * e[1] * e[2];
+}
+
+LR_INLINE double lr_cubic(const double c[4], double x)
+{
+    return ((c[3] * x + c[2]) * x + c[1]) * x + c[0];
+}
+
+/* Ascending extrema of the cubic inside (0, 1); how many. */
+LR_INLINE int lr_cubic_extrema(const double c[4], double x[2])
+{
+    const double a = 3.0 * c[3], b = 2.0 * c[2]; /* a x^2 + b x + c1 = 0 */
+    const double square = b * b - 4.0 * a * c[1];
+    if (!(square >= 0.0))
+        return 0;
+    const double q = -0.5 * (b + copysign(sqrt(square), b));
+    double first = q / a, second = c[1] / q; /* either may be infinite or NaN: no extremum */
+    if (first > second) {
+        double swap = first;
+        first = second;
+        second = swap;
+    }
+    int n = 0;
+    if (first > 0.0 && first < 1.0)
+        x[n++] = first;
+    if (second > 0.0 && second < 1.0)
+        x[n++] = second;
+    return n;
+}
+
+/* The root of cubic = level in [a, b], where the field lies on side `above` at a
+ * and on the other one at b. Newton's steps, halved where they leave the bracket. */
+LR_INLINE double lr_root_newton(const double c[4], double level, double a, double b, bool above,
+                                uint64_t *n_samples)
+{
+    double fa = lr_cubic(c, a) - level, fb = lr_cubic(c, b) - level;
+    *n_samples += 2;
+    if ((fa >= 0.0) != above) /* rounding put the start on the other side already */
+        return a;
+    if ((fb >= 0.0) == above)
+        return b;
+    double x = a + (b - a) * fa / (fa - fb);
+    const double enough = 1e-13; /* of a chord of at most sqrt(3) voxels */
+    for (int step = 0; step < 60 && b - a > enough; step++) {
+        if (!(x > a && x < b))
+            x = 0.5 * (a + b);
+        double fx = lr_cubic(c, x) - level;
+        ++*n_samples;
+        if ((fx >= 0.0) == above)
+            a = x;
+        else
+            b = x;
+        double slope = (3.0 * c[3] * x + 2.0 * c[2]) * x + c[1];
+        double next = x - fx / slope; /* NaN and infinity are caught above */
+        if (fabs(next - x) <= enough)
+            return lr_clamp(next, a, b);
+        x = next;
+    }
+    return 0.5 * (a + b);
+}
+
+LR_INLINE double lr_root_linear(double level, double a, double fa, double b, double fb)
+{
+    double x = a + (b - a) * (level - fa) / (fb - fa);
+    return x >= a && x <= b ? x : a;
+}
+
+/* side: where the ray starts in this cell, -1 below T, +1 at or above, 0: as f
+ * says. A ray that starts on the surface always looks at the extrema. */
+LR_INLINE bool lr_hit_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side,
+                           const lr_trace_options *options, lr_found *found, double corner[8],
+                           uint64_t *n_samples)
+{
+    lr_chord h;
+    int axis_out;
+    lr_corners(v, u->c, h.corner);
+    lr_chord_points(&h, r, u, &axis_out);
+    lr_chord_values(&h, r, u, axis_out);
+    *n_samples += 2;
+    const double level = v->threshold;
+    const bool above = side != 0 ? side > 0 : h.f_in >= level;
+    const bool change = (h.f_out >= level) != above;
+    const bool extrema = options->hit_test == LR_HIT_EXTREMA || side != 0;
+    if (!change && !extrema)
+        return false;
+    lr_chord_cubic(&h);
+    double a = 0.0, b = 1.0, fa = h.f_in, fb = h.f_out, x[2];
+    bool bracketed = change;
+    int n = extrema ? lr_cubic_extrema(h.c, x) : 0;
+    for (int i = 0; i < n; i++) {
+        double f = lr_cubic(h.c, x[i]);
+        ++*n_samples;
+        if ((f >= level) != above) {
+            b = x[i];
+            fb = f;
+            bracketed = true;
+            break;
+        }
+        a = x[i];
+        fa = f;
+    }
+    if (!bracketed)
+        return false;
+    double at = options->root == LR_ROOT_LINEAR
+                    ? lr_root_linear(level, a, fa, b, fb)
+                    : lr_root_newton(h.c, level, a, b, above, n_samples);
+    found->t = h.t_in + at * (h.t_out - h.t_in);
+    if (!(found->t <= r->t_max)) /* asked only now, so that t does not depend on it */
+        return false;
+    for (int i = 0; i < 3; i++)
+        found->p[i] = h.in[i] + at * (h.out[i] - h.in[i]);
+    memcpy(corner, h.corner, sizeof h.corner);
+    return true;
+}
+
+#endif

@@ -1,0 +1,127 @@
+/* What is written for a ray: misses, and hits with normals and ids.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_OUTPUT_H
+#define LR_OUTPUT_H
+
+#include "trace/hit.h"
+
+LR_INLINE void lr_put_triple(double *x, double *y, double *z, uint64_t i, const double v[3])
+{
+    if (x != NULL)
+        x[i] = v[0];
+    if (y != NULL)
+        y[i] = v[1];
+    if (z != NULL)
+        z[i] = v[2];
+}
+
+LR_INLINE void lr_put_cell(const lr_hits *hits, uint64_t i, const int32_t c[3])
+{
+    if (hits->ci != NULL)
+        hits->ci[i] = c[0] - LR_PAD;
+    if (hits->cj != NULL)
+        hits->cj[i] = c[1] - LR_PAD;
+    if (hits->ck != NULL)
+        hits->ck[i] = c[2] - LR_PAD;
+}
+
+LR_INLINE void lr_put_miss(const lr_hits *hits, uint64_t i)
+{
+    static const double zero[3] = {0.0, 0.0, 0.0};
+    static const int32_t nowhere[3] = {INT32_MIN + LR_PAD, INT32_MIN + LR_PAD, INT32_MIN + LR_PAD};
+    hits->t[i] = INFINITY;
+    lr_put_cell(hits, i, nowhere);
+    lr_put_triple(hits->nx, hits->ny, hits->nz, i, zero);
+    lr_put_triple(hits->gx, hits->gy, hits->gz, i, zero);
+    if (hits->id != NULL)
+        hits->id[i] = 0;
+}
+
+/* The outward unit normal in object space of a gradient in storage space; false
+ * where there is none. */
+LR_INLINE bool lr_outward(const lr_volume *v, const double gradient[3], double normal[3])
+{
+    lr_map_gradient(v->storage_from_object, gradient, normal);
+    double length = sqrt(lr_dot(normal, normal));
+    for (int a = 0; a < 3; a++)
+        normal[a] /= -length;
+    return length > 0.0 && isfinite(length);
+}
+
+LR_INLINE void lr_towards_origin(const double d[3], double normal[3])
+{
+    double length = sqrt(lr_dot(d, d));
+    for (int a = 0; a < 3; a++)
+        normal[a] = -d[a] / length;
+}
+
+/* The id of the object sample nearest to p among the cell's corners. */
+LR_INLINE int32_t lr_nearest_id(const lr_volume *v, const int32_t c[3], const double corner[8],
+                                const double p[3])
+{
+    if (v->ids == NULL)
+        return 0;
+    double nearest = INFINITY;
+    int32_t id = 0;
+    for (int b = 0; b < 8; b++) {
+        const double q[3] = {p[0] - (b & 1), p[1] - (b >> 1 & 1), p[2] - (b >> 2)};
+        double square = lr_dot(q, q);
+        if (corner[b] >= v->threshold && square < nearest) {
+            nearest = square;
+            id = v->ids[lr_sample_at(v, c[0] + (b & 1), c[1] + (b >> 1 & 1), c[2] + (b >> 2))];
+        }
+    }
+    return id;
+}
+
+/* A surface hit in storage cell c; d is the ray's direction in object space. */
+LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t i,
+                              const int32_t c[3], const lr_found *found, const double corner[8],
+                              const double d[3], int32_t normal_kind)
+{
+    hits->t[i] = found->t;
+    lr_put_cell(hits, i, c);
+    if (hits->id != NULL)
+        hits->id[i] = lr_nearest_id(v, c, corner, found->p);
+    if (hits->nx == NULL && hits->gx == NULL)
+        return;
+    double g[3], field[3], central[3];
+    lr_trilinear_gradient(corner, found->p, g);
+    if (!lr_outward(v, g, field))
+        lr_towards_origin(d, field);
+    lr_put_triple(hits->gx, hits->gy, hits->gz, i, field);
+    if (hits->nx == NULL)
+        return;
+    memcpy(central, field, sizeof central);
+    if (normal_kind == LR_NORMAL_CENTRAL) {
+        lr_central_gradient(v, c, found->p, g);
+        if (!lr_outward(v, g, central))
+            memcpy(central, field, sizeof central);
+    }
+    lr_put_triple(hits->nx, hits->ny, hits->nz, i, central);
+}
+
+/* An object cell: its normal is that of the face by which the ray came, none
+ * where it started inside. */
+LR_INLINE void lr_put_binary(const lr_volume *v, const lr_hits *hits, uint64_t i, const lr_ray *r,
+                             const lr_cursor *u)
+{
+    double g[3] = {0.0, 0.0, 0.0}, normal[3] = {0.0, 0.0, 0.0};
+    hits->t[i] = u->t;
+    lr_put_cell(hits, i, u->c);
+    if (u->axis >= 0) {
+        g[u->axis] = r->s[u->axis];
+        lr_outward(v, g, normal);
+    }
+    lr_put_triple(hits->nx, hits->ny, hits->nz, i, normal);
+    lr_put_triple(hits->gx, hits->gy, hits->gz, i, normal);
+    if (hits->id != NULL) {
+        double corner[8];
+        const double centre[3] = {0.5, 0.5, 0.5};
+        lr_corners(v, u->c, corner);
+        hits->id[i] = lr_nearest_id(v, u->c, corner, centre);
+    }
+}
+
+#endif

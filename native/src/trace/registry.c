@@ -1,0 +1,110 @@
+/* The table of traversers, and structures built through it.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "trace/traverser.h"
+
+static const struct {
+    lr_traverser about;
+    lr_traverser_ops ops;
+} registry[] = {
+#define LR_TRAVERSER(name, label, source, about, flags)                                            \
+    {{#name, label, source, about, flags}, {lr_##name##_build, lr_##name##_free, lr_##name##_trace}},
+#include "trace/traversers.def"
+#undef LR_TRAVERSER
+};
+
+enum { COUNT = sizeof registry / sizeof registry[0] };
+
+int32_t lr_traverser_count(void)
+{
+    return COUNT;
+}
+
+static lr_status check_index(int32_t index, lr_error *error)
+{
+    if (index < 0 || index >= COUNT)
+        return lr_fail(error, LR_E_ARGUMENT, "there is no traverser %d; there are %d", index,
+                       (int)COUNT);
+    return LR_OK;
+}
+
+lr_status lr_traverser_get(int32_t index, lr_traverser *traverser, lr_error *error)
+{
+    lr_status status = check_index(index, error);
+    if (status == LR_OK)
+        *traverser = registry[index].about;
+    return status;
+}
+
+lr_status lr_build_nothing(const lr_volume *volume, const lr_watch *watch, void **data,
+                           uint64_t *nbytes, lr_error *error)
+{
+    (void)volume, (void)watch, (void)error;
+    *data = NULL;
+    *nbytes = 0;
+    return LR_OK;
+}
+
+lr_status lr_structure_build(const lr_volume *volume, int32_t traverser, const lr_watch *watch,
+                             lr_structure **structure, lr_error *error)
+{
+    lr_status status = check_index(traverser, error);
+    if (status != LR_OK)
+        return status;
+    if (!volume->finished)
+        return lr_fail(error, LR_E_ARGUMENT, "the volume is not finished");
+    lr_structure *s = calloc(1, sizeof *s);
+    if (s == NULL)
+        return lr_fail_memory(error, sizeof *s, "a structure");
+    s->volume = volume;
+    s->ops = &registry[traverser].ops;
+    status = s->ops->build(volume, watch, &s->data, &s->nbytes, error);
+    if (status != LR_OK) {
+        free(s);
+        return status;
+    }
+    s->nbytes += sizeof *s;
+    lr_progress(watch, 1.0);
+    *structure = s;
+    return LR_OK;
+}
+
+void lr_structure_free(lr_structure *s)
+{
+    if (s == NULL)
+        return;
+    s->ops->free(s->data);
+    free(s);
+}
+
+uint64_t lr_structure_nbytes(const lr_structure *s)
+{
+    return s->nbytes;
+}
+
+static lr_status check_options(const lr_trace_options *o, lr_error *error)
+{
+    if (o->mode < LR_MODE_SURFACE || o->mode > LR_MODE_BINARY)
+        return lr_fail(error, LR_E_ARGUMENT, "mode %d is neither surface (0) nor binary (1)",
+                       o->mode);
+    if (o->hit_test < LR_HIT_FACES || o->hit_test > LR_HIT_EXTREMA)
+        return lr_fail(error, LR_E_ARGUMENT, "hit test %d is neither faces (0) nor extrema (1)",
+                       o->hit_test);
+    if (o->root < LR_ROOT_NEWTON || o->root > LR_ROOT_LINEAR)
+        return lr_fail(error, LR_E_ARGUMENT, "root finder %d is neither newton (0) nor linear (1)",
+                       o->root);
+    if (o->normal < LR_NORMAL_CENTRAL || o->normal > LR_NORMAL_ANALYTIC)
+        return lr_fail(error, LR_E_ARGUMENT, "normal %d is neither central (0) nor analytic (1)",
+                       o->normal);
+    return LR_OK;
+}
+
+lr_status lr_trace(const lr_structure *s, const lr_rays *rays, uint64_t n,
+                   const lr_trace_options *options, const lr_hits *hits, lr_counters *counters,
+                   const lr_watch *watch, lr_error *error)
+{
+    lr_status status = check_options(options, error);
+    if (status != LR_OK)
+        return status;
+    return s->ops->trace(s->volume, s->data, rays, n, options, hits, counters, watch, error);
+}

@@ -1,0 +1,37 @@
+/* A structure: the volume, what its traverser built beside it, and how that
+ * traverser is run.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_STRUCTURE_H
+#define LR_STRUCTURE_H
+
+#include "base.h"
+#include "error.h"
+
+/* What a traverser's file gives. data may stay NULL where nothing is needed. */
+typedef struct lr_traverser_ops {
+    lr_status (*build)(const lr_volume *volume, const lr_watch *watch, void **data,
+                       uint64_t *nbytes, lr_error *error);
+    void (*free)(void *data);
+    lr_status (*trace)(const lr_volume *volume, const void *data, const lr_rays *rays, uint64_t n,
+                       const lr_trace_options *options, const lr_hits *hits,
+                       lr_counters *counters, const lr_watch *watch, lr_error *error);
+} lr_traverser_ops;
+
+struct lr_structure {
+    const lr_volume *volume;
+    const lr_traverser_ops *ops;
+    void *data;
+    uint64_t nbytes;
+};
+
+LR_INLINE const lr_volume *lr_structure_volume(const lr_structure *structure)
+{
+    return structure->volume;
+}
+
+/* For a traverser that needs nothing beside the volume. */
+lr_status lr_build_nothing(const lr_volume *volume, const lr_watch *watch, void **data,
+                           uint64_t *nbytes, lr_error *error);
+
+#endif

@@ -1,0 +1,32 @@
+/* What a traverser's file includes first: rays, the accessor and the prototypes
+ * of the three functions that every line of the registry stands for.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_TRAVERSER_H
+#define LR_TRAVERSER_H
+
+#include "trace/ray.h"
+#include "trace/structure.h"
+#include "volume/access.h"
+
+#define LR_TRAVERSER(name, label, source, about, flags)                                            \
+    lr_status lr_##name##_build(const lr_volume *, const lr_watch *, void **, uint64_t *,          \
+                                lr_error *);                                                       \
+    void lr_##name##_free(void *);                                                                 \
+    lr_status lr_##name##_trace(const lr_volume *, const void *, const lr_rays *, uint64_t,        \
+                                const lr_trace_options *, const lr_hits *, lr_counters *,          \
+                                const lr_watch *, lr_error *);
+#include "trace/traversers.def"
+#undef LR_TRAVERSER
+
+/* Cut an empty box to the cells that the ray may walk in: one that reaches out
+ * of them would let it leave sideways unseen. */
+LR_INLINE void lr_cut_box(const lr_ray *r, int32_t lo[3], int32_t hi[3])
+{
+    for (int a = 0; a < 3; a++) {
+        lo[a] = lr_max_i(lo[a], r->lo[a]);
+        hi[a] = lr_min_i(hi[a], r->hi[a]);
+    }
+}
+
+#endif
