@@ -1,0 +1,26 @@
+/* Casting a wave: a batch of world-space rays against all instances.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_CAST_H
+#define LR_CAST_H
+
+#include "render/scene.h"
+#include "render/workspace.h"
+
+typedef struct lr_cast_options {
+    uint32_t visibility;  /* instances with this flag count */
+    double t_min, t_max;
+    bool any;             /* whether something is hit, not what is first */
+    bool leaving;         /* wave->from and wave->start are set */
+    lr_trace_options trace;
+} lr_cast_options;
+
+/* Cast the first n rays of the workspace's wave. Without `any` the hit of ray i
+ * goes to wave->hit[i], wave->t[i] and wave->instance[i]; of several hits at the
+ * same t that of the lowest instance. With `any` only wave->instance[i] is set.
+ * wave->instance[i] is LR_NOWHERE where nothing is hit. */
+lr_status lr_cast(const lr_scene *scene, lr_workspace *workspace, uint32_t n,
+                  const lr_cast_options *options, lr_counters *counters, const lr_watch *watch,
+                  lr_error *error);
+
+#endif

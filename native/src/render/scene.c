@@ -1,0 +1,261 @@
+/* Making a scene: everything is checked here, once.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/scene.h"
+
+#include "error.h"
+#include "trace/structure.h"
+#include "volume/affine.h"
+
+enum { VISIBILITY_ALL = LR_VISIBLE_CAMERA | LR_VISIBLE_SHADOW | LR_VISIBLE_DIFFUSE };
+
+/* Boxes are grown by this share of a cell. Rays are taken into an instance's
+ * space with an error of some 2^-50 of their origin's coordinates, so surfaces in
+ * the very face of a box are found from a distance of 2^40 cells. */
+static const double MARGIN = 0x1p-10;
+
+static bool all_finite(const double *x, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (!isfinite(x[i]))
+            return false;
+    return true;
+}
+
+static bool is_color(const double c[3])
+{
+    return all_finite(c, 3) && c[0] >= 0 && c[1] >= 0 && c[2] >= 0;
+}
+
+static lr_status check_camera(const lr_camera *c, lr_error *error)
+{
+    if (c->projection != LR_PERSPECTIVE && c->projection != LR_ORTHOGRAPHIC)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the camera's projection must be %d or %d, it is %d", LR_PERSPECTIVE,
+                       LR_ORTHOGRAPHIC, c->projection);
+    if (!all_finite(c->eye, 3) || !all_finite(c->forward, 3) || !all_finite(c->corner, 3) ||
+        !all_finite(c->dx, 3) || !all_finite(c->dy, 3))
+        return lr_fail(error, LR_E_ARGUMENT, "the camera's vectors must be finite, one is not");
+    if (lr_dot(c->forward, c->forward) == 0)
+        return lr_fail(error, LR_E_ARGUMENT, "the camera must look forward, its axis is zero");
+    if (!(c->clip_start < c->clip_end) || !isfinite(c->clip_start))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the camera must clip from a finite depth to a larger one, it clips from "
+                       "%g to %g",
+                       c->clip_start, c->clip_end);
+    return LR_OK;
+}
+
+static lr_status check_light(const lr_light *light, uint64_t i, lr_error *error)
+{
+    if (light->kind != LR_LIGHT_SUN && light->kind != LR_LIGHT_POINT)
+        return lr_fail(error, LR_E_ARGUMENT, "light %llu must be of kind %d or %d, it is %d",
+                       (unsigned long long)i, LR_LIGHT_SUN, LR_LIGHT_POINT, light->kind);
+    if (!is_color(light->color))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "light %llu must have a finite color of 0 or more, it has (%g, %g, %g)",
+                       (unsigned long long)i, light->color[0], light->color[1], light->color[2]);
+    if (light->kind == LR_LIGHT_POINT && !all_finite(light->position, 3))
+        return lr_fail(error, LR_E_ARGUMENT, "light %llu must have a finite position",
+                       (unsigned long long)i);
+    const double length = sqrt(lr_dot(light->direction, light->direction));
+    if (light->kind == LR_LIGHT_SUN && !(fabs(length - 1) < 1e-3)) /* f32 may have been at work */
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "light %llu must have a direction of length 1, it has %g",
+                       (unsigned long long)i, length);
+    return LR_OK;
+}
+
+static lr_status check_instance(const lr_scene_desc *desc, uint64_t i, lr_error *error)
+{
+    const lr_instance *instance = &desc->instances[i];
+    const uint64_t first = instance->first_material, n = instance->n_materials;
+    if (instance->structure == NULL)
+        return lr_fail(error, LR_E_ARGUMENT, "instance %llu has no structure",
+                       (unsigned long long)i);
+    if ((instance->visibility & ~(uint32_t)VISIBILITY_ALL) != 0)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "instance %llu has visibility %u, the flags go up to %d",
+                       (unsigned long long)i, instance->visibility, VISIBILITY_ALL);
+    if (n < 1 || first + n > desc->n_slots)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "instance %llu must have 1 or more of the %llu material slots, it has %llu "
+                       "from %llu on",
+                       (unsigned long long)i, (unsigned long long)desc->n_slots,
+                       (unsigned long long)n, (unsigned long long)first);
+    return LR_OK;
+}
+
+static lr_status check_materials(const lr_scene_desc *desc, lr_error *error)
+{
+    for (uint64_t i = 0; i < desc->n_materials; i++) {
+        const double *c = desc->materials[i].base_color;
+        if (!is_color(c))
+            return lr_fail(error, LR_E_ARGUMENT,
+                           "material %llu must have a finite color of 0 or more, it has (%g, %g, "
+                           "%g)",
+                           (unsigned long long)i, c[0], c[1], c[2]);
+    }
+    for (uint64_t i = 0; i < desc->n_slots; i++)
+        if (desc->slots[i] >= desc->n_materials)
+            return lr_fail(error, LR_E_ARGUMENT,
+                           "slot %llu holds material %u, there are %llu materials",
+                           (unsigned long long)i, desc->slots[i],
+                           (unsigned long long)desc->n_materials);
+    return LR_OK;
+}
+
+static lr_status check(const lr_scene_desc *desc, lr_error *error)
+{
+    lr_status status = check_camera(&desc->camera, error);
+    if (status != LR_OK)
+        return status;
+    if ((desc->n_instances > 0 && desc->instances == NULL) ||
+        (desc->n_lights > 0 && desc->lights == NULL) ||
+        (desc->n_materials > 0 && desc->materials == NULL) ||
+        (desc->n_slots > 0 && desc->slots == NULL))
+        return lr_fail(error, LR_E_ARGUMENT, "a list of the scene is NULL but not empty");
+    if (desc->n_instances > INT32_MAX)
+        return lr_fail(error, LR_E_SIZE, "a scene holds up to %d instances, there are %llu",
+                       INT32_MAX, (unsigned long long)desc->n_instances);
+    if (!is_color(desc->world_color))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the world must have a finite color of 0 or more, it has (%g, %g, %g)",
+                       desc->world_color[0], desc->world_color[1], desc->world_color[2]);
+    for (uint64_t i = 0; i < desc->n_lights && status == LR_OK; i++)
+        status = check_light(&desc->lights[i], i, error);
+    if (status == LR_OK)
+        status = check_materials(desc, error);
+    for (uint64_t i = 0; i < desc->n_instances && status == LR_OK; i++)
+        status = check_instance(desc, i, error);
+    return status;
+}
+
+/* The world box of the surface cells, empty where there are none, and how far a
+ * cell reaches at most: the sum of its edges. */
+static void bound(const lr_instance *instance, lr_box *box, double *cell_reach)
+{
+    lr_volume_info info;
+    lr_volume_get_info(lr_structure_volume(instance->structure), &info);
+    double m[16];
+    lr_affine_multiply(instance->world_from_object, info.desc.object_from_index, m);
+    *cell_reach = 0;
+    for (int a = 0; a < 3; a++)
+        *cell_reach += hypot(hypot(m[a], m[4 + a]), m[8 + a]);
+    for (int a = 0; a < 3; a++) {
+        box->lo[a] = INFINITY;
+        box->hi[a] = -INFINITY;
+    }
+    if (info.surface_lo[0] > info.surface_hi[0])
+        return;
+    for (int corner = 0; corner < 8; corner++) {
+        double p[3], q[3];
+        for (int a = 0; a < 3; a++)
+            p[a] = corner >> a & 1 ? info.surface_hi[a] + (1 + MARGIN)
+                                   : info.surface_lo[a] - MARGIN;
+        lr_map_point(m, p, q);
+        for (int a = 0; a < 3; a++) {
+            box->lo[a] = fmin(box->lo[a], q[a]);
+            box->hi[a] = fmax(box->hi[a], q[a]);
+        }
+    }
+}
+
+static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *placed, lr_box *box,
+                       lr_error *error)
+{
+    *placed = (lr_placed){
+        .structure = instance->structure,
+        .visibility = instance->visibility,
+        .object_index = instance->object_index,
+        .first_material = instance->first_material,
+        .n_materials = instance->n_materials,
+    };
+    if (!lr_affine_invert(instance->world_from_object, placed->object_from_world))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "instance %llu must have a finite, affine and invertible matrix",
+                       (unsigned long long)i);
+    bound(instance, box, &placed->cell_reach);
+    if (box->lo[0] <= box->hi[0] && !(all_finite(box->lo, 3) && all_finite(box->hi, 3)))
+        return lr_fail(error, LR_E_SIZE, "instance %llu reaches beyond all numbers",
+                       (unsigned long long)i);
+    return LR_OK;
+}
+
+static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error *error)
+{
+    const size_t nbytes = (size_t)desc->n_instances * sizeof(lr_box) + 1;
+    lr_box *boxes = malloc(nbytes);
+    if (boxes == NULL)
+        return lr_fail_memory(error, nbytes, "the boxes of the instances");
+    lr_status status = LR_OK;
+    for (uint64_t i = 0; i < desc->n_instances && status == LR_OK; i++)
+        status = place(&desc->instances[i], i, &scene->instances[i], &boxes[i], error);
+    if (status == LR_OK)
+        status = lr_hierarchy_build(boxes, (uint32_t)desc->n_instances, &scene->hierarchy, error);
+    free(boxes);
+    return status;
+}
+
+/* A copy of n items; at least one byte, so that only missing memory gives NULL. */
+static void *copy(const void *from, uint64_t n, size_t size)
+{
+    void *to = calloc((size_t)n + 1, size);
+    if (to != NULL && from != NULL && n > 0)
+        memcpy(to, from, (size_t)n * size);
+    return to;
+}
+
+static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *error)
+{
+    scene->camera = desc->camera;
+    scene->n_instances = (uint32_t)desc->n_instances;
+    scene->n_lights = desc->n_lights;
+    memcpy(scene->world_color, desc->world_color, sizeof scene->world_color);
+    for (int a = 0; a < 3; a++)
+        scene->world_shines |= desc->world_color[a] > 0;
+    scene->film_transparent = desc->film_transparent != 0;
+    scene->instances = copy(NULL, desc->n_instances, sizeof *scene->instances);
+    scene->lights = copy(desc->lights, desc->n_lights, sizeof *scene->lights);
+    scene->materials = copy(desc->materials, desc->n_materials, sizeof *scene->materials);
+    scene->slots = copy(desc->slots, desc->n_slots, sizeof *scene->slots);
+    if (!scene->instances || !scene->lights || !scene->materials || !scene->slots)
+        return lr_fail_memory(error, desc->n_instances * sizeof *scene->instances, "the scene");
+    for (uint64_t i = 0; i < desc->n_lights; i++) {
+        double *d = scene->lights[i].direction;
+        const double length = sqrt(lr_dot(d, d));
+        for (int a = 0; a < 3 && scene->lights[i].kind == LR_LIGHT_SUN; a++)
+            d[a] /= length;
+    }
+    return place_all(desc, scene, error);
+}
+
+lr_status lr_scene_new(const lr_scene_desc *desc, lr_scene **scene, lr_error *error)
+{
+    if (desc == NULL || scene == NULL)
+        return lr_fail(error, LR_E_ARGUMENT, "a scene needs a description and a place, one is NULL");
+    lr_status status = check(desc, error);
+    if (status != LR_OK)
+        return status;
+    lr_scene *s = calloc(1, sizeof *s);
+    if (s == NULL)
+        return lr_fail_memory(error, sizeof *s, "the scene");
+    status = fill(desc, s, error);
+    if (status == LR_OK)
+        *scene = s;
+    else
+        lr_scene_free(s);
+    return status;
+}
+
+void lr_scene_free(lr_scene *scene)
+{
+    if (scene == NULL)
+        return;
+    free(scene->hierarchy.nodes);
+    free(scene->instances);
+    free(scene->lights);
+    free(scene->materials);
+    free(scene->slots);
+    free(scene);
+}

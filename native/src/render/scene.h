@@ -1,0 +1,33 @@
+/* A scene as the renderer keeps it: checked, copied, ready for rays.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_SCENE_H
+#define LR_SCENE_H
+
+#include "render/hierarchy.h"
+
+/* An instance, as seen from a ray. */
+typedef struct lr_placed {
+    const lr_structure *structure;
+    double object_from_world[16];
+    double cell_reach;   /* no chord of a cell is longer, in world units */
+    uint32_t visibility; /* lr_visibility */
+    int32_t object_index;
+    uint32_t first_material, n_materials;
+} lr_placed;
+
+struct lr_scene {
+    lr_camera camera;
+    lr_placed *instances;
+    uint32_t n_instances;
+    lr_light *lights; /* directions of unit length */
+    uint64_t n_lights;
+    lr_material *materials;
+    uint32_t *slots;
+    double world_color[3];
+    bool world_shines; /* world_color is not black */
+    bool film_transparent;
+    lr_hierarchy hierarchy;
+};
+
+#endif
