@@ -3,6 +3,7 @@
 
 from ._abi import LR_VERSION as __version__
 from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
+from .rendering import PASSES, Camera, Instance, Light, Material, Scene
 from .tracing import (
     HIT_TESTS,
     METRICS,
@@ -25,10 +26,16 @@ __all__ = [
     "METRICS",
     "MODES",
     "NORMALS",
+    "PASSES",
     "ROOTS",
+    "Camera",
     "Hits",
+    "Instance",
     "LeapRayError",
+    "Light",
+    "Material",
     "OutOfMemory",
+    "Scene",
     "Stopped",
     "Structure",
     "Traverser",

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,7 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .tracing import Structure, trace_options
+from .arrays import choice
+from .tracing import Structure
+from .tracing import options as trace_options
 
 # Channels of every pass, by Blender's names; the geometry passes come from the pixel's centre.
 PASSES = {"Combined": 4, "Depth": 1, "Normal": 3, "Position": 3, "Object Index": 1}
@@ -111,12 +114,11 @@ class Scene:
         desc.film_transparent = int(film_transparent)
         self.handle = ctypes.POINTER(_abi.lr_scene)()
         error = _abi.lr_error()
-        check(lib.lr_scene_new(ctypes.byref(desc), ctypes.byref(self.handle), ctypes.byref(error)), error)
-
-    def __del__(self) -> None:
-        if getattr(self, "handle", None):
-            lib.lr_scene_free(self.handle)
-            self.handle = None
+        status = lib.lr_scene_new(
+            ctypes.byref(desc), ctypes.byref(self.handle), ctypes.byref(error)
+        )
+        check(status, error)
+        weakref.finalize(self, lib.lr_scene_free, self.handle)
 
     def workspace(self, width: int, height: int) -> NDArray[np.uint8]:
         """Working memory for tiles of up to that size; one per thread, to be used again."""
@@ -159,7 +161,8 @@ class Scene:
             setattr(pointers, MEMBERS[name], pointer)
         if workspace is None:
             workspace = self.workspace(width, height)
-        tile = _abi.lr_tile(x, y, width, height, samples, seed, trace_options(**(options or {})))
+        names = {"hit_test": "extrema", "root": "newton", "normal": "central", **(options or {})}
+        tile = _abi.lr_tile(x, y, width, height, samples, seed, trace_options("surface", **names))
         call(
             lib.lr_render_tile,
             self.handle,
@@ -193,15 +196,9 @@ def _vector(values: ArrayLike, what: str, shape: tuple[int, ...] = (3,)) -> NDAr
     return array
 
 
-def _choice(value: str, table: Mapping[str, int], what: str) -> int:
-    if value not in table:
-        raise LeapRayError(f"{what} is {' or '.join(table)}, not {value!r}")
-    return int(table[value])
-
-
 def _camera(camera: Camera) -> _abi.lr_camera:
     result = _abi.lr_camera()
-    result.projection = _choice(camera.projection, PROJECTIONS, "the camera's projection")
+    result.projection = choice(PROJECTIONS, camera.projection, "projection")
     for name in ("eye", "forward", "corner", "dx", "dy"):
         getattr(result, name)[:] = _vector(getattr(camera, name), f"the camera's {name}")
     result.clip_start, result.clip_end = camera.clip_start, camera.clip_end
@@ -227,7 +224,7 @@ def _instances(instances: Sequence[Instance]) -> NDArray:
 def _lights(lights: Sequence[Light]) -> NDArray:
     table = np.zeros(len(lights), _dtype(_abi.lr_light))
     for i, (row, light) in enumerate(zip(table, lights, strict=True)):
-        row["kind"] = _choice(light.kind, LIGHTS, f"the kind of light {i}")
+        row["kind"] = choice(LIGHTS, light.kind, f"kind of light {i}")
         row["casts_shadow"] = bool(light.casts_shadow)
         for name in ("position", "direction", "color"):
             row[name] = _vector(getattr(light, name), f"the {name} of light {i}")
