@@ -16,6 +16,7 @@ from .tracing import (
     build,
     distance,
     trace,
+    trace_options,
     traverser,
     traversers,
 )
@@ -47,6 +48,7 @@ __all__ = [
     "build",
     "distance",
     "trace",
+    "trace_options",
     "traverser",
     "traversers",
 ]

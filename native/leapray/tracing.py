@@ -75,7 +75,11 @@ class Structure:
 
 
 def build(
-    volume: Volume, traverser_name: str | None = None, *, threads: int = 0, watch: Watch | None = None
+    volume: Volume,
+    traverser_name: str | None = None,
+    *,
+    threads: int = 0,
+    watch: Watch | None = None,
 ) -> Structure:
     """Build the structure of a traverser (the default one without a name) for a volume.
 
@@ -100,7 +104,9 @@ class Hits:
     counters: dict[str, int]  # totals: rays, cells, jumps, tests, samples, hits; empty if not asked
 
 
-def options(mode: str, hit_test: str, root: str, normal: str) -> _abi.lr_trace_options:
+def trace_options(
+    *, mode="surface", hit_test="extrema", root="newton", normal="central"
+) -> _abi.lr_trace_options:
     """The C options that these names stand for. Raises LeapRayError that lists the names."""
     return _abi.lr_trace_options(
         mode=choice(MODES, mode, "mode"),
@@ -140,7 +146,7 @@ def trace(
     if o.shape != d.shape:
         raise LeapRayError(f"there are {o.shape[1]} origins but {d.shape[1]} directions")
     n = o.shape[1]
-    chosen = options(mode, hit_test, root, normal)
+    chosen = trace_options(mode=mode, hit_test=hit_test, root=root, normal=normal)
     low, high = per_ray(t_min, n, "t_min"), per_ray(t_max, n, "t_max")
     starts = None if start is None else _starts(start, n)
     t, cell = np.empty(n), np.empty((3, n), np.int32)

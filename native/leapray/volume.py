@@ -233,6 +233,7 @@ def _same_shape(values: ArrayLike, shape: tuple, dtype, name: str) -> NDArray:
     array = np.asarray(values)
     if array.shape != shape:
         raise LeapRayError(f"{name} must have the samples' shape {shape}; it is {array.shape}")
-    if array.dtype.kind not in "bui" or (array.size and not 0 <= array.min() <= array.max() < 65536):
+    whole = array.dtype.kind in "bui"
+    if not whole or (array.size and not 0 <= array.min() <= array.max() < 65536):
         raise LeapRayError(f"{name} must be whole numbers from 0 to 65535")
     return np.ascontiguousarray(array, dtype=dtype)

@@ -1,0 +1,142 @@
+/* The integer oracle: the cells that a ray pierces, by exact rational arithmetic.
+ *
+ * A ray starts at O / 2^SHIFT and runs along the integer direction D; all
+ * parameters are fractions of integers and are compared by cross multiplication
+ * in 128 bits. Nothing is rounded, and no code is shared with the core.
+ *
+ * What counts as sound: the cell that is claimed is wanted and the ray touches
+ * it (its closed cube), and no wanted cell whose open interior the ray pierces is
+ * entered earlier; a miss is sound where no wanted cell is pierced. At ties, on
+ * faces, edges and corners, any such cell will do.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdint.h>
+
+typedef __int128 big;
+
+enum { SOUND = 0, MISSED = 1, LATE = 2, NOT_WANTED = 3, NOT_TOUCHED = 4 };
+
+typedef struct { big n, d; } fraction; /* d > 0 */
+
+static int less(fraction a, fraction b)
+{
+    return a.n * b.d < b.n * a.d;
+}
+
+static big floor_div(big n, big d)
+{
+    big q = n / d;
+    return n % d != 0 && (n < 0) != (d < 0) ? q - 1 : q;
+}
+
+/* t at which the ray is at plane k of an axis that it moves along. */
+static fraction plane(int64_t O, int64_t D, int64_t k, int shift)
+{
+    fraction t = {((big)k << shift) - O, (big)D << shift};
+    if (t.d < 0) {
+        t.n = -t.n;
+        t.d = -t.d;
+    }
+    return t;
+}
+
+/* When does the ray touch the closed box lo..hi (planes)? 0: never from t = 0 on. */
+static int touch(const int64_t O[3], const int64_t D[3], const int64_t lo[3], const int64_t hi[3],
+                 int shift, fraction *from)
+{
+    fraction in = {0, 1}, out = {1, 0};
+    for (int a = 0; a < 3; a++) {
+        if (D[a] == 0) {
+            if (O[a] < (lo[a] << shift) || O[a] > (hi[a] << shift))
+                return 0;
+            continue;
+        }
+        fraction near = plane(O[a], D[a], D[a] > 0 ? lo[a] : hi[a], shift);
+        fraction far = plane(O[a], D[a], D[a] > 0 ? hi[a] : lo[a], shift);
+        if (less(in, near))
+            in = near;
+        if (out.d == 0 || less(far, out))
+            out = far;
+    }
+    *from = in;
+    return out.d == 0 || !less(out, in);
+}
+
+/* The first wanted cell whose open interior is pierced; cells start at -1. */
+static int first_pierced(const uint8_t *wanted, const int64_t n[3], const int64_t O[3],
+                         const int64_t D[3], int shift, int64_t cell[3], fraction *from)
+{
+    int64_t lo[3], hi[3];
+    for (int a = 0; a < 3; a++) {
+        lo[a] = -1;
+        hi[a] = n[a] - 1;
+        if (D[a] == 0 && (O[a] & (((int64_t)1 << shift) - 1)) == 0)
+            return 0; /* inside a lattice plane: it pierces no interior */
+    }
+    fraction t;
+    if (!touch(O, D, lo, hi, shift, &t))
+        return 0;
+    for (int a = 0; a < 3; a++) { /* the cell just after t */
+        big numerator = (big)O[a] * t.d + (t.n * D[a] << shift), denominator = t.d << shift;
+        big q = floor_div(numerator, denominator);
+        if (D[a] < 0 && q * denominator == numerator)
+            q--;
+        cell[a] = (int64_t)q;
+        if (cell[a] < lo[a] || cell[a] >= hi[a])
+            return 0;
+    }
+    for (;;) {
+        int64_t at = ((cell[2] + 1) * n[1] + cell[1] + 1) * n[0] + cell[0] + 1;
+        if (wanted[at]) {
+            *from = t;
+            return 1;
+        }
+        fraction next[3], soonest = {1, 0};
+        for (int a = 0; a < 3; a++) {
+            if (D[a] == 0)
+                continue;
+            next[a] = plane(O[a], D[a], D[a] > 0 ? cell[a] + 1 : cell[a], shift);
+            if (soonest.d == 0 || less(next[a], soonest))
+                soonest = next[a];
+        }
+        t = soonest;
+        for (int a = 0; a < 3; a++) { /* through an edge or a corner: all at once */
+            if (D[a] == 0 || less(soonest, next[a]))
+                continue;
+            cell[a] += D[a] > 0 ? 1 : -1;
+            if (cell[a] < lo[a] || cell[a] >= hi[a])
+                return 0;
+        }
+    }
+}
+
+/* wanted[nz][ny][nx], n = x, y, z; the first is cell (-1, -1, -1). cells[rays][3]
+ * are the claims, read where hit[ray]; verdict[ray] is one of the above, and
+ * exact[ray] tells whether a wanted cell is pierced. */
+void oracle_judge(const uint8_t *wanted, const int64_t n[3], const int64_t *O, const int64_t *D,
+                  int64_t rays, int shift, const uint8_t *hit, const int32_t *cells,
+                  uint8_t *verdict, uint8_t *exact)
+{
+    for (int64_t i = 0; i < rays; i++) {
+        int64_t size[3] = {n[0], n[1], n[2]}, first[3], claim[3], above[3];
+        fraction pierced, touched;
+        exact[i] = (uint8_t)first_pierced(wanted, size, O + 3 * i, D + 3 * i, shift, first, &pierced);
+        verdict[i] = SOUND;
+        if (!hit[i]) {
+            verdict[i] = exact[i] ? MISSED : SOUND;
+            continue;
+        }
+        int inside = 1;
+        for (int a = 0; a < 3; a++) {
+            claim[a] = cells[3 * i + a];
+            above[a] = claim[a] + 1;
+            inside = inside && claim[a] >= -1 && claim[a] < n[a] - 1;
+        }
+        if (!inside || !wanted[((claim[2] + 1) * n[1] + claim[1] + 1) * n[0] + claim[0] + 1])
+            verdict[i] = NOT_WANTED;
+        else if (!touch(O + 3 * i, D + 3 * i, claim, above, shift, &touched))
+            verdict[i] = NOT_TOUCHED;
+        else if (exact[i] && less(pierced, touched))
+            verdict[i] = LATE;
+    }
+}
