@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import choice
-from .tracing import Structure
-from .tracing import options as trace_options
+from .tracing import Structure, trace_options
 
 # Channels of every pass, by Blender's names; the geometry passes come from the pixel's centre.
 PASSES = {"Combined": 4, "Depth": 1, "Normal": 3, "Position": 3, "Object Index": 1}
@@ -162,7 +161,7 @@ class Scene:
         if workspace is None:
             workspace = self.workspace(width, height)
         names = {"hit_test": "extrema", "root": "newton", "normal": "central", **(options or {})}
-        tile = _abi.lr_tile(x, y, width, height, samples, seed, trace_options("surface", **names))
+        tile = _abi.lr_tile(x, y, width, height, samples, seed, trace_options(**names))
         call(
             lib.lr_render_tile,
             self.handle,
