@@ -30,7 +30,7 @@ def library():
 
 
 def object_cells(samples, threshold):
-    """Cells -1..n-1 per axis whose largest sample is at or above the threshold, (nz+1, ny+1, nx+1)."""
+    """Cells -1..n-1 per axis (nz+1, ny+1, nx+1) whose largest sample is at or above T."""
     padded = np.pad(samples.astype(np.float64), 1) >= threshold
     cells = np.zeros(tuple(np.array(padded.shape) - 1), bool)
     for dz in (0, 1):

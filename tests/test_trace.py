@@ -152,7 +152,7 @@ def test_every_combination_finds_the_sphere(hit_test, root, normal):
 
 def test_extrema_finds_the_thin_rod_that_faces_lose():
     n = 24
-    z, y, x = np.mgrid[:n, :n, :n]
+    _, y, x = np.mgrid[:n, :n, :n]
     rod = np.clip(0.5 + (0.75 - np.hypot(x - 11.3, y - 11.6)) / 5, 0, 1).astype(np.float32)
     structure = leapray.build(leapray.Volume(rod))
     rng = np.random.default_rng(9)
@@ -170,7 +170,7 @@ def test_extrema_finds_the_thin_rod_that_faces_lose():
     [
         np.diag([0.1, 0.1, 0.1, 1]),
         np.diag([-0.3, 0.2, 1.7, 1]),  # mirrored boxes
-        np.array([[1, 0.4, 0, 5], [0, 0.8, -0.3, -2], [0.1, 0, 1.3, 11], [0, 0, 0, 1.0]]),  # sheared
+        np.array([[1, 0.4, 0, 5], [0, 0.8, -0.3, -2], [0.1, 0, 1.3, 11], [0, 0, 0, 1.0]]),
     ],
     ids=["scaled", "mirrored", "sheared"],
 )
@@ -220,7 +220,7 @@ def test_wrong_calls_are_answered_by_a_sentence():
     ray = np.zeros((1, 3)), np.ones((1, 3))
     with pytest.raises(leapray.LeapRayError, match=r"unknown traverser 'nosuch'; there are "):
         leapray.build(structure.volume, "nosuch")
-    with pytest.raises(leapray.LeapRayError, match="unknown hit test 'x'; there are extrema, faces"):
+    with pytest.raises(leapray.LeapRayError, match="unknown hit test 'x'; there are extrema"):
         leapray.trace(structure, *ray, hit_test="x")
     with pytest.raises(leapray.LeapRayError, match=r"shape \(n, 3\); it is \(1, 4\)"):
         leapray.trace(structure, np.zeros((1, 4)), ray[1])

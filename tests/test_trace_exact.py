@@ -102,7 +102,12 @@ def test_the_oracle_objects_to_wrong_claims():
     samples[1, 1, 1] = samples[3, 3, 3] = 1
     wanted = oracle.object_cells(samples, 0.5)
     origins, directions = np.array([[-4.0, 0.25, 0.375]]), np.array([[1.0, 0.0, 0.0]])
-    claims = {(0, 0, 0): "sound", (1, 0, 0): "late", (2, 1, 1): "not wanted", (1, 1, 1): "not touched"}
+    claims = {
+        (0, 0, 0): "sound",
+        (1, 0, 0): "late",
+        (2, 1, 1): "not wanted",
+        (1, 1, 1): "not touched",
+    }
     wanted[2, 2, 2] = True  # cell (1, 1, 1), which the ray does not touch
     for cell, name in claims.items():
         if name == "not wanted":

@@ -21,8 +21,9 @@ def random_samples(rng, shape, dtype):
 
 def surface_cells(samples, threshold):
     padded = np.pad(samples.astype(float), 1) >= threshold
+    nz, ny, nx = (n + 1 for n in samples.shape)
     stacked = [
-        padded[z : z + samples.shape[0] + 1, y : y + samples.shape[1] + 1, x : x + samples.shape[2] + 1]
+        padded[z : z + nz, y : y + ny, x : x + nx]
         for z in (0, 1)
         for y in (0, 1)
         for x in (0, 1)
@@ -111,21 +112,22 @@ def test_the_field_is_trilinear_and_its_gradient_is_its_slope():
     assert (outside == 0).all()
 
 
+CUBE = np.zeros((2, 2, 2), np.float32)
+
+
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: leapray.Volume(np.zeros((4, 4, 4), np.int64)), "must be uint8, uint16 or float32"),
-        (lambda: leapray.Volume(np.zeros((4, 4), np.uint8)), r"shape \(nz, ny, nx\); it is \(4, 4\)"),
-        (lambda: leapray.Volume(np.full((2, 2, 2), np.nan)), r"sample \(0, 0, 0\) of the block is"),
-        (lambda: leapray.Volume(np.zeros((2, 2, 2), np.uint8), threshold=0), r"in \(0, 1\]; it is 0"),
+        (lambda: leapray.Volume(np.zeros((4, 4, 4), np.int64)), "uint8, uint16 or float32"),
+        (lambda: leapray.Volume(CUBE[0]), r"shape \(nz, ny, nx\); it is \(2, 2\)"),
+        (lambda: leapray.Volume(CUBE * np.nan), r"sample \(0, 0, 0\) of the block is"),
+        (lambda: leapray.Volume(CUBE, threshold=0), r"in \(0, 1\]; it is 0"),
         (
-            lambda: leapray.Volume(
-                np.zeros((2, 2, 2), np.uint8), object_from_index=np.diag([1, 0, 1, 1])
-            ),
+            lambda: leapray.Volume(CUBE, object_from_index=np.diag([1, 0, 1, 1])),
             "invertible",
         ),
         (
-            lambda: leapray.Volume(np.zeros((2, 2, 2), np.uint8), ids=np.zeros((1, 2, 2))),
+            lambda: leapray.Volume(CUBE, ids=np.zeros((1, 2, 2))),
             "ids must have the samples' shape",
         ),
         (lambda: leapray.VolumeBuilder((0, 4, 4), "u8"), "0 x 4 x 4 were wanted"),

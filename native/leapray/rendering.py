@@ -27,7 +27,7 @@ LIGHTS = {"sun": _abi.LR_LIGHT_SUN, "point": _abi.LR_LIGHT_POINT}
 
 @dataclass(frozen=True)
 class Camera:
-    """Rays through the film, as lr_camera in leapray.h says; film points in pixels from lower left."""
+    """Rays through the film, as lr_camera in leapray.h says; film points are in pixels."""
 
     projection: str  # "perspective" | "orthographic"
     eye: ArrayLike  # (3,), world space, as all that follow
