@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The house stays as it was drawn: arrows, rooms, names, licences, lengths.
+
+What is checked here is read from the source text, by Python's own parser or by
+line; nothing but the traversers' names comes from the running core.
+"""
+
+from __future__ import annotations
+
+import ast
+import ctypes
+import re
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import leapray
+from leapray import _abi
+
+ROOT = Path(__file__).resolve().parent.parent
+LONGEST = 550  # lines; a file past some 500 is usually two rooms
+
+# Each layer imports from layers above it in this list, or from its own.
+LAYERS = {
+    "leapray": [
+        "_abi",
+        "_lib",
+        "arrays threads",
+        "volume",
+        "voxelization tracing",
+        "rendering",
+        "__init__",
+    ],
+    "addon": [
+        "model",
+        "plan tiles probes volumes",
+        "pipeline",
+        "scene result properties",
+        "engine",
+        "study",
+        "cli operators",
+        "ui",
+        "__init__",
+    ],
+}
+C_LAYERS = ["", "volume", "distance voxel", "trace", "traversers", "render"]
+WITHOUT_BLENDER = ("addon.model", "addon.plan", "addon.pipeline", "addon.tiles", "leapray")
+BLENDER = {"bpy", "bpy_extras", "bmesh", "gpu", "mathutils", "bl_math", "blf", "imbuf"}
+
+
+@cache
+def files(*patterns: str) -> list[Path]:
+    """Files of the project that git knows or would add."""
+    command = ["git", "ls-files", "-co", "--exclude-standard", "-z", "--", *patterns]
+    if not (ROOT / ".git").exists() or not shutil.which("git"):
+        found = (path for pattern in patterns for path in ROOT.rglob(pattern))
+        return sorted(path for path in found if ".venv" not in path.parts)
+    listing = subprocess.run(command, cwd=ROOT, capture_output=True, check=True).stdout
+    paths = (ROOT / name for name in listing.decode().split("\0") if name)
+    return sorted(path for path in paths if path.exists())
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
+def name_of(path: Path) -> str:
+    """The dotted name of a module, without a trailing __init__."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    parts = parts[1:] if parts[0] == "native" else parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+@cache
+def modules() -> dict[str, Path]:
+    paths = [*files("addon/*.py"), *files("native/leapray/*.py")]
+    return {name_of(path): path for path in paths}
+
+
+@cache
+def imports(name: str) -> frozenset[str]:
+    """All that a module imports, anywhere in it: our modules in full, others by their top name."""
+    path = modules()[name]
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    found: set[str] = set()
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: len(package.split(".")) - node.level + 1]
+            base = ".".join(above if node.level else []) + "." * bool(node.level and node.module)
+            base += node.module or ""
+            for alias in node.names:
+                whole = f"{base}.{alias.name}"
+                found.add(whole if whole in modules() else base)
+    return frozenset(item if item in modules() else item.partition(".")[0] for item in found)
+
+
+def layer_of(name: str) -> int | None:
+    top, _, rest = name.partition(".")
+    room = rest.partition(".")[0] or "__init__"
+    for index, layer in enumerate(LAYERS[top]):
+        if room in layer.split():
+            return index
+    return None
+
+
+# ---- arrows ----------------------------------------------------------------
+
+
+def test_every_module_has_its_layer():
+    homeless = [name for name in modules() if layer_of(name) is None]
+    assert not homeless, f"name a layer for {homeless} in this file"
+
+
+def test_no_import_runs_back():
+    back = []
+    for name in modules():
+        for target in imports(name) & modules().keys():
+            if target.partition(".")[0] != name.partition(".")[0]:
+                if name.startswith("leapray"):
+                    back.append(f"{name} -> {target}: the core knows no add-on")
+            elif target != name and layer_of(target) > layer_of(name):
+                back.append(f"{name} -> {target}")
+    assert not back, back
+
+
+def test_no_import_runs_in_a_circle():
+    done: set[str] = set()
+
+    def visit(name: str, path: tuple[str, ...]) -> None:
+        assert name not in path, " -> ".join((*path, name))
+        if name not in done:
+            for target in imports(name) & modules().keys() - {name}:
+                # a package that imports its own rooms is no circle
+                if target != name.rpartition(".")[0]:
+                    visit(target, (*path, name))
+            done.add(name)
+
+    for name in modules():
+        visit(name, ())
+    assert len(done) == len(modules())
+
+
+def test_modules_without_blender_reach_none_of_it():
+    todo = [name for name in modules() if name.startswith(WITHOUT_BLENDER)]
+    assert len(todo) > 8
+    seen = set(todo)
+    while todo:
+        name = todo.pop()
+        guilty = imports(name) & BLENDER
+        assert not guilty, f"{name} imports {guilty}"
+        new = (imports(name) & modules().keys()) - seen - {"addon"}
+        seen |= new
+        todo += new
+
+
+def test_rooms_of_the_core_include_no_room_above_them():
+    rank = {room: index for index, layer in enumerate(C_LAYERS) for room in layer.split() or [""]}
+    back = []
+    for path in files("native/src/*.[ch]", "native/src/*.def"):
+        room = path.relative_to(ROOT / "native" / "src").parent.as_posix()
+        room = "" if room == "." else room
+        for target in re.findall(r'^#include "([^"]+)"', path.read_text(), re.MULTILINE):
+            above = target.rpartition("/")[0]
+            assert room in rank and above in rank, f"name a layer for {room} and {above}"
+            if rank[above] > rank[room] and path.name != "api.c":
+                back.append(f"{path.name} includes {target}")
+    assert not back, back
+
+
+# ---- traversers are named once ---------------------------------------------
+
+
+def traverser_names() -> set[str]:
+    names = {name for item in leapray.traversers() for name in (item.name, item.label)}
+    assert len(names) >= 6
+    return {name.lower() for name in names}
+
+
+def words_of(text: str) -> set[str]:
+    """The items of a short string that may be a list of names."""
+    return {text.lower(), *re.split(r"[\s,;|/]+", text.lower())} if len(text) < 60 else set()
+
+
+def sources_outside_the_registry() -> list[Path]:
+    free = ("tests", "docs")
+    return [p for p in files("*.py") if p.relative_to(ROOT).parts[0] not in free]
+
+
+@pytest.mark.parametrize("path", sources_outside_the_registry(), ids=name_of)
+def test_no_traverser_is_named_in_python(path):
+    found = []
+    for node in ast.walk(tree(path)):
+        text = getattr(node, "value", None) if isinstance(node, ast.Constant) else None
+        if isinstance(text, str) and words_of(text) & traverser_names():
+            found.append(f"{path.name}:{node.lineno}: {text!r}")
+        if isinstance(node, ast.Compare):
+            sides = [node.left, *node.comparators]
+            named = any("traverser" in ast.dump(side).lower() for side in sides)
+            numbers = [s for s in sides if isinstance(s, ast.Constant) and type(s.value) is int]
+            if named and numbers and not any(isinstance(s, ast.Call) for s in sides):
+                found.append(f"{path.name}:{node.lineno}: compared with {numbers[0].value}")
+    assert not found, found
+
+
+def test_no_traverser_is_named_in_c():
+    names = {item.name for item in leapray.traversers()}
+    registry = ROOT / "native" / "src" / "trace" / "traversers.def"
+    assert names <= set(re.findall(r"\w+", registry.read_text()))
+    found = []
+    for path in files("native/*.c", "native/*.h"):
+        if path.parent.name == "traversers":
+            continue
+        text = re.sub(r"/\*.*?\*/|//[^\n]*", "", path.read_text(), flags=re.DOTALL)
+        for literal in re.findall(r'"((?:[^"\\]|\\.)*)"', text):
+            if words_of(literal) & names:
+                found.append(f'{path.name}: "{literal}"')
+        for word in set(re.findall(r"\b[A-Za-z]\w*", text)):
+            parts = word.lower().split("_")
+            if len(parts) > 1 and names & set(parts):
+                found.append(f"{path.name}: {word}")
+        found += re.findall(r"\btraverser\w*\s*[!=]=\s*\d+", text)
+    assert not found, found
+
+
+# ---- text ------------------------------------------------------------------
+
+
+def test_every_source_file_names_its_licence():
+    kinds = ("*.py", "*.c", "*.h", "*.def", "*.toml", "*.sh", ".ci/*", "requirements*.txt")
+    sources = files(*kinds)
+    assert len(sources) > 30
+    missing = [str(path.relative_to(ROOT)) for path in sources if licences(path) != 1]
+    assert not missing, f"one SPDX line is wanted in {missing}"
+
+
+def licences(path: Path) -> int:
+    """How many lines of a file's head say its licence."""
+    head = path.read_text(encoding="utf-8").splitlines()[:25]
+    return sum(bool(re.search(r"SPDX-License-Identifier: GPL-3\.0-or-later\b", s)) for s in head)
+
+
+def test_no_file_is_longer_than_a_room():
+    generated = [ROOT / "native" / "leapray" / "_abi.py"]
+    lengths = {
+        str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines())
+        for path in files("*.py", "*.c", "*.h", "*.def")
+        if path not in generated
+    }
+    assert not {name: n for name, n in lengths.items() if n > LONGEST}
+
+
+def test_ruff_finds_nothing():
+    command = [sys.executable, "-m", "ruff", "check", "--quiet", "."]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+# ---- the generated view of the header --------------------------------------
+
+
+def test_the_generated_declarations_are_current():
+    script = ROOT / "native" / "generate_abi.py"
+    result = subprocess.run(
+        [sys.executable, str(script), "--check"], capture_output=True, text=True
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_structs_lie_as_the_compiler_lays_them(tmp_path):
+    lines = ["#include <stddef.h>", '#include "leapray.h"']
+    structs = [
+        item
+        for item in vars(_abi).values()
+        if isinstance(item, type) and issubclass(item, ctypes.Structure)
+        if hasattr(item, "_fields_")  # the others are opaque
+    ]
+    assert len(structs) > 10
+    for item in structs:
+        name = item.__name__
+        lines.append(f'_Static_assert(sizeof({name}) == {ctypes.sizeof(item)}, "{name}");')
+        for field, *_ in item._fields_:
+            offset = getattr(item, field).offset
+            lines.append(f'_Static_assert(offsetof({name}, {field}) == {offset}, "{field}");')
+    source = tmp_path / "layout.c"
+    source.write_text("\n".join(lines) + "\n")
+    command = [sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-linux-gnu.2.28"]
+    command += ["-I", str(ROOT / "native" / "include"), "-c", str(source), "-o"]
+    result = subprocess.run([*command, str(tmp_path / "layout.o")], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
