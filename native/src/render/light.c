@@ -35,9 +35,9 @@ static void aim(lr_workspace *w, uint32_t ray, uint32_t surfel, const double d[3
 {
     const lr_surfel *s = &w->surfels[surfel];
     lr_wave *wave = &w->wave;
-    wave->ray.ox[ray] = s->position[0];
-    wave->ray.oy[ray] = s->position[1];
-    wave->ray.oz[ray] = s->position[2];
+    wave->ray.ox[ray] = s->origin[0];
+    wave->ray.oy[ray] = s->origin[1];
+    wave->ray.oz[ray] = s->origin[2];
     wave->ray.dx[ray] = d[0];
     wave->ray.dy[ray] = d[1];
     wave->ray.dz[ray] = d[2];
@@ -79,9 +79,9 @@ static lr_status light_by(const lr_job *job, const lr_light *light, uint32_t n)
     for (uint32_t k = 0; k < n; k++) {
         const lr_surfel *s = &w->surfels[k];
         double d[3];
-        const double facing = look(light, s->position, d, &t_max);
+        const double facing = look(light, s->origin, d, &t_max);
         const double cosine = lr_dot(s->normal, d) / sqrt(lr_dot(d, d));
-        if (!(cosine > 0) || !(lr_dot(s->geometric, d) > 0) || !(facing < INFINITY))
+        if (!(cosine > 0) || !(facing < INFINITY))
             continue;
         aim(w, n_rays, k, d);
         w->light[n_rays++] = cosine * facing / PI;
@@ -104,8 +104,6 @@ static lr_status light_by_world(const lr_job *job, uint32_t n, uint32_t sample)
         double u, v, d[3];
         lr_sphere_sample(w->hash[s->pixel], sample, &u, &v);
         lr_cosine_direction(s->normal, u, v, d);
-        if (!(lr_dot(s->geometric, d) > 0))
-            continue;
         aim(w, n_rays, k, d);
         w->light[n_rays++] = 1;
     }
