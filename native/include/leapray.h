@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 1 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 2 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -339,6 +339,7 @@ typedef struct lr_scene_desc {
     const lr_material *materials;
     uint64_t n_materials;
     const uint32_t *slots;   /* indices into materials */
+    const int32_t *slot_objects; /* [n_slots] object index of hits with that slot; NULL: their instance's */
     uint64_t n_slots;
     double world_color[3];   /* radiance of the surroundings */
     int32_t film_transparent;

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 1
+LR_ABI = 2
 
 
 class lr_status(IntEnum):
@@ -293,6 +293,7 @@ class lr_scene_desc(ctypes.Structure):
         ("materials", ctypes.POINTER(lr_material)),
         ("n_materials", ctypes.c_uint64),
         ("slots", ctypes.POINTER(ctypes.c_uint32)),
+        ("slot_objects", ctypes.POINTER(ctypes.c_int32)),
         ("n_slots", ctypes.c_uint64),
         ("world_color", ctypes.c_double * 3),
         ("film_transparent", ctypes.c_int32),

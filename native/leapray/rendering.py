@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import choice
+from .arrays import choice, pointer
 from .tracing import Structure, trace_options
 
 # Channels of every pass, by Blender's names; the geometry passes come from the pixel's centre.
@@ -82,7 +82,9 @@ class Scene:
     """Everything that a tile needs, checked and under one hierarchy; tiles may run on any threads.
 
     camera, lights and materials are of the classes above, or have attributes of
-    the same names. slots are indices into materials. Structures are kept alive.
+    the same names. slots are indices into materials; slot_objects, one per slot,
+    replaces the object index of the hits with that slot. Structures are kept
+    alive.
     Raises LeapRayError with a sentence that names the culprit.
     """
 
@@ -95,6 +97,7 @@ class Scene:
         slots: Sequence[int] = (),
         world_color: ArrayLike = (0.0, 0.0, 0.0),
         film_transparent: bool = False,
+        slot_objects: Sequence[int] | None = None,
     ) -> None:
         self._structures = {id(i.structure): i.structure for i in instances}
         tables = {
@@ -109,6 +112,9 @@ class Scene:
         for name, table in tables.items():
             setattr(desc, name, ctypes.cast(table.ctypes.data, types[name]))
             setattr(desc, f"n_{name}", len(table))
+        if slot_objects is not None:
+            objects = np.array(_vector(slot_objects, "slot_objects", (len(slots),)), np.int32)
+            desc.slot_objects = pointer(objects, ctypes.c_int32)
         desc.world_color[:] = _vector(world_color, "the world's color")
         desc.film_transparent = int(film_transparent)
         self.handle = ctypes.POINTER(_abi.lr_scene)()

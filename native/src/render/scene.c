@@ -219,7 +219,9 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     scene->lights = copy(desc->lights, desc->n_lights, sizeof *scene->lights);
     scene->materials = copy(desc->materials, desc->n_materials, sizeof *scene->materials);
     scene->slots = copy(desc->slots, desc->n_slots, sizeof *scene->slots);
-    if (!scene->instances || !scene->lights || !scene->materials || !scene->slots)
+    if (desc->slot_objects != NULL)
+        scene->slot_objects = copy(desc->slot_objects, desc->n_slots, sizeof *scene->slot_objects);
+    if ((desc->slot_objects != NULL && !scene->slot_objects) || !scene->instances || !scene->lights || !scene->materials || !scene->slots)
         return lr_fail_memory(error, desc->n_instances * sizeof *scene->instances, "the scene");
     for (uint64_t i = 0; i < desc->n_lights; i++) {
         double *d = scene->lights[i].direction;
@@ -257,5 +259,6 @@ void lr_scene_free(lr_scene *scene)
     free(scene->lights);
     free(scene->materials);
     free(scene->slots);
+    free(scene->slot_objects);
     free(scene);
 }

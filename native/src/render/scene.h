@@ -24,6 +24,7 @@ struct lr_scene {
     uint64_t n_lights;
     lr_material *materials;
     uint32_t *slots;
+    int32_t *slot_objects; /* or NULL */
     double world_color[3];
     bool world_shines; /* world_color is not black */
     bool film_transparent;

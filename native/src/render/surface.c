@@ -118,5 +118,7 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i, lr_
     const uint32_t id = (uint32_t)lr_max_i(hit->id[i], 0);
     const uint32_t last = placed->n_materials - 1;
     const uint32_t slot = placed->first_material + (id < last ? id : last);
+    surfel->object_index =
+        scene->slot_objects != NULL ? scene->slot_objects[slot] : placed->object_index;
     memcpy(surfel->color, scene->materials[scene->slots[slot]].base_color, sizeof surfel->color);
 }

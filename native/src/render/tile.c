@@ -97,7 +97,7 @@ static void write_geometry(const lr_job *job, const lr_passes *passes, uint64_t 
         if (passes->depth != NULL)
             passes->depth[p] = (float)job->workspace->wave.t[s->pixel];
         if (passes->object_index != NULL)
-            passes->object_index[p] = (float)job->scene->instances[s->instance].object_index;
+            passes->object_index[p] = (float)s->object_index;
         for (int a = 0; a < 3; a++) {
             if (passes->normal != NULL)
                 passes->normal[3 * p + (uint64_t)a] = (float)s->normal[a];

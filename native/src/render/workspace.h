@@ -53,6 +53,7 @@ typedef struct lr_surfel {
     double color[3];     /* reflectance */
     uint32_t pixel;      /* of the stretch */
     uint32_t instance;
+    int32_t object_index;
     lr_start start;      /* of rays of light */
 } lr_surfel;
 
