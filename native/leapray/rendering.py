@@ -162,8 +162,7 @@ class Scene:
         }
         pointers = _abi.lr_passes()
         for name, array in filled.items():
-            pointer = ctypes.cast(array.ctypes.data, ctypes.POINTER(ctypes.c_float))
-            setattr(pointers, MEMBERS[name], pointer)
+            setattr(pointers, MEMBERS[name], pointer(array, ctypes.c_float))
         if workspace is None:
             workspace = self.workspace(width, height)
         names = {"hit_test": "extrema", "root": "newton", "normal": "central", **(options or {})}
