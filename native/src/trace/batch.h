@@ -3,12 +3,13 @@
  * A traverser's file defines LR_NAME (its name in the registry) and either
  *   LR_BOX   box(data, volume, ray, state, c, lo, hi): true where cell c is wanted,
  *            else an empty box lo..hi around it, or
- *   LR_WALK  walk(data, volume, ray, cursor, state, tally): steps until the cursor
+ *   LR_WALK  walk(data, volume, ray, cursor, state, first, tally): leaves the cell
+ *            it stands on, but on the first call, and goes on until the cursor
  *            stands on a wanted cell; false where the ray has ended,
  * LR_STATE and LR_START(data, volume, ray, cursor, state) where its walk keeps
  * something (else neither), then includes this file, which makes
- * lr_<name>_trace. The state survives a cell whose hit test failed: the template
- * leaves that cell by the exit kernel, and the walk goes on.
+ * lr_<name>_trace. The state survives a cell whose hit test failed: the walk is
+ * simply called again.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 
@@ -23,23 +24,20 @@
 #define LR_START(data, volume, ray, cursor, state) (*(state) = 0)
 #endif
 
-typedef struct lr_tally {
-    uint64_t cells, jumps;
-} lr_tally;
-
 #ifdef LR_BOX
 LR_INLINE bool lr_walk_boxes(const void *data, const lr_volume *v, const lr_ray *r, lr_cursor *u,
-                             LR_STATE *state, lr_tally *tally)
+                             LR_STATE *state, bool first, lr_tally *tally)
 {
     int32_t lo[3], hi[3];
+    if (!first && !lr_step(r, u))
+        return false;
     for (;;) {
-        if (tally != NULL)
-            tally->cells++;
+        lr_count_cell(tally);
         if (LR_BOX(data, v, r, state, u->c, lo, hi))
             return true;
-        if (tally != NULL)
-            tally->jumps += hi[0] - lo[0] + hi[1] - lo[1] + hi[2] - lo[2] > 0;
-        if (!lr_exit(r, u, lo, hi))
+        const bool one = hi[0] - lo[0] + hi[1] - lo[1] + hi[2] - lo[2] == 0;
+        lr_count_jump(tally, !one);
+        if (one ? !lr_step(r, u) : !lr_exit(r, u, lo, hi))
             return false;
     }
 }
@@ -70,7 +68,7 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
     const double t_min = rays->t_min != NULL ? rays->t_min[i] : 0.0;
     const lr_start *start = rays->start != NULL ? &rays->start[i] : NULL;
     int side = start != NULL ? start->side : 0;
-    bool hit = false;
+    bool hit = false, first = true;
     lr_put_miss(hits, i);
     if (!lr_ray_setup(&r, v, o, d, rays->t_max != NULL ? rays->t_max[i] : INFINITY) ||
         !(t_min <= r.t_max))
@@ -96,7 +94,7 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
     if (!inside)
         goto end;
     LR_START(data, v, &r, &u, &state);
-    while (LR_WALK(data, v, &r, &u, &state, counted ? &tally : NULL)) {
+    while (LR_WALK(data, v, &r, &u, &state, first, counted ? &tally : NULL)) {
         if (options->mode == LR_MODE_BINARY) {
             lr_put_binary(v, hits, i, &r, &u);
             hit = true;
@@ -111,8 +109,7 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
             break;
         }
         side = 0;
-        if (!lr_exit(&r, &u, u.c, u.c))
-            break;
+        first = false;
     }
 end:
     if (counted) {

@@ -128,6 +128,33 @@ LR_INLINE double lr_exit_t(const lr_ray *r, const int32_t lo[3], const int32_t h
     return t[a];
 }
 
+/* Go through the face of one axis at t, whose plane next to u->c it is; false:
+ * the ray has ended. */
+LR_INLINE bool lr_cross(const lr_ray *r, lr_cursor *u, int axis, double t)
+{
+    t = t > u->t ? t : u->t;
+    u->c[axis] += r->s[axis];
+    u->axis = axis;
+    u->t = t;
+    return t <= r->t_max && u->c[axis] >= r->lo[axis] && u->c[axis] <= r->hi[axis];
+}
+
+/* The plane of its cell that the ray goes towards. */
+LR_INLINE double lr_next_t(const lr_ray *r, const lr_cursor *u, int a)
+{
+    return lr_plane_t(r, a, u->c[a] + (r->s[a] > 0));
+}
+
+/* Leave the one cell u->c: as lr_exit does, and shorter, since no other
+ * coordinate can change. */
+LR_INLINE bool lr_step(const lr_ray *r, lr_cursor *u)
+{
+    const double x = lr_next_t(r, u, 0), y = lr_next_t(r, u, 1), z = lr_next_t(r, u, 2);
+    if (y < x)
+        return z < y ? lr_cross(r, u, 2, z) : lr_cross(r, u, 1, y);
+    return z < x ? lr_cross(r, u, 2, z) : lr_cross(r, u, 0, x);
+}
+
 /* Leave the box lo..hi around u->c; false: the ray has ended. */
 LR_INLINE bool lr_exit(const lr_ray *r, lr_cursor *u, const int32_t lo[3], const int32_t hi[3])
 {

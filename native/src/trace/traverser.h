@@ -29,4 +29,21 @@ LR_INLINE void lr_cut_box(const lr_ray *r, int32_t lo[3], int32_t hi[3])
     }
 }
 
+/* What a walk counts; NULL where nobody asked. */
+typedef struct lr_tally {
+    uint64_t cells, jumps;
+} lr_tally;
+
+LR_INLINE void lr_count_cell(lr_tally *tally)
+{
+    if (tally != NULL)
+        tally->cells++;
+}
+
+LR_INLINE void lr_count_jump(lr_tally *tally, bool jump)
+{
+    if (tally != NULL)
+        tally->jumps += jump;
+}
+
 #endif
