@@ -139,8 +139,11 @@ def build(force: bool = False, say=lambda sentence: None) -> bool:
         if not stale and linked == library_key(units):
             return False
         say(f"compiling {len(stale)} of {len(units)} files of the core")
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
+        pool = ThreadPoolExecutor(os.cpu_count())
+        try:
             list(pool.map(lambda unit: unit.compile(command), stale))
+        finally:
+            pool.shutdown(cancel_futures=True)
         beside = LIBRARY.with_suffix(f".{os.getpid()}")
         objects = [str(unit.object) for unit in units]
         try:
