@@ -21,6 +21,7 @@ from .tracing import (
     traversers,
 )
 from .volume import Volume, VolumeBuilder, VolumeInfo
+from .voxelization import MeshInfo, border_edges, voxelize
 
 __all__ = [
     "HIT_TESTS",
@@ -35,6 +36,7 @@ __all__ = [
     "LeapRayError",
     "Light",
     "Material",
+    "MeshInfo",
     "OutOfMemory",
     "Scene",
     "Stopped",
@@ -45,10 +47,12 @@ __all__ = [
     "VolumeInfo",
     "Watch",
     "__version__",
+    "border_edges",
     "build",
     "distance",
     "trace",
     "trace_options",
     "traverser",
     "traversers",
+    "voxelize",
 ]

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From triangle meshes to occupancy volumes."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+import weakref
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _abi
+from ._lib import LeapRayError, OutOfMemory, Watch, call, lib
+from .arrays import SAMPLE_TYPES, choice, pointer
+from .threads import run_parts
+from .volume import Volume
+
+FILTERS = {"ramp": _abi.LR_FILTER_RAMP}
+KINDS = {"auto": _abi.LR_KIND_AUTO, "solid": _abi.LR_KIND_SOLID, "sheet": _abi.LR_KIND_SHEET}
+HALF_WIDTHS = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # voxels: clamping against quantisation
+
+# Shares of the progress; setting up is serial, so it takes longer than its work.
+BEGUN, PARTS_DONE = 0.2, 0.9
+
+
+@dataclass(frozen=True)
+class MeshInfo:
+    """What voxelize found out about its mesh."""
+
+    closed: bool  # every edge has two triangles of one winding
+    n_border_edges: int  # edges with one triangle
+    n_bad_edges: int  # edges with more than two triangles, or two of opposite winding
+    n_degenerate: int  # triangles without area
+    inverted: bool  # a closed mesh was wound inside out and was turned
+
+
+def voxelize(
+    vertices: ArrayLike,
+    triangles: ArrayLike,
+    voxel_size: float,
+    *,
+    filter: str = "ramp",
+    half_width: float | None = None,
+    kind: str = "auto",
+    ids: ArrayLike | None = None,
+    dtype: str = "u16",
+    threads: int = 0,
+    watch: Watch | None = None,
+    max_nbytes: int | None = None,
+) -> Volume:
+    """The occupancy volume of a mesh, its lattice on multiples of voxel_size.
+
+    vertices: (n, 3), finite, in object space; triangles: (m, 3) vertex numbers,
+    counter-clockwise from outside; ids: one per triangle, 0..65535, or None;
+    samples near the surface take that of the nearest triangle. filter "ramp":
+    linear in the signed distance, over half_width voxels to either side
+    (default 2.5, for u8 1.8). kind "solid" takes what the triangles enclose,
+    "sheet" the triangles as a surface without inside, "auto" a solid where every
+    edge is shared by two triangles of one winding. dtype: "u8", "u16" or "f32".
+    threads 0: all cores; the result does not depend on it. max_nbytes: OutOfMemory
+    is raised before the work begins where the volume may take more.
+    Returns a Volume with mesh_info set. Raises LeapRayError for wrong input and
+    lattices that are too large, Stopped when watch was told to stop.
+    Source: Sramek and Kaufman 1999 (oriented box filter); Baerentzen and Aanaes
+    2005 (sign).
+    """
+    points, corners, numbers = _mesh_arrays(vertices, triangles, ids)
+    width = HALF_WIDTHS.get(dtype, 2.5) if half_width is None else float(half_width)
+    chosen = _abi.lr_voxelize_options(
+        voxel_size=float(voxel_size),
+        half_width=width,
+        filter=choice(FILTERS, filter, "filter"),
+        kind=choice(KINDS, kind, "kind"),
+        sample_type=choice(
+            {name: code for name, (code, _) in SAMPLE_TYPES.items()}, dtype, "dtype"
+        ),
+    )
+    if threads < 0:
+        raise LeapRayError(f"threads must be 0 (all cores) or more; it is {threads}")
+    _check_table(points, chosen.voxel_size, width, max_nbytes)
+    mesh = _abi.lr_mesh(
+        pointer(points),
+        len(points),
+        pointer(corners, ctypes.c_int32),
+        len(corners),
+        pointer(numbers, ctypes.c_uint16),
+    )
+    return _run(mesh, chosen, threads, _Progress(watch or Watch()), max_nbytes)
+
+
+def _run(mesh, chosen, threads: int, progress: _Progress, max_nbytes: int | None) -> Volume:
+    voxelizer = ctypes.POINTER(_abi.lr_voxelizer)()
+    begin = (ctypes.byref(mesh), ctypes.byref(chosen))
+    call(lib.lr_voxelize_begin, *begin, watch=progress, outputs=(voxelizer,))
+    free = weakref.finalize(
+        voxelizer, lib.lr_voxelizer_free, ctypes.cast(voxelizer, type(voxelizer))
+    )
+    try:
+        info = _abi.lr_voxelizer_info()
+        lib.lr_voxelizer_get_info(voxelizer, ctypes.byref(info))
+        _check_nbytes(info.nbytes, max_nbytes)
+        progress.write(BEGUN)
+
+        def part(first: int, last: int) -> None:
+            for index in range(first, last):
+                call(lib.lr_voxelize_part, voxelizer, index, watch=progress)
+                progress.add((PARTS_DONE - BEGUN) / info.n_parts)
+
+        run_parts(part, info.n_parts, 1, threads, progress)
+        handle = ctypes.POINTER(_abi.lr_volume)()
+        call(lib.lr_voxelize_end, voxelizer, watch=progress, outputs=(handle,))
+        progress.write(1.0)
+    finally:
+        free()
+    return Volume.from_handle(handle, _mesh_info(info))
+
+
+def border_edges(vertices: ArrayLike, triangles: ArrayLike) -> NDArray[np.float64]:
+    """The edges (n, 2, 3) of a mesh that belong to one triangle only: the rims of sheets.
+
+    Vertices at equal places are one vertex, as in voxelize.
+    """
+    points, corners, _ = _mesh_arrays(vertices, triangles, None)
+    places, welded = np.unique(points + 0.0, axis=0, return_inverse=True)
+    faces = welded.reshape(-1)[corners]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, count = np.unique(ends, axis=0, return_counts=True)
+    return places[edges[count == 1]]
+
+
+class _Progress:
+    """The words of a watch for parts that run side by side.
+
+    They share its stop word; its progress word is written here alone, since
+    each part only knows its own share.
+    """
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch = watch
+        self._lock = threading.Lock()
+        self._share = 0.0
+        self._words = _abi.lr_watch(watch.pointer.contents.stop, None)
+        self.pointer = ctypes.pointer(self._words)
+        self.stop = watch.stop
+
+    def write(self, share: float) -> None:
+        with self._lock:
+            self._share = share
+            if self._watch.pointer.contents.progress:
+                self._watch.pointer.contents.progress[0] = share
+
+    def add(self, share: float) -> None:
+        with self._lock:
+            total = self._share + share
+        self.write(total)
+
+
+def _mesh_info(info: _abi.lr_voxelizer_info) -> MeshInfo:
+    return MeshInfo(
+        closed=info.n_border_edges == 0 and info.n_bad_edges == 0,
+        n_border_edges=info.n_border_edges,
+        n_bad_edges=info.n_bad_edges,
+        n_degenerate=info.n_degenerate,
+        inverted=bool(info.inverted),
+    )
+
+
+def _mesh_arrays(vertices: ArrayLike, triangles: ArrayLike, ids: ArrayLike | None):
+    points = np.ascontiguousarray(vertices, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise LeapRayError(f"vertices must have the shape (n, 3); it is {points.shape}")
+    corners = np.asarray(triangles)
+    if corners.ndim != 2 or corners.shape[1] != 3:
+        raise LeapRayError(f"triangles must have the shape (m, 3); it is {corners.shape}")
+    if corners.dtype.kind not in "iu":
+        raise LeapRayError(f"triangles must be whole numbers; they are {corners.dtype}")
+    if corners.dtype.itemsize >= 4 and corners.size and corners.max() > np.iinfo(np.int32).max:
+        raise LeapRayError(f"triangles name vertex {corners.max()}, but there are {len(points)}")
+    if corners.dtype.itemsize > 4 and corners.size and corners.min() < 0:
+        raise LeapRayError(f"triangles name vertex {corners.min()}")
+    return points, np.ascontiguousarray(corners, dtype=np.int32), _id_array(ids, len(corners))
+
+
+def _id_array(ids: ArrayLike | None, n: int) -> NDArray[np.uint16] | None:
+    if ids is None:
+        return None
+    numbers = np.asarray(ids)
+    if numbers.shape != (n,) or numbers.dtype.kind not in "iu":
+        raise LeapRayError(
+            f"ids must be {n} whole numbers, one per triangle; they are {numbers.dtype} of shape "
+            f"{numbers.shape}"
+        )
+    if n and not 0 <= numbers.min() <= numbers.max() < 65536:
+        raise LeapRayError(f"ids must lie in 0..65535; they reach {numbers.min()}..{numbers.max()}")
+    return np.ascontiguousarray(numbers, dtype=np.uint16)
+
+
+def _check_table(points, voxel_size: float, width: float, max_nbytes: int | None) -> None:
+    """Refuse, before anything is allocated, a lattice whose table of bricks is over the budget."""
+    if max_nbytes is None or not len(points) or not voxel_size > 0.0:
+        return
+    extent = points.max(axis=0) - points.min(axis=0)
+    bricks = np.prod(np.ceil((extent / voxel_size + 2.0 * width) / 8.0))
+    _check_nbytes(4.0 * bricks, max_nbytes)
+
+
+def _check_nbytes(wanted: float, max_nbytes: int | None) -> None:
+    if max_nbytes is not None and wanted > max_nbytes:
+        raise OutOfMemory(
+            f"the volume may take {wanted / 1e6:.1f} MB, but {max_nbytes / 1e6:.1f} MB are "
+            f"allowed; use a larger voxel_size"
+        )

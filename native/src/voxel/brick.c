@@ -1,0 +1,233 @@
+/* From nearest triangles to the samples of a brick.
+ *
+ * Samples in the band take the signed distance to their nearest triangle. The
+ * others of a solid take the side of their neighbours: a link between two
+ * neighbours of which one is beyond the band (at least sqrt(6) voxels wide)
+ * cannot cross the surface, so sides spread along the axes; that is done 64
+ * samples at a time, one bit each. What lies outside the lattice is outside.
+ * A brick without any sample in the band stays unknown and is decided among
+ * bricks (voxelize.c).
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "voxel/brick.h"
+
+#include "voxel/frame.h"
+
+/* The nearest triangle is chosen in f32; its exact distance can exceed the band by this. */
+#define BAND_SLACK 1e-3
+
+enum { POLL = 1 << 8 }; /* triangles between looks at the stop word: each may meet 512 cells */
+
+/* A layer of a brick, one bit per sample: x + 8 y. */
+typedef struct sides {
+    uint64_t inside[8], outside[8];
+} sides;
+
+static void place_of(const lr_voxel_job *job, uint32_t at, int32_t first[3])
+{
+    uint32_t nx = (uint32_t)job->table_size[0], ny = (uint32_t)job->table_size[1];
+    first[0] = 8 * (int32_t)(at % nx);
+    first[1] = 8 * (int32_t)(at / nx % ny);
+    first[2] = 8 * (int32_t)(at / nx / ny);
+}
+
+/* The samples that each triangle won, as linked lists. */
+static void group(const lr_nearest *nearest, lr_scratch *scratch)
+{
+    for (int tile = 0; tile < LR_TILES; tile++)
+        for (int lane = 0; lane < LR_LANES; lane++) {
+            int32_t who = nearest->winner[tile][lane];
+            if (who < 0)
+                continue;
+            int32_t sample = lr_sample_x(tile, lane) + 8 * lr_sample_y(tile, lane) +
+                             64 * lr_sample_z(tile, lane);
+            scratch->next[sample] = scratch->first[who];
+            scratch->first[who] = sample;
+        }
+}
+
+static void set_sample(const lr_voxel_job *job, int32_t sample, double s, uint16_t id, sides *side,
+                       lr_brick *brick)
+{
+    brick->value[sample] = (float)lr_clamp(0.5 + s / (2.0 * job->half_width), 0.0, 1.0);
+    brick->id[sample] = id;
+    uint64_t bit = (uint64_t)1 << (sample & 63);
+    if (s >= 0.0)
+        side->inside[sample >> 6] |= bit;
+    else
+        side->outside[sample >> 6] |= bit;
+}
+
+static void measure(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list,
+                    uint32_t n, lr_scratch *scratch, sides *side, lr_brick *brick)
+{
+    const lr_topology *mesh = job->mesh;
+    for (uint32_t i = 0; i < n; i++) {
+        int32_t sample = scratch->first[i];
+        if (sample < 0)
+            continue;
+        scratch->first[i] = -1;
+        lr_frame frame;
+        lr_triangle(mesh, list[i], frame.p);
+        for (int c = 0; c < 3; c++)
+            for (int a = 0; a < 3; a++)
+                frame.p[c][a] -= first[a];
+        lr_frame_make(&frame);
+        uint16_t id = mesh->source.ids != NULL ? mesh->source.ids[list[i]] : 0;
+        for (; sample >= 0; sample = scratch->next[sample]) {
+            const double p[3] = {sample & 7, sample >> 3 & 7, sample >> 6};
+            double s = mesh->side * lr_signed_distance(mesh, list[i], &frame, p);
+            if (fabs(s) <= job->band + BAND_SLACK)
+                set_sample(job, sample, s, id, side, brick);
+        }
+    }
+}
+
+/* Bits of a layer along y and x that lie in the lattice. */
+static uint64_t lattice_layer(const lr_voxel_job *job, const int32_t first[3], int z)
+{
+    if (first[2] + z < LR_PAD || first[2] + z >= LR_PAD + job->size[2])
+        return 0;
+    uint64_t layer = 0;
+    for (int y = 0; y < 8; y++) {
+        if (first[1] + y < LR_PAD || first[1] + y >= LR_PAD + job->size[1])
+            continue;
+        for (int x = 0; x < 8; x++)
+            if (first[0] + x >= LR_PAD && first[0] + x < LR_PAD + job->size[0])
+                layer |= (uint64_t)1 << (x + 8 * y);
+    }
+    return layer;
+}
+
+static void clear_outside(const lr_voxel_job *job, const int32_t first[3], sides *side,
+                          lr_brick *brick)
+{
+    for (int z = 0; z < 8; z++) {
+        uint64_t beyond = ~lattice_layer(job, first, z);
+        side->inside[z] &= ~beyond;
+        side->outside[z] |= beyond;
+        for (; beyond != 0; beyond &= beyond - 1) {
+            int sample = 64 * z + __builtin_ctzll(beyond);
+            brick->value[sample] = 0.0f;
+            brick->id[sample] = 0;
+        }
+    }
+}
+
+#define COLUMN_0 0x0101010101010101u
+#define COLUMN_7 0x8080808080808080u
+
+static uint64_t neighbours(const uint64_t layer[8], int z)
+{
+    uint64_t w = layer[z];
+    uint64_t spread = (w << 1 & ~COLUMN_0) | (w >> 1 & ~COLUMN_7) | w << 8 | w >> 8;
+    return spread | (z > 0 ? layer[z - 1] : 0) | (z < 7 ? layer[z + 1] : 0);
+}
+
+/* Let known sides spread until all are known; false where none is. */
+static bool flood(sides *side)
+{
+    uint64_t known = 0;
+    for (int z = 0; z < 8; z++)
+        known |= side->inside[z] | side->outside[z];
+    if (known == 0)
+        return false;
+    for (uint64_t missing = 1; missing != 0;) {
+        missing = 0;
+        for (int z = 0; z < 8; z++) {
+            uint64_t open = ~(side->inside[z] | side->outside[z]);
+            if (open == 0)
+                continue;
+            uint64_t outside = open & neighbours(side->outside, z);
+            uint64_t inside = open & ~outside & neighbours(side->inside, z);
+            side->outside[z] |= outside;
+            side->inside[z] |= inside;
+            missing |= open & ~outside & ~inside;
+        }
+    }
+    return true;
+}
+
+static void count_faces(const sides *side, int8_t face[6])
+{
+    int inside[6] = {0};
+    for (int z = 0; z < 8; z++) {
+        uint64_t w = side->inside[z];
+        inside[0] += __builtin_popcountll(w & COLUMN_0);
+        inside[1] += __builtin_popcountll(w & COLUMN_7);
+        inside[2] += __builtin_popcountll(w & 0xff);
+        inside[3] += __builtin_popcountll(w >> 56);
+    }
+    inside[4] = __builtin_popcountll(side->inside[0]);
+    inside[5] = __builtin_popcountll(side->inside[7]);
+    for (int i = 0; i < 6; i++)
+        face[i] = (int8_t)(2 * inside[i] - 64);
+}
+
+static void fill_rest(const sides *side, const uint64_t in_band[8], lr_brick *brick)
+{
+    for (int z = 0; z < 8; z++)
+        for (uint64_t left = side->inside[z] & ~in_band[z]; left != 0; left &= left - 1)
+            brick->value[64 * z + __builtin_ctzll(left)] = 1.0f;
+}
+
+static lr_brick_state state_of(const lr_brick *brick)
+{
+    uint64_t touched = 0;
+    for (int i = 0; i < 8; i++)
+        touched |= brick->touched[i];
+    for (int i = 0; i < LR_BRICK_SAMPLES; i++)
+        touched |= brick->value[i] != brick->value[0];
+    if (touched != 0 || (brick->value[0] != 0.0f && brick->value[0] != 1.0f))
+        return LR_STATE_MIXED;
+    return brick->value[0] == 0.0f ? LR_STATE_ZERO : LR_STATE_ONE;
+}
+
+static bool touch(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list, uint32_t n,
+                  const lr_watch *watch, lr_brick *brick)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        if (i % POLL == POLL - 1 && lr_stopped(watch))
+            return false;
+        double p[3][3], normal[3];
+        lr_triangle(job->mesh, list[i], p);
+        for (int c = 0; c < 3; c++)
+            for (int a = 0; a < 3; a++)
+                p[c][a] -= first[a];
+        if (lr_normal_of((const double(*)[3])p, normal))
+            lr_touch_cells((const double(*)[3])p, brick->touched);
+    }
+    return true;
+}
+
+bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, uint32_t n,
+                   const lr_watch *watch, lr_scratch *scratch, lr_brick *brick)
+{
+    int32_t first[3];
+    double centre[3];
+    place_of(job, at, first);
+    for (int a = 0; a < 3; a++)
+        centre[a] = first[a] + 3.5;
+    if (!lr_nearest_search(job->mesh, centre, list, n, job->band, watch, &scratch->nearest))
+        return false;
+    sides side = {0};
+    memset(brick, 0, sizeof *brick);
+    group(&scratch->nearest, scratch);
+    measure(job, first, list, n, scratch, &side, brick);
+    clear_outside(job, first, &side, brick);
+    if (job->sheet) {
+        if (!touch(job, first, list, n, watch, brick))
+            return false;
+        brick->state = state_of(brick);
+        return true;
+    }
+    uint64_t in_band[8];
+    for (int z = 0; z < 8; z++)
+        in_band[z] = side.inside[z] | side.outside[z];
+    if (!flood(&side))
+        return true; /* unknown */
+    fill_rest(&side, in_band, brick);
+    count_faces(&side, brick->face);
+    brick->state = state_of(brick);
+    return true;
+}

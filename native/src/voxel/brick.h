@@ -1,0 +1,58 @@
+/* One brick of the volume to come: signed distances in the band, filtered.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_VOXEL_BRICK_H
+#define LR_VOXEL_BRICK_H
+
+#include "voxel/bins.h"
+#include "voxel/nearest.h"
+
+/* What is the same for all bricks. */
+typedef struct lr_voxel_job {
+    const lr_topology *mesh;
+    int32_t table_size[3];
+    int32_t size[3];   /* of the lattice, samples */
+    double band;       /* voxels; samples within it have a distance */
+    double half_width; /* of the ramp, voxels */
+    int32_t sample_type;
+    bool sheet;
+} lr_voxel_job;
+
+typedef enum lr_brick_state {
+    LR_STATE_UNKNOWN = 0, /* no sample in the band: all of one side, as its neighbours say */
+    LR_STATE_ZERO,
+    LR_STATE_ONE,
+    LR_STATE_MIXED /* to be stored */
+} lr_brick_state;
+
+/* Sample x + 8 y + 64 z, cells as in volume/volume.h. */
+typedef struct lr_brick {
+    lr_brick_state state;
+    float value[LR_BRICK_SAMPLES]; /* occupancy; quantised only when it is written */
+    uint16_t id[LR_BRICK_SAMPLES]; /* of the nearest triangle; 0 beyond the band */
+    uint64_t touched[8];           /* cells that a triangle of a sheet meets */
+    int8_t face[6];                /* -x +x -y +y -z +z: samples inside less samples outside */
+} lr_brick;
+
+/* Per-thread memory: next[n] for the longest list. */
+typedef struct lr_scratch {
+    int32_t *first; /* [longest list]: -1 between bricks */
+    int32_t next[LR_BRICK_SAMPLES];
+    lr_nearest nearest;
+} lr_scratch;
+
+/* False where stopped. at is the brick's place in the table. */
+bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, uint32_t n,
+                   const lr_watch *watch, lr_scratch *scratch, lr_brick *brick);
+
+/* Signed distance, positive inside (behind the winding's front). The feature of
+ * the triangle that is nearest gives the sign. */
+struct lr_frame;
+double lr_signed_distance(const lr_topology *mesh, uint32_t t, const struct lr_frame *frame,
+                          const double p[3]);
+
+/* Mark the brick's cells that the triangle, in coordinates from the brick's
+ * first sample, meets. */
+void lr_touch_cells(const double p[3][3], uint64_t touched[8]);
+
+#endif

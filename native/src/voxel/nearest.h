@@ -1,0 +1,39 @@
+/* The nearest triangle of every sample of a brick.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_VOXEL_NEAREST_H
+#define LR_VOXEL_NEAREST_H
+
+#include "voxel/mesh.h"
+
+/* A brick's samples as 32 tiles of 4 x 2 x 2, so that a tile fills vector
+ * registers and stays small. Lanes run x, y, z; tiles run x (2), y (4), z (4). */
+enum { LR_TILES = 32, LR_LANES = 16 };
+
+LR_INLINE int lr_sample_x(int tile, int lane)
+{
+    return (tile & 1) * 4 + (lane & 3);
+}
+
+LR_INLINE int lr_sample_y(int tile, int lane)
+{
+    return (tile >> 1 & 3) * 2 + (lane >> 2 & 1);
+}
+
+LR_INLINE int lr_sample_z(int tile, int lane)
+{
+    return (tile >> 3) * 2 + (lane >> 3);
+}
+
+typedef struct lr_nearest {
+    _Alignas(64) float d2[LR_TILES][LR_LANES];       /* squared distance, to f32 accuracy */
+    _Alignas(64) int32_t winner[LR_TILES][LR_LANES]; /* place in the list; -1: beyond the band */
+    _Alignas(64) float worst[LR_TILES];              /* largest d2 of the tile */
+} lr_nearest;
+
+/* Search the listed triangles around a brick whose samples lie within 3.5 of
+ * centre. False where stopped. */
+bool lr_nearest_search(const lr_topology *mesh, const double centre[3], const uint32_t *list,
+                       uint32_t n, double band, const lr_watch *watch, lr_nearest *nearest);
+
+#endif

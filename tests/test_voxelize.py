@@ -1,0 +1,463 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Claims about voxelization, against f64 brute force in numpy and analytic shapes."""
+
+import threading
+import time
+
+import meshes
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from leapray import LeapRayError, OutOfMemory, Stopped, Watch, voxelization
+from leapray.voxelization import border_edges, voxelize
+
+CLOSED = {
+    "icosphere": meshes.icosphere(2),
+    "torus": meshes.torus(30, 15),
+    "box": meshes.box(),
+    "spiky": meshes.spiky(1),
+    "spikier": meshes.spiky(2, levels=3),
+}
+OPEN = {
+    "plane": meshes.plane(),
+    "aligned": meshes.plane(4),
+    "tilted": meshes.plane(3, tilt=0.6),
+    "half sphere": meshes.half_sphere(),
+    "leaf": meshes.leaf(),
+}
+
+
+def positions(volume):
+    """Sample positions (nz, ny, nx, 3) in object space."""
+    nx, ny, nz = volume.info.size
+    k, j, i = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
+    m = volume.info.object_from_index
+    return np.stack([i, j, k], -1) @ m[:3, :3].T + m[:3, 3]
+
+
+def brute_distance(points, vertices, triangles):
+    """Unsigned distance and nearest triangle of points (n, 3), the slow and plain way.
+
+    The closest point of a triangle is that of its plane where it falls inside,
+    else the closest of the three segments.
+    """
+    best = np.full(len(points), np.inf)
+    which = np.full(len(points), -1)
+    for t, (a, b, c) in enumerate(vertices[triangles]):
+        n = np.cross(b - a, c - a)
+        d = np.full(len(points), np.inf)
+        inside = np.ones(len(points), bool)
+        for p, q in ((a, b), (b, c), (c, a)):
+            u = q - p
+            s = np.clip((points - p) @ u / (u @ u), 0, 1)
+            d = np.minimum(d, np.linalg.norm(points - p - s[:, None] * u, axis=1))
+            inside &= (points - p) @ np.cross(n, u) >= 0
+        height = np.abs((points - a) @ n) / np.linalg.norm(n)
+        d = np.where(inside, height, d)
+        which = np.where(d < best, t, which)
+        best = np.minimum(d, best)
+    return best, which
+
+
+def winding(points, vertices, triangles):
+    """Generalised winding number: the sum of solid angles (van Oosterom and Strackee 1983)."""
+    total = np.zeros(len(points))
+    for a, b, c in vertices[triangles]:
+        a, b, c = a - points, b - points, c - points
+        la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+        numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dot = lambda x, y: np.einsum("ij,ij->i", x, y)  # noqa: E731
+        denominator = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
+        total += 2 * np.arctan2(numerator, denominator)
+    return total / (4 * np.pi)
+
+
+def near_samples(volume, limit, n=2000, seed=0):
+    """Up to n samples whose stored distance is below limit voxels: indices (n, 3) z y x, points."""
+    width = voxelization.HALF_WIDTHS[volume.info.dtype]
+    s = (volume.read() - 0.5) * 2 * width
+    at = np.argwhere(np.abs(s) < min(limit, width - 1e-6))
+    at = np.random.default_rng(seed).permutation(at)[:n]
+    return at, positions(volume)[tuple(at.T)], s[tuple(at.T)]
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_distances_of_closed_meshes_are_those_of_brute_force(name):
+    vertices, triangles = CLOSED[name]
+    h = 0.061
+    volume = voxelize(vertices, triangles, h, dtype="f32")
+    at, points, s = near_samples(volume, 2.5)
+    assert len(at) > 1000
+    d, _ = brute_distance(points, vertices, triangles)
+    assert_allclose(np.abs(s), d / h, atol=1e-5, rtol=0)  # f32 steps of the ramp are 3e-7
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_closed_meshes_are_the_clamped_ramp_everywhere(name):
+    """Also beyond the band; the side is that of the winding number."""
+    vertices, triangles = CLOSED[name]
+    h = 0.083
+    volume = voxelize(vertices, triangles, h, dtype="f32")
+    some = np.random.default_rng(5).permutation(volume.read().size)[:4000]
+    points = positions(volume).reshape(-1, 3)[some]
+    d, _ = brute_distance(points, vertices, triangles)
+    inside = winding(points, vertices, triangles) > 0.5
+    assert 0.03 < inside.mean() < 0.9
+    want = np.clip(0.5 + np.where(inside, d, -d) / h / 5.0, 0, 1)
+    assert_allclose(volume.read().ravel()[some], want, atol=2e-6, rtol=0)
+    assert volume.read()[[0, -1]].max() == 0
+
+
+@pytest.mark.parametrize(("dtype", "most"), [("u8", 255), ("u16", 65535)])
+def test_integers_are_the_rounded_ramp(dtype, most):
+    vertices, triangles = meshes.torus()
+    exact = voxelize(
+        vertices, triangles, 0.07, dtype="f32", half_width=voxelization.HALF_WIDTHS[dtype]
+    )
+    rounded = voxelize(vertices, triangles, 0.07, dtype=dtype)
+    assert np.abs(rounded.read() - exact.read().astype(float) * most).max() <= 0.5 + most * 1e-7
+
+
+def test_the_lattice_lies_on_multiples_of_the_voxel_size():
+    vertices, triangles = meshes.icosphere(1, centre=(0.3, -7.1, 100.0))
+    volume = voxelize(vertices, triangles, 0.125)
+    m = volume.info.object_from_index
+    assert_array_equal(m[:3, :3], 0.125 * np.eye(3))
+    assert_array_equal(m[:3, 3] % 0.125, 0)
+    far = positions(volume)
+    assert (far[0, 0, 0] <= vertices.min(axis=0) - 4 * 0.125).all()
+    assert (far[-1, -1, -1] >= vertices.max(axis=0) + 4 * 0.125).all()
+
+
+def test_a_mesh_wound_inside_out_is_turned():
+    vertices, triangles = meshes.torus()
+    volume = voxelize(vertices, triangles, 0.1)
+    turned = voxelize(vertices, triangles[:, ::-1], 0.1)
+    assert turned.mesh_info.inverted and not volume.mesh_info.inverted
+    assert_array_equal(turned.read(), volume.read())
+
+
+def test_ids_are_those_of_the_nearest_triangle():
+    vertices, triangles = meshes.icosphere(2)
+    ids = np.random.default_rng(3).integers(0, 65536, len(triangles))
+    volume = voxelize(vertices, triangles, 0.061, ids=ids, dtype="f32")
+    at, points, _ = near_samples(volume, 2.4, n=1500)
+    best, which = brute_distance(points, vertices, triangles)
+    got = volume.read_ids()[tuple(at.T)]
+    differ = np.flatnonzero(got != ids[which])
+    for i in differ:  # only where another triangle is as near
+        same = [
+            brute_distance(points[i : i + 1], vertices, triangles[[t]])[0][0]
+            for t in np.flatnonzero(ids == got[i])
+        ]
+        assert min(same) - best[i] < 1e-7
+    assert len(differ) < len(at) / 2
+
+
+# ---- sheets ------------------------------------------------------------------
+
+
+def overlaps(cells, triangle, grow):
+    """Does the triangle meet the unit cubes at cells (n, 3), grown by grow? Clipping, not axes."""
+    hit = np.zeros(len(cells), bool)
+    for n, cell in enumerate(cells):
+        polygon = list(triangle)
+        for a in range(3):
+            for sign, bound in ((1, cell[a] + 1 + grow), (-1, -(cell[a] - grow))):
+                kept = []
+                for p, q in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+                    fp, fq = sign * p[a] - bound, sign * q[a] - bound
+                    if fp <= 0:
+                        kept.append(p)
+                    if fp * fq < 0:
+                        kept.append(p + (q - p) * fp / (fp - fq))
+                polygon = kept
+                if not polygon:
+                    break
+            if not polygon:
+                break
+        hit[n] = bool(polygon)
+    return hit
+
+
+def touched_cells(volume, vertices, triangles, grow):
+    """Cells (nz, ny, nx) that triangles meet, by clipping."""
+    nx, ny, nz = volume.info.size
+    m = volume.info.object_from_index
+    touched = np.zeros((nz, ny, nx), bool)
+    for triangle in (vertices[triangles] - m[:3, 3]) / m[0, 0]:
+        lo = np.floor(triangle.min(axis=0) - grow).astype(int) - 1
+        hi = np.floor(triangle.max(axis=0) + grow).astype(int) + 1
+        i, j, k = (x.ravel() for x in np.meshgrid(*(np.arange(a, b) for a, b in zip(lo, hi))))  # noqa: B905
+        cells = np.stack([i, j, k], 1)
+        met = cells[overlaps(cells, triangle, grow)]
+        touched[met[:, 2], met[:, 1], met[:, 0]] = True
+    return touched
+
+
+@pytest.mark.parametrize("name", OPEN)
+def test_sheets_live_in_the_cells_that_triangles_meet(name):
+    vertices, triangles = OPEN[name]
+    volume = voxelize(vertices, triangles, 0.125 if name == "aligned" else 0.117)
+    assert volume.info.kind == "sheet"
+    surface = volume.read_surface()
+    least = touched_cells(volume, vertices, triangles, 0.0)
+    most = touched_cells(volume, vertices, triangles, 2.1e-4)
+    g = np.pad(volume.read().astype(float), ((0, 1),) * 3)
+    corners = [
+        g[k : k - 1 or None, j : j - 1 or None, i : i - 1 or None][
+            : g.shape[0] - 1, : g.shape[1] - 1, : g.shape[2] - 1
+        ]
+        for k in (0, 1)
+        for j in (0, 1)
+        for i in (0, 1)
+    ]
+    crossed = (np.min(corners, axis=0) < 32767.5) & (np.max(corners, axis=0) >= 32767.5)
+    assert surface.sum() > 50
+    assert not (surface & ~most).any()
+    assert not (least & crossed & ~surface).any()
+
+
+def test_a_sheet_is_the_signed_distance_to_its_local_side():
+    vertices, triangles = OPEN["half sphere"]
+    h = 0.117
+    volume = voxelize(vertices, triangles, h, dtype="f32")
+    _, points, s = near_samples(volume, 2.5)
+    d, _ = brute_distance(points, vertices, triangles)
+    assert_allclose(np.abs(s), d / h, atol=1e-5, rtol=0)
+    above = points[:, 2] > 3 * h  # away from the rim
+    outside = np.linalg.norm(points, axis=1) > 1
+    assert (above & outside).sum() > 100
+    assert_array_equal(s[above & outside] < 0, True)
+    assert_array_equal(s[above & (np.linalg.norm(points, axis=1) < 0.95)] > 0, True)
+
+
+def test_rims_reach_at_most_to_the_end_of_their_cell():
+    vertices, triangles = OPEN["tilted"]
+    h = 0.117
+    volume = voxelize(vertices, triangles, h)
+    cells = np.argwhere(volume.read_surface())[:, ::-1]
+    m = volume.info.object_from_index
+    centres = (cells + 0.5) * h + m[:3, 3]
+    d, _ = brute_distance(centres, vertices, triangles)
+    assert d.max() <= (np.sqrt(3) / 2 + 2e-4) * h
+    rim = border_edges(vertices, triangles)
+    assert rim.shape == (12, 2, 3)
+    assert_allclose(np.linalg.norm(rim[:, 1] - rim[:, 0], axis=1).sum(), 4.0, rtol=1e-12)
+
+
+def test_stencils_of_a_sheet_are_exact_with_a_narrow_ramp():
+    """Central differences read sqrt(6) from the surface: values there are those of the ramp."""
+    vertices, triangles = OPEN["tilted"]
+    h = 0.117
+    volume = voxelize(vertices, triangles, h, dtype="f32", half_width=2.0)
+    k, j, i = np.argwhere(volume.read_surface()).T
+    i, j, k = (
+        np.concatenate([np.stack([i + a, j + b, k + c]) for a, b, c in np.ndindex(4, 4, 4)], 1) - 1
+    )
+    points = positions(volume)[k, j, i]
+    d, _ = brute_distance(points, vertices, triangles)
+    read = d < np.sqrt(6) * h
+    want = np.clip(0.5 + np.minimum(d / h, 2.0) / 4.0, 0, 1)
+    got = volume.read()[k, j, i]
+    assert_allclose(np.abs(got[read] - 0.5), np.abs(want[read] - 0.5), atol=1e-5, rtol=0)
+
+
+# ---- kinds, bad meshes, wrong inputs --------------------------------------------
+
+
+def test_the_kind_follows_the_edges():
+    vertices, triangles = meshes.torus()
+    assert voxelize(vertices, triangles, 0.1).info.kind == "solid"
+    hole = voxelize(vertices, triangles[1:], 0.1)
+    assert hole.info.kind == "sheet" and hole.mesh_info.n_border_edges == 3
+    flipped = triangles.copy()
+    flipped[7] = flipped[7, ::-1]
+    bad = voxelize(vertices, flipped, 0.1)
+    assert bad.info.kind == "sheet" and bad.mesh_info.n_bad_edges == 3
+    assert voxelize(vertices, triangles, 0.1, kind="sheet").info.kind == "sheet"
+    assert voxelize(vertices, triangles[1:], 0.1, kind="solid").info.kind == "solid"
+
+
+def test_vertices_at_one_place_are_one_vertex():
+    vertices, triangles = meshes.torus()
+    soup, apart = vertices[triangles].reshape(-1, 3), np.arange(triangles.size).reshape(-1, 3)
+    soup[soup == 0] = -0.0
+    volume = voxelize(soup, apart, 0.1)
+    assert volume.info.kind == "solid" and volume.mesh_info.closed
+    assert_array_equal(volume.read(), voxelize(vertices, triangles, 0.1).read())
+
+
+def test_triangles_without_area_change_nothing():
+    vertices, triangles = meshes.spiky(4)
+    far = np.array([[9.0, 9, 9], [9, 9, 10], [9, 9, 11]])  # a loose line, not in the bounds
+    extra = np.array([[0, 0, 1], [5, 5, 5], *[[len(vertices) + i for i in (0, 1, 1)]]])
+    volume = voxelize(np.concatenate([vertices, far]), np.concatenate([triangles, extra]), 0.1)
+    assert volume.mesh_info.n_degenerate == 3 and volume.mesh_info.closed
+    assert_array_equal(volume.read(), voxelize(vertices, triangles, 0.1).read())
+
+
+def test_interiors_and_cavities_are_flooded():
+    """Bricks that no triangle comes near: inside the outer box, in the cavity, around."""
+    inner_v, inner_t = meshes.box((-3, -3, -3), (3, 3, 3))
+    vertices, triangles = meshes.joined(
+        meshes.box((-9, -9, -9), (9, 9, 9)), (inner_v, inner_t[:, ::-1]), meshes.box()
+    )
+    volume = voxelize(vertices, triangles, 0.11, dtype="u8")
+    points = positions(volume).reshape(-1, 3)
+    radius = np.abs(points).max(axis=1)
+    inside = ((radius < 9) & (radius > 3)) | (radius < 1)
+    assert_array_equal(volume.read().ravel() > 127, inside)
+    assert volume.info.n_full > 1000
+    assert volume.info.nbytes < volume.read().nbytes
+
+
+BAD = {
+    "a vertex": (lambda v, t: (v * np.where(np.arange(len(v)) == 3, np.nan, 1)[:, None], t), "nan"),
+    "infinity": (lambda v, t: (v / np.where(np.arange(len(v)) == 3, 0, 1)[:, None], t), "vertex 3"),
+    "too high": (lambda v, t: (v, np.where(t == 5, 99, t)), "names vertex 99"),
+    "negative": (lambda v, t: (v, np.where(t == 5, -1, t)), "names vertex -1"),
+    "none": (lambda v, t: (v, t[:0]), "0 triangles"),
+    "no vertex": (lambda v, t: (v[:0], t), "0 vertices"),
+    "no area": (lambda v, t: (v * [1, 0, 0], t), "12 triangles has an area"),
+    "shape": (lambda v, t: (v[:, :2], t), "(8, 2)"),
+    "quads": (lambda v, t: (v, t.reshape(-1, 4)), "(9, 4)"),
+    "floats": (lambda v, t: (v, t * 1.0), "float64"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+@pytest.mark.filterwarnings("ignore:divide by zero", "ignore:invalid value")
+def test_wrong_meshes_are_refused_in_a_sentence(name):
+    change, words = BAD[name]
+    with pytest.raises(LeapRayError) as refused:
+        voxelize(*change(*meshes.box()), 0.25)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("size", "words"),
+    [
+        (0.0, "is 0"),
+        (-1.0, "is -1"),
+        (np.nan, "nan"),
+        (np.inf, "inf"),
+        (1e-200, "1e-200"),
+        (1e-5, "200009 x 200009"),
+        (1e-12, "too far"),
+        (3e-4, "larger voxel_size"),
+    ],
+)
+def test_wrong_voxel_sizes_are_refused_with_numbers(size, words):
+    with pytest.raises(LeapRayError) as refused:
+        voxelize(*meshes.box(), size)
+    assert words in str(refused.value)
+
+
+def test_wrong_options_are_refused_with_their_names():
+    mesh = meshes.box()
+    for options in (
+        {"kind": "gas"},
+        {"filter": "magic"},
+        {"dtype": "u32"},
+        {"half_width": 0.0},
+        {"half_width": np.nan},
+        {"half_width": 33.0},
+        {"threads": -1},
+        {"ids": [1, 2]},
+        {"ids": [65536] * 12},
+        {"ids": [-1] * 12},
+        {"ids": [0.5] * 12},
+    ):
+        with pytest.raises(LeapRayError) as refused:
+            voxelize(*mesh, 0.25, **options)
+        assert next(iter(options)) in str(refused.value)
+
+
+def test_the_budget_is_kept_before_work_begins():
+    mesh = meshes.box()
+    with pytest.raises(OutOfMemory, match="larger voxel_size"):
+        voxelize(*mesh, 0.01, max_nbytes=100_000)
+    with pytest.raises(OutOfMemory):
+        voxelize(*mesh, 0.001, max_nbytes=1_000_000)
+    volume = voxelize(*mesh, 0.05)
+    estimate = voxelize(*mesh, 0.05, max_nbytes=2 * volume.info.nbytes).info.nbytes
+    assert estimate == volume.info.nbytes
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e6])
+def test_scale_does_not_matter(scale):
+    vertices, triangles = meshes.spiky(6)
+    scale = 2.0 ** np.round(np.log2(scale))
+    assert_array_equal(
+        voxelize(vertices * scale, triangles, 0.07 * scale, dtype="f32").read(),
+        voxelize(vertices, triangles, 0.07, dtype="f32").read(),
+    )
+
+
+def test_far_from_the_origin_the_shape_stays():
+    vertices, triangles = meshes.spiky(6)
+    h = 2.0**-4
+    vertices = np.round(vertices * 2**20) / 2**20  # so that moving it is exact
+    near = voxelize(vertices, triangles, h, dtype="f32")
+    far = voxelize(vertices + 2.0**20, triangles, h, dtype="f32")
+    assert_allclose(far.read(), near.read(), atol=1e-7, rtol=0)
+
+
+# ---- threads, stopping -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mesh", ["spikier", "leaf"])
+def test_the_number_of_threads_does_not_matter(mesh):
+    vertices, triangles = (CLOSED | OPEN)[mesh]
+    ids = np.arange(len(triangles)) % 7
+    one, *others = (
+        voxelize(vertices, triangles, 0.03, ids=ids, threads=n, dtype="f32") for n in (1, 2, 7)
+    )
+    for other in others:
+        assert_array_equal(other.read(), one.read())
+        assert_array_equal(other.read_ids(), one.read_ids())
+        assert_array_equal(other.read_surface(), one.read_surface())
+
+
+def test_progress_rises_to_one():
+    watch = Watch()
+    seen = []
+    done = threading.Event()
+
+    def look():
+        while not done.wait(0.001):
+            seen.append(watch.progress)
+
+    looker = threading.Thread(target=look)
+    looker.start()
+    voxelize(*meshes.icosphere(5), 0.01, watch=watch, threads=2)
+    done.set()
+    looker.join()
+    assert watch.progress == 1.0
+    assert len(set(seen)) > 5 and seen == sorted(seen)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.7, 0.95])
+def test_stopping_ends_within_100_ms(share):
+    vertices, triangles = meshes.icosphere(7)  # 327,680 triangles
+    watch = Watch()
+    begun = time.perf_counter()
+    voxelize(vertices, triangles, 0.004)
+    whole = time.perf_counter() - begun
+    told = []
+
+    def stop():
+        told.append(time.perf_counter())
+        watch.stop()
+
+    timer = threading.Timer(share * whole, stop)
+    timer.start()
+    try:
+        voxelize(vertices, triangles, 0.004, watch=watch)
+    except Stopped:
+        assert time.perf_counter() - told[0] < 0.1
+    else:
+        assert share > 0.6  # this time it was quicker than the measured one
+    timer.join()
