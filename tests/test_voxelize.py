@@ -377,8 +377,10 @@ def test_wrong_options_are_refused_with_their_names():
 
 def test_the_budget_is_kept_before_work_begins():
     mesh = meshes.box()
-    with pytest.raises(OutOfMemory, match="larger voxel_size"):
+    with pytest.raises(OutOfMemory, match="larger voxel_size") as refused:
         voxelize(*mesh, 0.01, max_nbytes=100_000)
+    volume = voxelize(*mesh, 0.01)
+    assert volume.info.nbytes <= refused.value.nbytes < 2 * volume.info.nbytes
     with pytest.raises(OutOfMemory):
         voxelize(*mesh, 0.001, max_nbytes=1_000_000)
     volume = voxelize(*mesh, 0.05)

@@ -59,8 +59,9 @@ def voxelize(
     (default 2.5, for u8 1.8). kind "solid" takes what the triangles enclose,
     "sheet" the triangles as a surface without inside, "auto" a solid where every
     edge is shared by two triangles of one winding. dtype: "u8", "u16" or "f32".
-    threads 0: all cores; the result does not depend on it. max_nbytes: OutOfMemory
-    is raised before the work begins where the volume may take more.
+    threads 0: all cores; the result does not depend on it. max_nbytes: OutOfMemory,
+    its attribute nbytes being the estimate, is raised before the work begins
+    where the volume may take more.
     Returns a Volume with mesh_info set. Raises LeapRayError for wrong input and
     lattices that are too large, Stopped when watch was told to stop.
     Source: Sramek and Kaufman 1999 (oriented box filter); Baerentzen and Aanaes
@@ -210,7 +211,9 @@ def _check_table(points, voxel_size: float, width: float, max_nbytes: int | None
 
 def _check_nbytes(wanted: float, max_nbytes: int | None) -> None:
     if max_nbytes is not None and wanted > max_nbytes:
-        raise OutOfMemory(
+        refusal = OutOfMemory(
             f"the volume may take {wanted / 1e6:.1f} MB, but {max_nbytes / 1e6:.1f} MB are "
             f"allowed; use a larger voxel_size"
         )
+        refusal.nbytes = int(wanted)
+        raise refusal
