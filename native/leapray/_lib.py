@@ -42,16 +42,16 @@ def load(path: Path) -> ctypes.CDLL:
         missing = "is missing; `python3 build.py build` makes it"
         reason = f"does not load: {error}" if path.exists() else missing
         raise ImportError(f"LeapRay's core {path} {reason}") from error
-    for name, (result, arguments) in _abi.PROTOTYPES.items():
-        if hasattr(library, name):
-            function = getattr(library, name)
-            function.restype, function.argtypes = result, arguments
+    library.lr_version.restype = ctypes.c_char_p
     abi, version = library.lr_abi(), library.lr_version().decode()
     if (abi, version) != (_abi.LR_ABI, _abi.LR_VERSION):
         raise ImportError(
             f"LeapRay's core {path} is version {version} (ABI {abi}), but this package needs "
             f"version {_abi.LR_VERSION} (ABI {_abi.LR_ABI}); install the two together"
         )
+    for name, (result, arguments) in _abi.PROTOTYPES.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
     return library
 
 
