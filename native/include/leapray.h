@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 2 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 3 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -194,6 +194,8 @@ typedef struct lr_traverser {
     const char *label;  /* as in menus */
     const char *source; /* who published it */
     const char *about;  /* one sentence: how it works, or what it may miss */
+    const char *options; /* "name=first|second|third! name=...": its options and their choices; the
+                            first is the default, one marked ! gives exactness up */
     uint32_t flags;     /* lr_traverser_flag */
 } lr_traverser;
 
@@ -202,10 +204,11 @@ LR_API lr_status lr_traverser_get(int32_t index, lr_traverser *traverser, lr_err
 
 typedef struct lr_structure lr_structure;
 
-/* What the traverser needs beside the volume, which must live longer. */
+/* What the traverser needs beside the volume, which must live longer. choices:
+ * for each of its options the number of the choice; NULL: 0 for all. */
 LR_API lr_status lr_structure_build(const lr_volume *volume, int32_t traverser,
-                                    const lr_watch *watch, lr_structure **structure,
-                                    lr_error *error);
+                                    const int32_t *choices, const lr_watch *watch,
+                                    lr_structure **structure, lr_error *error);
 LR_API void lr_structure_free(lr_structure *structure); /* NULL is fine */
 LR_API uint64_t lr_structure_nbytes(const lr_structure *structure); /* without the volume */
 

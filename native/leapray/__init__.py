@@ -11,6 +11,7 @@ from .tracing import (
     NORMALS,
     ROOTS,
     Hits,
+    Option,
     Structure,
     Traverser,
     build,
@@ -19,6 +20,7 @@ from .tracing import (
     trace_options,
     traverser,
     traversers,
+    variants,
 )
 from .volume import Volume, VolumeBuilder, VolumeInfo
 from .voxelization import MeshInfo, border_edges, voxelize
@@ -37,6 +39,7 @@ __all__ = [
     "Light",
     "Material",
     "MeshInfo",
+    "Option",
     "OutOfMemory",
     "Scene",
     "Stopped",
@@ -54,5 +57,6 @@ __all__ = [
     "trace_options",
     "traverser",
     "traversers",
+    "variants",
     "voxelize",
 ]

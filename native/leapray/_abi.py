@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 2
+LR_ABI = 3
 
 
 class lr_status(IntEnum):
@@ -177,6 +177,7 @@ class lr_traverser(ctypes.Structure):
         ("label", ctypes.c_char_p),
         ("source", ctypes.c_char_p),
         ("about", ctypes.c_char_p),
+        ("options", ctypes.c_char_p),
         ("flags", ctypes.c_uint32),
     )
 
@@ -424,6 +425,7 @@ PROTOTYPES = {
     "lr_structure_build": (ctypes.c_int, (
         ctypes.POINTER(lr_volume),
         ctypes.c_int32,
+        ctypes.POINTER(ctypes.c_int32),
         ctypes.POINTER(lr_watch),
         ctypes.POINTER(ctypes.POINTER(lr_structure)),
         ctypes.POINTER(lr_error),

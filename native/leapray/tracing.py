@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,41 +27,101 @@ METRICS = {"chessboard": _abi.LR_METRIC_CHESSBOARD}
 
 
 @dataclass(frozen=True)
+class Option:
+    """A choice that a traverser offers."""
+
+    name: str
+    choices: tuple[str, ...]  # the first is the default
+    inexact: frozenset[str]  # those that give exactness up
+
+
+@dataclass(frozen=True)
 class Traverser:
-    """A line of the core's registry."""
+    """A line of the core's registry, with its options chosen."""
 
     index: int
-    name: str  # as in options and files
+    name: str  # as in files and on the command line
     label: str  # as in menus
     source: str
     about: str
     exact: bool  # agrees with the integer oracle but for ties
     default: bool
+    options: tuple[Option, ...] = ()
+    chosen: tuple[str, ...] = ()  # per option
+
+    @property
+    def spec(self) -> str:
+        """How to ask for it: "name" or "name:option=choice,..." for what is not the default."""
+        pairs = zip(self.options, self.chosen, strict=True)
+        asked = [f"{o.name}={choice}" for o, choice in pairs if choice != o.choices[0]]
+        return f"{self.name}:{','.join(asked)}" if asked else self.name
 
 
 def traversers() -> list[Traverser]:
-    """All traversers that the core has, in the registry's order."""
+    """All traversers that the core has, in the registry's order, with their default options."""
     found = []
     for index in range(lib.lr_traverser_count()):
         entry, error = _abi.lr_traverser(), _abi.lr_error()
         check(lib.lr_traverser_get(index, ctypes.byref(entry), ctypes.byref(error)), error)
         words = [getattr(entry, key).decode() for key in ("name", "label", "source", "about")]
-        exact = bool(entry.flags & _abi.LR_TRAVERSER_EXACT)
+        options = tuple(_option(text) for text in entry.options.decode().split())
         found.append(
-            Traverser(index, *words, exact, bool(entry.flags & _abi.LR_TRAVERSER_DEFAULT))
+            Traverser(
+                index,
+                *words,
+                exact=bool(entry.flags & _abi.LR_TRAVERSER_EXACT),
+                default=bool(entry.flags & _abi.LR_TRAVERSER_DEFAULT),
+                options=options,
+                chosen=tuple(option.choices[0] for option in options),
+            )
         )
     return found
 
 
-def traverser(name: str | None = None) -> Traverser:
-    """The traverser of that name; the default one without. Raises LeapRayError with the names."""
-    known = traversers()
-    for entry in known:
-        if entry.name == name or (not name and entry.default):
-            return entry
-    raise LeapRayError(
-        f"unknown traverser {name!r}; there are {', '.join(entry.name for entry in known)}"
+def _option(text: str) -> Option:
+    name, _, listed = text.partition("=")
+    choices = listed.split("|")
+    inexact = frozenset(choice[:-1] for choice in choices if choice.endswith("!"))
+    return Option(name, tuple(choice.rstrip("!") for choice in choices), inexact)
+
+
+def variants() -> list[Traverser]:
+    """All traversers with every combination of their options."""
+    return [
+        _choose(entry, chosen)
+        for entry in traversers()
+        for chosen in itertools.product(*(option.choices for option in entry.options))
+    ]
+
+
+def _choose(entry: Traverser, chosen: tuple[str, ...]) -> Traverser:
+    exact = entry.exact and not any(
+        choice in option.inexact for option, choice in zip(entry.options, chosen, strict=True)
     )
+    return replace(entry, chosen=chosen, exact=exact)
+
+
+def traverser(spec: str | None = None) -> Traverser:
+    """The traverser that "name" or "name:option=choice,..." asks for; the default one without.
+
+    Raises LeapRayError that lists what there is.
+    """
+    name, _, asked = (spec or "").partition(":")
+    known = traversers()
+    entry = next((one for one in known if one.name == name or (not name and one.default)), None)
+    if entry is None:
+        raise LeapRayError(
+            f"unknown traverser {name!r}; there are {', '.join(one.name for one in known)}"
+        )
+    chosen = dict(zip((option.name for option in entry.options), entry.chosen, strict=True))
+    offered = {option.name: option.choices for option in entry.options}
+    for pair in filter(None, asked.split(",")):
+        key, _, value = pair.partition("=")
+        if value not in offered.get(key, ()):
+            offers = "; ".join(f"{k}={'|'.join(v)}" for k, v in offered.items()) or "no options"
+            raise LeapRayError(f"traverser {entry.name} has {offers}, not {pair!r}")
+        chosen[key] = value
+    return _choose(entry, tuple(chosen.values()))
 
 
 class Structure:
@@ -76,19 +137,29 @@ class Structure:
 
 def build(
     volume: Volume,
-    traverser_name: str | None = None,
+    spec: str | Traverser | None = None,
     *,
     threads: int = 0,
     watch: Watch | None = None,
 ) -> Structure:
-    """Build the structure of a traverser (the default one without a name) for a volume.
+    """Build a traverser's structure for a volume.
 
+    spec: "name", "name:option=choice,..." or a Traverser; the default without.
     threads is taken for the builders that can use them; none of today's does.
     Raises LeapRayError for an unknown name, Stopped when watch was told to stop.
     """
-    entry = traverser(traverser_name)
+    entry = spec if isinstance(spec, Traverser) else traverser(spec)
+    numbers = [o.choices.index(c) for o, c in zip(entry.options, entry.chosen, strict=True)]
+    choices = (ctypes.c_int32 * max(len(numbers), 1))(*numbers)
     handle = ctypes.POINTER(_abi.lr_structure)()
-    call(lib.lr_structure_build, volume.handle, entry.index, watch=watch, outputs=(handle,))
+    call(
+        lib.lr_structure_build,
+        volume.handle,
+        entry.index,
+        choices,
+        watch=watch,
+        outputs=(handle,),
+    )
     return Structure(volume, entry, handle)
 
 

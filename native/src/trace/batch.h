@@ -17,10 +17,10 @@
 #include "trace/traverser.h"
 
 #define LR_JOIN_(a, b, c) a##b##c
-#define LR_JOIN(a, b, c) LR_JOIN_(a, b, c)
+#define LR_JOIN(a, b, c)  LR_JOIN_(a, b, c)
 
 #ifndef LR_STATE
-#define LR_STATE int
+#define LR_STATE                                   int
 #define LR_START(data, volume, ray, cursor, state) (*(state) = 0)
 #endif
 
@@ -122,11 +122,10 @@ end:
     }
 }
 
-lr_status LR_JOIN(lr_, LR_NAME, _trace)(const lr_volume *volume, const void *data,
-                                        const lr_rays *rays, uint64_t n,
-                                        const lr_trace_options *options, const lr_hits *hits,
-                                        lr_counters *counters, const lr_watch *watch,
-                                        lr_error *error)
+lr_status LR_JOIN(lr_, LR_NAME,
+                  _trace)(const lr_volume *volume, const void *data, const lr_rays *rays,
+                          uint64_t n, const lr_trace_options *options, const lr_hits *hits,
+                          lr_counters *counters, const lr_watch *watch, lr_error *error)
 {
     enum { POLL = 1024 }; /* rays between looks at the stop word */
     lr_counters sum = {0};

@@ -21,10 +21,10 @@
 /* A ray's way through one cell. */
 typedef struct lr_chord {
     double corner[8];
-    double in[3], out[3];    /* cell coordinates */
+    double in[3], out[3]; /* cell coordinates */
     double t_in, t_out;
     double f_in, f_out;
-    double c[4];             /* f = sum c[i] x^i, x = 0..1 from in to out */
+    double c[4]; /* f = sum c[i] x^i, x = 0..1 from in to out */
 } lr_chord;
 
 typedef struct lr_found {
@@ -59,8 +59,8 @@ LR_INLINE void lr_chord_points(lr_chord *h, const lr_ray *r, const lr_cursor *u,
 LR_INLINE void lr_chord_values(lr_chord *h, const lr_ray *r, const lr_cursor *u, int axis_out)
 {
     const double *s = h->corner;
-    h->f_in = u->axis < 0 ? lr_trilinear(s, h->in)
-                          : lr_face_value(s, u->axis, r->s[u->axis] < 0, h->in);
+    h->f_in =
+        u->axis < 0 ? lr_trilinear(s, h->in) : lr_face_value(s, u->axis, r->s[u->axis] < 0, h->in);
     h->f_out = lr_face_value(s, axis_out, r->s[axis_out] > 0, h->out);
 }
 

@@ -19,9 +19,9 @@
 
 typedef struct lr_ray {
     double o[3], d[3];
-    double inv[3];  /* 1 / d, 0 where the axis is not moved along */
-    double never[3]; /* infinity where the axis is not moved along, else 0 */
-    int32_t s[3];   /* sign of d: -1, 0, +1 */
+    double inv[3];        /* 1 / d, 0 where the axis is not moved along */
+    double never[3];      /* infinity where the axis is not moved along, else 0 */
+    int32_t s[3];         /* sign of d: -1, 0, +1 */
     int32_t lo[3], hi[3]; /* cells to walk in, inclusive */
     double t_max;
 } lr_ray;

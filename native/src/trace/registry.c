@@ -7,8 +7,9 @@ static const struct {
     lr_traverser about;
     lr_traverser_ops ops;
 } registry[] = {
-#define LR_TRAVERSER(name, label, source, about, flags)                                            \
-    {{#name, label, source, about, flags}, {lr_##name##_build, lr_##name##_free, lr_##name##_trace}},
+#define LR_TRAVERSER(name, label, source, about, options, flags)                                   \
+    {{#name, label, source, about, options, flags},                                                \
+     {lr_##name##_build, lr_##name##_free, lr_##name##_trace}},
 #include "trace/traversers.def"
 #undef LR_TRAVERSER
 };
@@ -36,19 +37,41 @@ lr_status lr_traverser_get(int32_t index, lr_traverser *traverser, lr_error *err
     return status;
 }
 
-lr_status lr_build_nothing(const lr_volume *volume, const lr_watch *watch, void **data,
-                           uint64_t *nbytes, lr_error *error)
+lr_status lr_build_nothing(void **data, uint64_t *nbytes)
 {
-    (void)volume, (void)watch, (void)error;
     *data = NULL;
     *nbytes = 0;
     return LR_OK;
 }
 
-lr_status lr_structure_build(const lr_volume *volume, int32_t traverser, const lr_watch *watch,
-                             lr_structure **structure, lr_error *error)
+enum { MAX_OPTIONS = 4 };
+
+/* Check choices against "name=a|b name=a|b|c" and copy them to chosen. */
+static lr_status check_choices(const lr_traverser *about, const int32_t *choices,
+                               int32_t chosen[MAX_OPTIONS], lr_error *error)
 {
+    memset(chosen, 0, MAX_OPTIONS * sizeof *chosen);
+    int option = 0;
+    for (const char *c = about->options; choices != NULL && *c != 0; option++) {
+        int32_t count = 1;
+        for (; *c != 0 && *c != ' '; c++)
+            count += *c == '|';
+        c += *c == ' ';
+        if (choices[option] < 0 || choices[option] >= count)
+            return lr_fail(error, LR_E_ARGUMENT, "option %d of %s has %d choices; %d was wanted",
+                           option, about->name, count, choices[option]);
+        chosen[option] = choices[option];
+    }
+    return LR_OK;
+}
+
+lr_status lr_structure_build(const lr_volume *volume, int32_t traverser, const int32_t *choices,
+                             const lr_watch *watch, lr_structure **structure, lr_error *error)
+{
+    int32_t chosen[MAX_OPTIONS];
     lr_status status = check_index(traverser, error);
+    if (status == LR_OK)
+        status = check_choices(&registry[traverser].about, choices, chosen, error);
     if (status != LR_OK)
         return status;
     if (!volume->finished)
@@ -58,7 +81,7 @@ lr_status lr_structure_build(const lr_volume *volume, int32_t traverser, const l
         return lr_fail_memory(error, sizeof *s, "a structure");
     s->volume = volume;
     s->ops = &registry[traverser].ops;
-    status = s->ops->build(volume, watch, &s->data, &s->nbytes, error);
+    status = s->ops->build(volume, chosen, watch, &s->data, &s->nbytes, error);
     if (status != LR_OK) {
         free(s);
         return status;

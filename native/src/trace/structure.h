@@ -10,12 +10,12 @@
 
 /* What a traverser's file gives. data may stay NULL where nothing is needed. */
 typedef struct lr_traverser_ops {
-    lr_status (*build)(const lr_volume *volume, const lr_watch *watch, void **data,
-                       uint64_t *nbytes, lr_error *error);
+    lr_status (*build)(const lr_volume *volume, const int32_t *choices, const lr_watch *watch,
+                       void **data, uint64_t *nbytes, lr_error *error);
     void (*free)(void *data);
     lr_status (*trace)(const lr_volume *volume, const void *data, const lr_rays *rays, uint64_t n,
-                       const lr_trace_options *options, const lr_hits *hits,
-                       lr_counters *counters, const lr_watch *watch, lr_error *error);
+                       const lr_trace_options *options, const lr_hits *hits, lr_counters *counters,
+                       const lr_watch *watch, lr_error *error);
 } lr_traverser_ops;
 
 struct lr_structure {
@@ -31,7 +31,6 @@ LR_INLINE const lr_volume *lr_structure_volume(const lr_structure *structure)
 }
 
 /* For a traverser that needs nothing beside the volume. */
-lr_status lr_build_nothing(const lr_volume *volume, const lr_watch *watch, void **data,
-                           uint64_t *nbytes, lr_error *error);
+lr_status lr_build_nothing(void **data, uint64_t *nbytes);
 
 #endif

@@ -9,9 +9,9 @@
 #include "trace/structure.h"
 #include "volume/access.h"
 
-#define LR_TRAVERSER(name, label, source, about, flags)                                            \
-    lr_status lr_##name##_build(const lr_volume *, const lr_watch *, void **, uint64_t *,          \
-                                lr_error *);                                                       \
+#define LR_TRAVERSER(name, label, source, about, options, flags)                                   \
+    lr_status lr_##name##_build(const lr_volume *, const int32_t *, const lr_watch *, void **,     \
+                                uint64_t *, lr_error *);                                           \
     void lr_##name##_free(void *);                                                                 \
     lr_status lr_##name##_trace(const lr_volume *, const void *, const lr_rays *, uint64_t,        \
                                 const lr_trace_options *, const lr_hits *, lr_counters *,          \

@@ -9,10 +9,11 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "trace/traverser.h"
 
-lr_status lr_aw_build(const lr_volume *volume, const lr_watch *watch, void **data,
-                      uint64_t *nbytes, lr_error *error)
+lr_status lr_aw_build(const lr_volume *volume, const int32_t *choices, const lr_watch *watch,
+                      void **data, uint64_t *nbytes, lr_error *error)
 {
-    return lr_build_nothing(volume, watch, data, nbytes, error);
+    (void)volume, (void)choices, (void)watch, (void)error;
+    return lr_build_nothing(data, nbytes);
 }
 
 void lr_aw_free(void *data)
@@ -61,8 +62,8 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
     return true;
 }
 
-#define LR_NAME aw
-#define LR_STATE planes
+#define LR_NAME                                    aw
+#define LR_STATE                                   planes
 #define LR_START(data, volume, ray, cursor, state) begin_walk(ray, cursor, state)
-#define LR_WALK walk
+#define LR_WALK                                    walk
 #include "trace/batch.h"

@@ -13,8 +13,8 @@
 #include "trace/traverser.h"
 
 enum {
-    REACH = 8,              /* cells looked at around a brick */
-    SIDE = 8 + 2 * REACH,   /* of the window in which a brick's distances are found */
+    REACH = 8,            /* cells looked at around a brick */
+    SIDE = 8 + 2 * REACH, /* of the window in which a brick's distances are found */
 };
 
 #define FAR_BRICK 0x80000000u /* a distance in bricks, not an index into near */
@@ -57,8 +57,8 @@ static void add_brick(const uint64_t words[8], uint32_t rows[SIDE][SIDE], const 
     for (int z = 0; z < 8; z++)
         for (int y = 0; y < 8; y++) {
             int word = 2 * (y >> 2) + 4 * (z >> 2), bit = 4 * (y & 3) + 16 * (z & 3);
-            uint32_t cells = (uint32_t)(words[word] >> bit & 15) |
-                             (uint32_t)(words[word + 1] >> bit & 15) << 4;
+            uint32_t cells =
+                (uint32_t)(words[word] >> bit & 15) | (uint32_t)(words[word + 1] >> bit & 15) << 4;
             rows[o[2] + z][o[1] + y] |= cells << o[0];
         }
 }
@@ -96,12 +96,12 @@ static void dilate(uint32_t rows[SIDE][SIDE], uint32_t spare[SIDE][SIDE])
         }
     for (int z = 0; z < SIDE; z++)
         for (int y = 0; y < SIDE; y++)
-            rows[z][y] = spare[z][y] | spare[z][y > 0 ? y - 1 : y] |
-                         spare[z][y < SIDE - 1 ? y + 1 : y];
+            rows[z][y] =
+                spare[z][y] | spare[z][y > 0 ? y - 1 : y] | spare[z][y < SIDE - 1 ? y + 1 : y];
     for (int z = 0; z < SIDE; z++)
         for (int y = 0; y < SIDE; y++)
-            spare[z][y] = rows[z][y] | rows[z > 0 ? z - 1 : z][y] |
-                          rows[z < SIDE - 1 ? z + 1 : z][y];
+            spare[z][y] =
+                rows[z][y] | rows[z > 0 ? z - 1 : z][y] | rows[z < SIDE - 1 ? z + 1 : z][y];
     memcpy(rows, spare, SIDE * sizeof rows[0]);
 }
 
@@ -129,9 +129,10 @@ static void cell_distances(const lr_volume *v, const int32_t b[3], uint8_t dist[
     }
 }
 
-lr_status lr_cd_build(const lr_volume *v, const lr_watch *watch, void **data, uint64_t *nbytes,
-                      lr_error *error)
+lr_status lr_cd_build(const lr_volume *v, const int32_t *choices, const lr_watch *watch,
+                      void **data, uint64_t *nbytes, lr_error *error)
 {
+    (void)choices;
     size_t n = lr_table_count(v);
     distances *f = calloc(1, sizeof *f);
     uint8_t *dist = malloc(n);
@@ -199,5 +200,5 @@ LR_INLINE bool empty_cube(const void *data, const lr_volume *v, const lr_ray *r,
 }
 
 #define LR_NAME cd
-#define LR_BOX empty_cube
+#define LR_BOX  empty_cube
 #include "trace/batch.h"

@@ -29,8 +29,7 @@ typedef struct place {
 LR_INLINE size_t node_at(const pyramid *p, int level, const int32_t c[3])
 {
     const int32_t *size = p->size[level];
-    return ((size_t)(c[2] >> level) * (size_t)size[1] + (size_t)(c[1] >> level)) *
-               (size_t)size[0] +
+    return ((size_t)(c[2] >> level) * (size_t)size[1] + (size_t)(c[1] >> level)) * (size_t)size[0] +
            (size_t)(c[0] >> level);
 }
 
@@ -93,9 +92,10 @@ static lr_status add_levels(pyramid *p, const lr_volume *v, uint64_t *nbytes, lr
     return LR_OK;
 }
 
-lr_status lr_pyramid_build(const lr_volume *v, const lr_watch *watch, void **data,
-                           uint64_t *nbytes, lr_error *error)
+lr_status lr_pyramid_build(const lr_volume *v, const int32_t *choices, const lr_watch *watch,
+                           void **data, uint64_t *nbytes, lr_error *error)
 {
+    (void)choices;
     pyramid *p = calloc(1, sizeof *p);
     if (p == NULL)
         return lr_fail_memory(error, sizeof *p, "a pyramid");
@@ -151,8 +151,8 @@ LR_INLINE bool empty_node(const void *data, const lr_volume *v, const lr_ray *r,
     return false;
 }
 
-#define LR_NAME pyramid
-#define LR_STATE place
+#define LR_NAME                                    pyramid
+#define LR_STATE                                   place
 #define LR_START(data, volume, ray, cursor, state) begin_walk(data, (cursor)->c, state)
-#define LR_BOX empty_node
+#define LR_BOX                                     empty_node
 #include "trace/batch.h"

@@ -133,7 +133,8 @@ static lr_status classify_brick(lr_volume *v, const int32_t b[3], lr_error *erro
         return status;
     uint32_t sub = 0;
     for (int s = 0; s < 8; s++) {
-        v->cells[brick][s] = v->desc.kind == LR_KIND_SHEET ? v->cells[brick][s] & words[s] : words[s];
+        v->cells[brick][s] =
+            v->desc.kind == LR_KIND_SHEET ? v->cells[brick][s] & words[s] : words[s];
         sub |= (uint32_t)(v->cells[brick][s] != 0) << s;
         v->n_surface_cells += (uint64_t)__builtin_popcountll(v->cells[brick][s]);
     }

@@ -54,7 +54,7 @@ lr_status lr_volume_reserve(lr_volume *v, uint64_t n_stored, lr_error *error)
     unsigned char *samples = realloc(v->samples, wanted * sample_nbytes);
     if (samples != NULL)
         v->samples = samples;
-    uint64_t(*cells)[8] = realloc(v->cells, wanted * sizeof *cells);
+    uint64_t (*cells)[8] = realloc(v->cells, wanted * sizeof *cells);
     if (cells != NULL)
         v->cells = cells;
     uint16_t *ids = NULL;
@@ -164,10 +164,10 @@ void lr_volume_free(lr_volume *v)
 
 /* The part of a block that lies in one brick. */
 typedef struct part {
-    int32_t brick[3];  /* position in the table */
-    int32_t lo[3];     /* storage coordinates of its first sample */
+    int32_t brick[3]; /* position in the table */
+    int32_t lo[3];    /* storage coordinates of its first sample */
     int32_t size[3];
-    size_t from;       /* of its first sample in the block */
+    size_t from; /* of its first sample in the block */
 } part;
 
 static part part_of(const int32_t first[3], const int32_t size[3], const int32_t brick[3])
@@ -230,8 +230,8 @@ static void get_rows(const part *p, const int32_t size[3], void *block, const vo
 }
 
 /* Touched cells of a sheet; NULL in block: all. */
-static void put_touched(lr_volume *v, const part *p, const int32_t size[3],
-                        const uint8_t *block, uint32_t brick)
+static void put_touched(lr_volume *v, const part *p, const int32_t size[3], const uint8_t *block,
+                        uint32_t brick)
 {
     for (int k = 0; k < p->size[2]; k++)
         for (int j = 0; j < p->size[1]; j++)
@@ -338,8 +338,8 @@ lr_status lr_volume_get(const lr_volume *v, const int32_t origin[3], const int32
     for (int a = 0; a < 3; a++) {
         if (size[a] < 0 || origin[a] < -MAX_SIDE || origin[a] > 2 * MAX_SIDE ||
             size[a] > 2 * MAX_SIDE)
-            return lr_fail(error, LR_E_ARGUMENT, "block of %d samples from %d on along %c",
-                           size[a], origin[a], "xyz"[a]);
+            return lr_fail(error, LR_E_ARGUMENT, "block of %d samples from %d on along %c", size[a],
+                           origin[a], "xyz"[a]);
         count *= (size_t)size[a];
         first[a] = origin[a] + LR_PAD;
         b0[a] = lr_max_i(first[a] >> 3, 0);
@@ -388,9 +388,9 @@ void lr_volume_get_info(const lr_volume *v, lr_volume_info *info)
     info->n_bricks = v->n_bricks - LR_FIRST_STORED;
     info->n_full = count_full(v);
     info->n_surface_cells = v->n_surface_cells;
-    info->nbytes = sizeof *v + lr_table_count(v) * sizeof *v->table +
-                   (uint64_t)v->capacity *
-                       lr_volume_brick_nbytes(v->desc.sample_type, v->desc.has_ids != 0);
+    info->nbytes =
+        sizeof *v + lr_table_count(v) * sizeof *v->table +
+        (uint64_t)v->capacity * lr_volume_brick_nbytes(v->desc.sample_type, v->desc.has_ids != 0);
     for (int a = 0; a < 3; a++) {
         info->surface_lo[a] = v->surface_lo[a] - LR_PAD;
         info->surface_hi[a] = v->surface_hi[a] - LR_PAD;

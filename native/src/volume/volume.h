@@ -31,16 +31,16 @@ struct lr_volume {
     lr_volume_desc desc;
     double storage_from_object[16];
     double object_from_storage[16];
-    double one;              /* the stored value of occupancy 1 */
-    double threshold;        /* T in stored units */
-    int32_t table_size[3];   /* bricks per axis */
+    double one;            /* the stored value of occupancy 1 */
+    double threshold;      /* T in stored units */
+    int32_t table_size[3]; /* bricks per axis */
     uint32_t *table;
-    uint32_t n_bricks;       /* with the two constant ones */
+    uint32_t n_bricks; /* with the two constant ones */
     uint32_t capacity;
-    unsigned char *samples;  /* [n_bricks][512] of desc.sample_type */
-    uint16_t *ids;           /* [n_bricks][512], or NULL */
-    uint64_t (*cells)[8];    /* [n_bricks]: surface cells; until lr_volume_finish the touched
-                                cells of a sheet */
+    unsigned char *samples; /* [n_bricks][512] of desc.sample_type */
+    uint16_t *ids;          /* [n_bricks][512], or NULL */
+    uint64_t (*cells)[8];   /* [n_bricks]: surface cells; until lr_volume_finish the touched
+                               cells of a sheet */
     uint64_t n_surface_cells;
     int32_t surface_lo[3], surface_hi[3]; /* storage cells, inclusive */
     bool finished;
