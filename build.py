@@ -324,7 +324,7 @@ def make_extension():
         made.mkdir()
         for task in (
             ["validate", str(source)],
-            ["build", "--source-dir", str(source), "--output-dir", str(made)],
+            ["build", "--split-platforms", "--source-dir", str(source), "--output-dir", str(made)],
         ):
             done = subprocess.run([sys.executable, str(tool), *task], stdout=subprocess.PIPE)
             if done.returncode:

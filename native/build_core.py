@@ -36,6 +36,8 @@ FLAGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wstrict-prototypes", "-Wvla", "-Werror"),
     *("-Iinclude", "-Isrc"),
 )
+# The library is the same wherever it is built: debug lines forget where that was.
+PLACES = (f"-ffile-prefix-map={NATIVE}=.", f"-ffile-prefix-map={sys.prefix}=env")
 LINK = ("-shared", "-lm")
 
 
@@ -122,7 +124,7 @@ class Unit:
         self.note.unlink(missing_ok=True)
         source = str(self.source.relative_to(NATIVE))
         outputs = ["-MMD", "-MF", str(self.depends), "-o", str(self.object)]
-        run([*command, *TARGET, *FLAGS, "-c", source, *outputs])
+        run([*command, *TARGET, *FLAGS, *PLACES, "-c", source, *outputs])
         self.note.write_text(self.key())
 
 
