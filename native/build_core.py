@@ -20,6 +20,7 @@ import os
 import shlex
 import subprocess
 import sys
+import sysconfig
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
@@ -37,7 +38,8 @@ FLAGS = (
     *("-Iinclude", "-Isrc"),
 )
 # The library is the same wherever it is built: debug lines forget where that was.
-PLACES = (f"-ffile-prefix-map={NATIVE}=.", f"-ffile-prefix-map={sys.prefix}=env")
+PACKAGES = sysconfig.get_path("purelib")
+PLACES = (f"-ffile-prefix-map={NATIVE}=.", f"-ffile-prefix-map={PACKAGES}=packages")
 LINK = ("-shared", "-lm")
 
 
