@@ -1,0 +1,490 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What to model and how finely: the least that keeps the error under a share of a pixel (no bpy).
+
+Every distinct mesh becomes one volume in its own space, which its instances
+share. Voxel sizes are powers of two and lattices lie on multiples of them, so
+that nothing swims when a level changes. Every volume starts coarse; its error
+is measured at the probes of its mesh and divided by their pixels' footprints.
+The volume whose error is worst, as seen, is voxelized again with half the
+voxel, until all are good enough or the memory is spent: so the budget goes
+where it can be seen, a curved thing close by is fine, and a flat floor of any
+size stays a handful of bricks.
+
+The error at a point of the surface is |f - T| / |grad f|: the distance between
+the point and the field's own surface, to first order. Where the wall is thinner
+than the lattice resolves, the field never reaches T: such points are *lost*,
+and count SATURATED voxels, which asks for finer voxels until they are found.
+
+Source: Frisken et al. 2000, Adaptively sampled distance fields (refine by the
+measured error of the field). Departures: 1. one level per volume, not per cell,
+hence no cracks; 2. the error is measured on the surface, in pixels.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+import leapray
+
+from . import model, objects, probes
+from .objects import SceneError
+from .probes import mean, quantile
+
+COARSEST = 16  # voxels along the longest side at the start
+QUANTILE = 0.99  # of the pixels keep the error
+MARGIN = 1.25  # what is measured at probes predicts that quantile within 20 %
+CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
+RIM_ERROR = 1.0  # of a footprint, the mean that a sheet reaches too far
+RIM_SHARE = 1 / 16  # of the memory, at most, that one volume takes for rims or creases' sake
+PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
+MB = 1 << 20
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What is known of a mesh at one voxel size; errors are object-space lengths at the probes."""
+
+    voxel_size: float
+    surface: NDArray[np.float32]
+    lost: NDArray[np.bool_]
+    crease: NDArray[np.float32]
+    rim: NDArray[np.float32]
+    shape: tuple[int, int, int]
+    kind: str
+    why: str  # it is a sheet; "" for solids
+    volume_nbytes: int
+    structure_nbytes: int
+
+    @property
+    def nbytes(self) -> int:
+        return self.volume_nbytes + self.structure_nbytes
+
+
+@dataclass(frozen=True)
+class Errors:
+    """In footprints, as the view weighs them."""
+
+    surface: float
+    crease: float
+    rim: float
+    lost: float  # share of the surface
+
+    def worst(self, pixel_error: float) -> float:
+        """The largest of them against its bar: at most 1 is good enough."""
+        return max(self.surface / pixel_error, self.edges())
+
+    def edges(self) -> float:
+        return max(self.crease / CREASE_ERROR, self.rim / RIM_ERROR)
+
+
+@dataclass
+class Work:
+    """One mesh on its way."""
+
+    index: int
+    name: str  # of the object that stands for it in messages
+    mesh: model.Mesh
+    digest: str
+    matrices: NDArray[np.float64]  # (n, 4, 4) of its instances
+    with_ids: bool
+    weights: probes.Weights | None = None
+    measure: Measure | None = None
+    errors: Errors | None = None
+    structure: leapray.Structure | None = None
+    stuck: str = ""  # why it is no finer, where it should be
+    history: list[float] = field(default_factory=list)
+
+
+@dataclass
+class Plan:
+    """Structures to trace, and what they stand for."""
+
+    instances: list[leapray.Instance]
+    slots: list[int]
+    slot_objects: list[int] | None  # object index per slot, where one volume holds several objects
+    volumes: list[dict[str, object]]  # one row per volume, for the report
+    warnings: list[str]
+    volume_nbytes: int
+    structure_nbytes: int
+    peak_nbytes: int
+    seconds: dict[str, float]
+
+
+# ---- one volume ----------------------------------------------------------------
+
+
+def coarsest(mesh: model.Mesh) -> float:
+    """The largest power of two that puts at least COARSEST / 2 voxels along the longest side."""
+    used = mesh.vertices[np.unique(mesh.triangles)].astype(np.float64)
+    return 2.0 ** math.ceil(math.log2(np.ptp(used, axis=0).max() / COARSEST))
+
+
+class Planner:
+    """Walks the levels of all volumes within one budget.
+
+    cache: kept by the caller between frames; volumes by mesh and level, and what
+    was measured on them. watch: stops the calls into the core.
+    advance: called with a share 0..1 of this work as it proceeds.
+    """
+
+    def __init__(
+        self,
+        scene: model.Scene,
+        cache: dict,
+        watch: leapray.Watch,
+        threads: int,
+        advance: Callable[[float], None] = lambda share: None,
+    ) -> None:
+        self.scene, self.settings = scene, scene.settings
+        self.cache, self.watch, self.threads, self.advance = cache, watch, threads, advance
+        self.budget = self.settings.memory_mb * MB
+        self.seconds = {"voxelize": 0.0, "structure": 0.0, "plan": 0.0}
+        self.warnings: list[str] = []
+        self.works: list[Work] = []
+        self.peak = 0
+        self.used: set = set()  # keys of the cache that this frame touched
+
+    def _breathe(self) -> None:
+        if self.watch.stopped:
+            raise leapray.Stopped("The planning was stopped.")
+
+    # -- levels
+
+    def _key(self, work: Work, what: str, voxel_size: float = 0.0) -> tuple:
+        s = self.settings
+        return what, work.digest, voxel_size, work.with_ids, s.sample_type, s.traverser
+
+    def _cached(self, key: tuple):
+        self.used.add(key)
+        return self.cache.get(key)
+
+    def held(self) -> int:
+        """Bytes of all volumes and structures that are alive, as far as the plan has come."""
+        return sum(w.measure.nbytes for w in self.works if w.measure)
+
+    def _voxelize(self, work: Work, voxel_size: float, room: float) -> leapray.Structure:
+        """The structure of a level, which holds its volume.
+
+        room: bytes; OutOfMemory where that has no place for it. The structure's
+        share of them is foreseen from the level before.
+        """
+        key = self._key(work, "structure", voxel_size)
+        structure = self._cached(key)
+        if structure is not None:
+            return structure
+        share = work.measure.volume_nbytes / work.measure.nbytes if work.measure else 1.0
+        began = time.perf_counter()
+        mesh = work.mesh
+        volume = leapray.voxelize(
+            mesh.vertices,
+            mesh.triangles,
+            voxel_size,
+            ids=mesh.slots if work.with_ids else None,
+            dtype=self.settings.sample_type,
+            threads=self.threads,
+            watch=self.watch,
+            max_nbytes=max(1, int(room * share)),
+        )
+        middle = time.perf_counter()
+        structure = leapray.build(
+            volume, self.settings.traverser or None, threads=self.threads, watch=self.watch
+        )
+        self.seconds["voxelize"] += middle - began
+        self.seconds["structure"] += time.perf_counter() - middle
+        nbytes = volume.info.nbytes + structure.nbytes
+        self.peak = max(self.peak, self.held() + nbytes)
+        if nbytes > room:
+            raise leapray.OutOfMemory(
+                f"the level needs {nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
+            )
+        self.cache[key] = structure
+        return structure
+
+    def _drop(self, work: Work) -> None:
+        """Forget the volume of a level that is left; what was measured on it stays."""
+        if work.measure is not None:
+            self.cache.pop(self._key(work, "structure", work.measure.voxel_size), None)
+        work.structure = None
+
+    def _measure(self, work: Work, structure: leapray.Structure, voxel_size: float) -> Measure:
+        volume, at = structure.volume, self._probes(work)
+        sheet = volume.info.kind == "sheet"
+        info = volume.mesh_info
+        normals = None if sheet else at.surface_normals * (-1.0 if info.inverted else 1.0)
+        surface, lost = probes.measure_surface(volume, at.surface, normals, voxel_size)
+        crease, _ = probes.measure_surface(volume, at.creases, None, voxel_size)
+        why = ""
+        if sheet and info.n_border_edges:
+            why = f"open: {info.n_border_edges} border edges"
+        elif sheet:
+            why = f"not closed: {info.n_bad_edges} edges of many faces or of opposite winding"
+        rims, outward = (at.rims, at.rim_outward) if sheet else (at.rims[:0], at.rims[:0])
+        return Measure(
+            voxel_size=voxel_size,
+            surface=surface,
+            lost=lost,
+            crease=crease,
+            rim=probes.rim_excess(rims, outward, voxel_size),
+            shape=volume.info.size,
+            kind=volume.info.kind,
+            why=why,
+            volume_nbytes=volume.info.nbytes,
+            structure_nbytes=structure.nbytes,
+        )
+
+    def _probes(self, work: Work) -> probes.Probes:
+        key = ("probes", work.digest)
+        if self._cached(key) is None:
+            self.cache[key] = probes.draw(work.mesh, self._breathe)
+        return self.cache[key]
+
+    def _enter(self, work: Work, voxel_size: float, room: float) -> None:
+        """Put the mesh on a level; OutOfMemory, and nothing changed, where it does not fit."""
+        key = self._key(work, "measure", voxel_size)
+        measure, structure = self._cached(key), None
+        if measure is None:
+            structure = self._voxelize(work, voxel_size, room)
+            measure = self.cache[key] = self._measure(work, structure, voxel_size)
+        elif measure.nbytes > room:
+            raise leapray.OutOfMemory(
+                f"the level needs {measure.nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
+            )
+        self._drop(work)
+        work.measure, work.structure = measure, structure
+        work.errors = self._errors(work)
+        work.history.append(work.errors.worst(self.settings.pixel_error))
+
+    # -- errors
+
+    def _errors(self, work: Work) -> Errors:
+        if work.weights is None:
+            work.weights = probes.weigh(self._probes(work), self.scene, work.matrices)
+        m, w = work.measure, work.weights
+        pixels = w.surface_pixels / w.surface_pixels.sum()
+        return Errors(
+            surface=MARGIN * quantile(m.surface / w.surface_footprint, pixels, QUANTILE),
+            crease=mean(m.crease / w.crease_footprint, w.crease_pixels) if len(m.crease) else 0.0,
+            rim=mean(m.rim / w.rim_footprint, w.rim_pixels) if len(m.rim) else 0.0,
+            lost=float(pixels[m.lost].sum()),
+        )
+
+    # -- the walk
+
+    def start(self, instances: list[model.Instance]) -> None:
+        """Put every mesh on its coarsest level, or on the one that the settings ask for."""
+        by_mesh: dict[int, list[model.Instance]] = {}
+        for instance in instances:
+            by_mesh.setdefault(instance.mesh, []).append(instance)
+        for done, (index, users) in enumerate(by_mesh.items()):
+            self._breathe()
+            mesh = self.scene.meshes[index]
+            work = Work(
+                index=index,
+                name=users[0].name,
+                mesh=mesh,
+                digest=objects.digest(mesh),
+                matrices=np.array([u.world_from_object for u in users], np.float64),
+                with_ids=mesh.slots is not None and any(len(u.materials) > 1 for u in users),
+            )
+            self._start_one(work)
+            self.advance(0.3 * (done + 1) / len(by_mesh))
+
+    def _start_one(self, work: Work) -> None:
+        size = coarsest(work.mesh)
+        if self.settings.resolution:
+            size = fixed_size(work.mesh, self.settings.resolution)
+        room = self.budget - self.held()
+        try:
+            self._enter(work, size, room)
+        except leapray.OutOfMemory as error:
+            needs = self.held() + (getattr(error, "nbytes", None) or 0)
+            raise SceneError(
+                f"With {work.name!r} at its coarsest level the scene needs "
+                f"{math.ceil(needs / MB)} MB, budget is {self.settings.memory_mb} MB."
+            ) from error
+        except leapray.Stopped:
+            raise
+        except leapray.LeapRayError as error:
+            self.warnings.append(f"{work.name!r} is skipped: {error}.")
+            return
+        self.works.append(work)
+
+    def refine(self) -> None:
+        """Halve the voxels of the worst volume, while one is not good enough and memory lasts."""
+        bar = self.settings.pixel_error
+        queue = [(-w.errors.worst(bar), n) for n, w in enumerate(self.works)]
+        heapq.heapify(queue)
+        first = max((-score for score, _ in queue), default=1.0)
+        while queue and queue[0][0] < -1.0:
+            _, n = heapq.heappop(queue)
+            work = self.works[n]
+            if self._refine_one(work):
+                heapq.heappush(queue, (-work.errors.worst(bar), n))
+            worst = max(-queue[0][0], 1.0) if queue else 1.0
+            self.advance(0.3 + 0.7 * (1.0 - math.log(worst) / math.log(max(first, worst, 1.001))))
+
+    def _refine_one(self, work: Work) -> bool:
+        """One level finer; False where that cannot be, and work.stuck says why."""
+        bar = self.settings.pixel_error
+        room = self.budget - self.held()
+        edges_only = work.errors.surface <= bar
+        if edges_only:
+            room = min(room, self.budget * RIM_SHARE)
+        if len(work.history) > 3 and work.history[-1] > 0.9 * work.history[-4]:
+            work.stuck = "halving the voxels three times did not help"
+            return False
+        try:
+            self._enter(work, work.measure.voxel_size / 2, room)
+        except leapray.Stopped:
+            raise
+        except leapray.OutOfMemory:
+            work.stuck = (
+                f"its edges may take a {round(1 / RIM_SHARE)}th of the memory budget"
+                if edges_only and room < self.budget - self.held()
+                else "the memory budget ends"
+            )
+            return False
+        except leapray.LeapRayError as error:
+            work.stuck = str(error)
+            return False
+        return True
+
+    def finish(self, instances: list[model.Instance]) -> Plan:
+        """Make what is still missing, and put the instances together."""
+        for work in self.works:
+            if work.structure is None:
+                others = self.held() - work.measure.nbytes
+                work.structure = self._voxelize(work, work.measure.voxel_size, self.budget - others)
+        for key in [k for k in self.cache if k not in self.used]:
+            del self.cache[key]
+        self.peak = max(self.peak, self.held())
+        placed, slots = self._place(instances)
+        return Plan(
+            instances=placed,
+            slots=slots,
+            slot_objects=None,
+            volumes=[self._row(w) for w in self.works],
+            warnings=self.warnings + [s for w in self.works if (s := self._complaint(w))],
+            volume_nbytes=sum(w.measure.volume_nbytes for w in self.works),
+            structure_nbytes=sum(w.measure.structure_nbytes for w in self.works),
+            peak_nbytes=self.peak,
+            seconds=self.seconds,
+        )
+
+    def _place(self, instances: list[model.Instance]) -> tuple[list[leapray.Instance], list[int]]:
+        works = {w.index: w for w in self.works}
+        first: dict[tuple[int, ...], int] = {}
+        slots: list[int] = []
+        placed = []
+        for instance in instances:
+            if instance.mesh not in works:
+                continue
+            if instance.materials not in first:
+                first[instance.materials] = len(slots)
+                slots.extend(instance.materials)
+            placed.append(
+                leapray.Instance(
+                    works[instance.mesh].structure,
+                    instance.world_from_object,
+                    first_material=first[instance.materials],
+                    n_materials=len(instance.materials),
+                    object_index=instance.object_index,
+                    visible_camera=instance.visible_camera,
+                    visible_shadow=instance.visible_shadow,
+                    visible_diffuse=instance.visible_diffuse,
+                )
+            )
+        return placed, slots
+
+    # -- what is said about it
+
+    def _row(self, work: Work) -> dict[str, object]:
+        m, e = work.measure, work.errors
+        return {
+            "name": work.name,
+            "mesh": work.mesh.name,
+            "kind": m.kind,
+            "why": m.why,
+            "size": list(m.shape),
+            "voxel_size": m.voxel_size,
+            "error_footprints": round(e.surface, 4),
+            "crease_footprints": round(e.crease, 4),
+            "rim_footprints": round(e.rim, 4),
+            "lost": round(e.lost, 4),
+            "nbytes": m.nbytes,
+            "volume_nbytes": m.volume_nbytes,
+            "structure_nbytes": m.structure_nbytes,
+            "instances": len(work.matrices),
+            "stuck": work.stuck,
+        }
+
+    def _complaint(self, work: Work) -> str:
+        """The sentence on a volume that is coarser than it was asked to be, or ""."""
+        e, bar = work.errors, self.settings.pixel_error
+        if self.settings.resolution or e.worst(bar) <= 1:
+            return ""
+        if e.surface > bar:
+            what = f"an error of {e.surface:.2g} pixels instead of {bar:g}"
+        elif e.crease > CREASE_ERROR:
+            what = f"creases that are {e.crease:.2g} pixels off"
+        else:
+            what = f"rims that reach {e.rim:.2g} pixels too far"
+        return f"{work.name!r} has {what}: {work.stuck}."
+
+
+def fixed_size(mesh: model.Mesh, n: int) -> float:
+    """The voxel size at which the mesh's volume has n samples, or a few less, on its longest side.
+
+    The ramp's own samples count; where n leaves hardly any for the mesh, it gets one voxel or two.
+    """
+    used = mesh.vertices[np.unique(mesh.triangles)].astype(np.float64)
+    lo, hi = used.min(axis=0), used.max(axis=0)
+    size = (hi - lo).max() / max(n - 1 - 2 * PADDING, 1)
+    largest = 2.0 * size
+    while size < largest:
+        samples = np.ceil(hi / size) - np.floor(lo / size) + 1 + 2 * PADDING
+        if samples.max() <= n:
+            break
+        size *= 1.0 + 0.5 / n
+    return float(size)
+
+
+def make(
+    scene: model.Scene,
+    cache: dict,
+    watch: leapray.Watch,
+    threads: int,
+    advance: Callable[[float], None] = lambda share: None,
+) -> Plan:
+    """Choose, voxelize and build everything that the scene needs.
+
+    Raises SceneError where nothing can be rendered within the settings, Stopped
+    where watch says so. Uses and refills cache; what this scene no longer needs
+    is dropped from it.
+    """
+    began = time.perf_counter()
+    warnings: list[str] = []
+    instances = objects.usable(scene, warnings)
+    slot_objects = None
+    if scene.settings.layout == "scene" and instances:
+        scene, slot_objects = objects.merge(scene, instances, warnings)
+        instances = list(scene.instances)
+    planner = Planner(scene, cache, watch, threads, advance)
+    planner.warnings += warnings
+    planner.start(instances)
+    if instances and not planner.works:
+        raise objects.nothing_left(planner.warnings)
+    if not scene.settings.resolution:
+        planner.refine()
+    plan = planner.finish(instances)
+    plan.slot_objects = slot_objects
+    spent = time.perf_counter() - began
+    plan.seconds["plan"] = spent - plan.seconds["voxelize"] - plan.seconds["structure"]
+    return plan

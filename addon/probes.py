@@ -1,0 +1,306 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where a volume's error is measured, and what a pixel is worth there (no bpy).
+
+A mesh gets three sets of probes, drawn once from a fixed seed and independent
+of the view, so that what was measured at them stays true when the camera moves:
+
+- points of the surface, even by area: the trilinear field rounds what is curved;
+- points of its creases, even by length: there it cuts or fills the corner;
+- points of its rims (edges with one triangle), even by length: a sheet is valid
+  in whole cells, so it reaches a little too far.
+
+A view turns an error in object space into pixels: it divides it by the
+footprint, the width of a pixel at the probe's depth, brought into object space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+import leapray
+
+from . import model
+
+SATURATED = 2.5  # voxels: where the ramp ends, more cannot be measured
+HALF_WIDTH = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # of the ramp, in voxels
+LEAST_SLOPE = 0.25  # of the ramp's: at creases the gradient can vanish though f is right
+TOUCH = 1e-3  # voxels: a rim closer to a cell than this is taken as touching it
+
+N_SURFACE = 8192
+N_EDGE = 2048
+CREASE_COSINE = np.cos(np.radians(25.0))  # duller edges belong to smooth surfaces
+SEED = 1994
+N_INSTANCES = 32  # of one mesh that are looked at: those that ask for most
+UNSEEN = 4.0  # shadows and reflections of what the camera does not see may be this much coarser
+
+Points = NDArray[np.float64]  # (n, 3)
+
+
+@dataclass(frozen=True)
+class Probes:
+    """Points on a mesh, in its own space."""
+
+    surface: Points
+    surface_normals: Points  # unit
+    creases: Points
+    crease_normals: NDArray[np.float64]  # (n, 2, 3): of the triangles on either side, unit
+    rims: Points
+    rim_normals: Points
+    rim_outward: Points  # unit, in the triangle's plane, away from it
+    area: float
+    crease_length: float
+    rim_length: float
+
+
+def _unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
+    length = np.linalg.norm(v, axis=-1, keepdims=True)
+    return np.divide(v, length, out=np.zeros_like(v), where=length > 0)
+
+
+def weld(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
+    """For every vertex, the number of its place: equal for vertices at equal coordinates.
+
+    vertices: (n, 3). Places are told apart by 64 bits mixed from the
+    coordinates' bits; two of a million differing places share them with a
+    chance of 1e-7, at the price of a few probes too few.
+    """
+    bits = (np.asarray(vertices, np.float32) + np.float32(0)).view(np.uint32).astype(np.uint64)
+    key = np.zeros(len(bits), np.uint64)
+    for axis in range(3):
+        key = (key ^ bits[:, axis]) * np.uint64(0x9E3779B97F4A7C15)
+        key = (key ^ key >> np.uint64(32)) * np.uint64(0xD6E8FEB86659FD93)
+        key ^= key >> np.uint64(29)
+    return np.unique(key, return_inverse=True)[1]
+
+
+def _edges(places: NDArray[np.int64]) -> tuple[NDArray, NDArray]:
+    """Half-edges grouped by edge.
+
+    places: (m, 3), the corners of the triangles. Returns the half-edges in an
+    order that puts those of one edge side by side (3 t + e runs from corner e
+    of triangle t to the next), and the (k + 1,) bounds of the groups.
+    """
+    a, b = places, np.roll(places, -1, axis=1)
+    key = (np.minimum(a, b) * (places.max() + 1) + np.maximum(a, b)).ravel()
+    order = np.argsort(key)
+    order = order[(a != b).ravel()[order]]
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    return order, np.append(first, len(order))
+
+
+def _spread(length: NDArray[np.float64], n: int, random: np.random.Generator):
+    """n pieces drawn in proportion to their size, evenly spread, and a place 0..1 in each."""
+    reach = np.cumsum(length)
+    at = (np.arange(n) + random.random(n)) * (reach[-1] / n)
+    return np.minimum(np.searchsorted(reach, at, side="right"), len(length) - 1), random.random(n)
+
+
+def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes:
+    """Draw the probes of a mesh with finite vertices and at least one triangle that has an area.
+
+    breathe is called every few hundred milliseconds per million triangles; it may raise.
+    """
+    random = np.random.default_rng(SEED)
+    corners = mesh.vertices.astype(np.float64)[mesh.triangles]  # (m, 3, 3)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals, area = _unit(cross), 0.5 * np.linalg.norm(cross, axis=1)
+
+    breathe()
+    chosen, u = _spread(area, N_SURFACE, random)
+    u, v = np.sqrt(u), random.random(N_SURFACE)
+    weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
+    surface = np.einsum("nk,nkc->nc", weights, corners[chosen])
+
+    breathe()
+    order, bounds = _edges(weld(mesh.vertices)[mesh.triangles])
+    breathe()
+    first, count = order[bounds[:-1]], np.diff(bounds)
+    second = order[np.minimum(bounds[:-1] + 1, len(order) - 1)]
+    start = corners.reshape(-1, 3)
+    along = np.roll(corners, -1, axis=1).reshape(-1, 3) - start
+    cosine = np.einsum("nc,nc->n", normals[first // 3], normals[second // 3])
+
+    def on_edges(edges):
+        length = np.linalg.norm(along[edges], axis=1)
+        if not length.sum() > 0:
+            return np.zeros((0, 3)), np.zeros(0, np.int64), 0.0
+        chosen, where = _spread(length, N_EDGE, random)
+        points = start[edges[chosen]] + where[:, None] * along[edges[chosen]]
+        return points, chosen, float(length.sum())
+
+    sharp = (count >= 2) & (cosine < CREASE_COSINE)
+    creases, chosen_creases, crease_length = on_edges(first[sharp])
+    sides = np.stack([normals[first[sharp] // 3], normals[second[sharp] // 3]], axis=1)
+    border = first[count == 1]
+    rims, chosen_rims, rim_length = on_edges(border)
+    edges = border[chosen_rims]
+    return Probes(
+        surface=surface,
+        surface_normals=normals[chosen],
+        creases=creases,
+        crease_normals=sides[chosen_creases],
+        rims=rims,
+        rim_normals=normals[edges // 3],
+        rim_outward=_unit(np.cross(along[edges], normals[edges // 3])),
+        area=float(area.sum()),
+        crease_length=crease_length,
+        rim_length=rim_length,
+    )
+
+
+# ---- views ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What the probes of a mesh count in a view, over all its instances.
+
+    footprint: object-space length of a pixel, as far as a shift along the
+    probe's normal (for rims: outward) can be seen. pixels: how much of the
+    image a probe stands for, up to a common factor.
+    """
+
+    surface_footprint: NDArray[np.float64]
+    surface_pixels: NDArray[np.float64]
+    crease_footprint: NDArray[np.float64]
+    crease_pixels: NDArray[np.float64]
+    rim_footprint: NDArray[np.float64]
+    rim_pixels: NDArray[np.float64]
+
+
+def look(camera: model.Camera, points: Points, width: int, height: int):
+    """Footprints of a pixel at world points, and unit directions towards them.
+
+    Returns ((n,) world units, (n, 3)). Points outside the image count UNSEEN
+    pixels, by their distance to the camera whatever the direction.
+    """
+    pixel = min(np.linalg.norm(camera.dx), np.linalg.norm(camera.dy))
+    v = points - camera.eye
+    depth = v @ camera.forward
+    perspective = camera.projection == "perspective"
+    if perspective:
+        film = v / np.where(depth > 0, depth, np.nan)[:, None] - camera.corner
+        towards = _unit(v)
+        reach = np.maximum(np.linalg.norm(v, axis=1), camera.clip_start)
+    else:
+        film = v - depth[:, None] * camera.forward - camera.corner
+        towards = np.broadcast_to(camera.forward, v.shape)
+        reach = np.ones(len(v))
+    x = film @ camera.dx / (camera.dx @ camera.dx)
+    y = film @ camera.dy / (camera.dy @ camera.dy)
+    seen = (depth >= camera.clip_start) & (depth <= camera.clip_end)
+    seen &= (x >= -1) & (x <= width + 1) & (y >= -1) & (y <= height + 1)
+    return pixel * np.where(seen, depth if perspective else reach, UNSEEN * reach), towards
+
+
+def _demanding(camera: model.Camera, box: NDArray, matrices: NDArray) -> NDArray[np.int64]:
+    """The instances whose pixels are the smallest in object space, by their boxes."""
+    if len(matrices) <= N_INSTANCES:
+        return np.arange(len(matrices))
+    stretch = np.linalg.norm(matrices[:, :3, :3], 2, axis=(1, 2))
+    radius = 0.5 * np.linalg.norm(box[1] - box[0]) * stretch
+    centre = matrices[:, :3, :3] @ box.mean(axis=0) + matrices[:, :3, 3] - camera.eye
+    if camera.projection == "perspective":
+        nearest = np.maximum(np.linalg.norm(centre, axis=1) - radius, camera.clip_start)
+        behind = centre @ camera.forward + radius < camera.clip_start
+        nearest = np.where(behind, UNSEEN * nearest, nearest)
+    else:
+        nearest = np.ones(len(matrices))
+    return np.argsort(nearest / stretch, kind="stable")[:N_INSTANCES]
+
+
+def weigh(probes: Probes, scene: model.Scene, matrices: NDArray[np.float64]) -> Weights:
+    """What the probes count in the scene's view, with the mesh placed by matrices (n, 4, 4)."""
+    camera = scene.camera
+    box = np.array([probes.surface.min(axis=0), probes.surface.max(axis=0)])
+    best: dict[str, NDArray] = {}
+
+    def keep(name: str, footprint: NDArray) -> None:
+        best[name] = np.minimum(best[name], footprint) if name in best else footprint
+
+    for index in _demanding(camera, box, matrices):
+        linear, shift = matrices[index, :3, :3], matrices[index, :3, 3]
+        normal_matrix = np.linalg.inv(linear).T
+        stretch = np.linalg.norm(linear, 2)
+
+        def seen(points, linear=linear, shift=shift):
+            return look(camera, points @ linear.T + shift, scene.width, scene.height)
+
+        # a shift by e along the normal n moves the surface by e / |M^-T n| in the world
+        footprint, _ = seen(probes.surface)
+        normals = probes.surface_normals @ normal_matrix.T
+        keep("surface", footprint * np.linalg.norm(normals, axis=1))
+        if len(probes.creases):
+            footprint, towards = seen(probes.creases)
+            sides = probes.crease_normals @ normal_matrix.T
+            facing = np.einsum("nkc,nc->nk", sides, towards) < 0
+            outline = facing[:, 0] != facing[:, 1]
+            keep("crease", np.where(outline, footprint, UNSEEN * footprint) / stretch)
+        if len(probes.rims):
+            footprint, towards = seen(probes.rims)
+            outward = probes.rim_outward @ linear.T
+            across = outward - np.einsum("nc,nc->n", outward, towards)[:, None] * towards
+            visible = np.linalg.norm(across, axis=1)
+            keep("rim", footprint / np.maximum(visible, 1e-6 * stretch))
+
+    none = np.zeros(0)
+    crease, rim = best.get("crease", none), best.get("rim", none)
+    return Weights(best["surface"], best["surface"] ** -2.0, crease, 1 / crease, rim, 1 / rim)
+
+
+# ---- what is measured ----------------------------------------------------------
+
+
+def measure_surface(
+    volume: leapray.Volume, points: NDArray, normals: NDArray | None, voxel_size: float
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Distance of the field's surface from points of the mesh, and which points are lost.
+
+    points: (n, 3). normals: (n, 3) outward, or None where nothing can be lost.
+    Distances are in object space, at most SATURATED voxels.
+    """
+    value, gradient = volume.sample(points)
+    threshold = volume.info.threshold
+    most = SATURATED * voxel_size
+    slope = np.linalg.norm(gradient, axis=1)
+    ramp = 1.0 / (2.0 * HALF_WIDTH[volume.info.dtype] * voxel_size)
+    error = np.minimum(np.abs(value - threshold) / np.maximum(slope, LEAST_SLOPE * ramp), most)
+    lost = np.zeros(len(points), np.bool_)
+    if normals is not None:
+        lost = value < threshold
+        for depth in (0.25, 0.5):
+            inner = points[lost] - depth * voxel_size * normals[lost]
+            lost[lost] = volume.sample(inner)[0] < threshold
+        error[lost] = most
+    return error.astype(np.float32), lost
+
+
+def rim_excess(points: NDArray, outward: NDArray, voxel_size: float) -> NDArray[np.float32]:
+    """How far a sheet reaches past its rim: to the end of the cell that the rim touches.
+
+    points, outward: (n, 3), object space. Cells lie on multiples of voxel_size.
+    A rim in a face shared by two cells touches both.
+    """
+    inside = points / voxel_size + TOUCH * outward
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ways = np.where(
+            outward > 0,
+            (np.floor(inside) + 1 - inside) / outward,
+            np.where(outward < 0, (np.floor(inside) - inside) / outward, np.inf),
+        )
+    return (voxel_size * ways.min(axis=1)).astype(np.float32)
+
+
+def quantile(values: NDArray, weights: NDArray, q: float) -> float:
+    """The least value that the share q of the weights does not exceed."""
+    order = np.argsort(values)
+    reach = np.cumsum(weights[order])
+    return float(values[order[min(np.searchsorted(reach, q * reach[-1]), len(values) - 1)]])
+
+
+def mean(values: NDArray, weights: NDArray) -> float:
+    return float((values * weights).sum() / weights.sum())

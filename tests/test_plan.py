@@ -1,0 +1,350 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The plan chooses the least that keeps the error small, and says what it did."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import scenes
+
+import leapray
+from addon import objects, plan, probes
+
+
+def make(scene, cache=None):
+    return plan.make(scene, {} if cache is None else cache, leapray.Watch(), 1)
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """The voxel sizes that were asked for."""
+    sizes = []
+    voxelize = leapray.voxelize
+
+    def counted(vertices, triangles, voxel_size, **more):
+        sizes.append(voxel_size)
+        return voxelize(vertices, triangles, voxel_size, **more)
+
+    monkeypatch.setattr(leapray, "voxelize", counted)
+    return sizes
+
+
+# ---- probes ---------------------------------------------------------------------
+
+
+def test_probes_lie_on_the_surface_evenly():
+    p = probes.draw(scenes.sphere(n=48))
+    r = np.linalg.norm(p.surface, axis=1)
+    assert r.max() < 1 + 1e-6 and r.min() > 1 - 5e-4
+    assert p.area == pytest.approx(4 * np.pi, rel=1e-3)
+    # Archimedes: even by area is even along any axis; 8192 even draws stay within 1 %
+    share = [(p.surface[:, axis] < 0.5).mean() for axis in range(3)]
+    np.testing.assert_allclose(share, 0.75, atol=0.01)
+    outward = np.einsum("nc,nc->n", p.surface, p.surface_normals)
+    assert outward.min() > 0.999
+    assert len(p.creases) == len(p.rims) == 0
+
+
+def test_creases_are_the_sharp_edges_and_rims_the_open_ones():
+    closed, flat = probes.draw(scenes.box()), probes.draw(scenes.plane(2.0))
+    assert closed.crease_length == pytest.approx(24.0) and len(closed.rims) == 0
+    assert (np.isclose(np.abs(closed.creases), 1.0).sum(axis=1) >= 2).all()
+    assert flat.rim_length == pytest.approx(8.0) and len(flat.creases) == 0
+    assert np.isclose(np.einsum("nc,nc->n", flat.rims, flat.rim_outward), 1.0).all()
+
+
+def test_corners_at_one_place_are_welded():
+    mesh = scenes.box()
+    split = dataclasses.replace(
+        mesh,
+        vertices=mesh.vertices[mesh.triangles].reshape(-1, 3) * np.float32(1),
+        triangles=np.arange(mesh.triangles.size, dtype=np.int32).reshape(-1, 3),
+    )
+    assert probes.draw(split).rim_length == 0
+    assert probes.draw(split).crease_length == pytest.approx(24.0)
+
+
+def test_footprints_follow_depth_and_scale():
+    width = 100
+    view = scenes.camera(eye=(0, -10, 0), width=width, height=width, fov=2 * np.arctan(0.5))
+    at = np.array([[0.0, 0.0, 0.0], [1.0, 10.0, 2.0], [0.0, -20.0, 0.0], [30.0, 0.0, 0.0]])
+    footprint, _ = probes.look(view, at, width, width)
+    seen = [10 / width, 20 / width]
+    unseen = [probes.UNSEEN * 10 / width, probes.UNSEEN * np.hypot(30, 10) / width]
+    np.testing.assert_allclose(footprint, [*seen, *unseen])
+
+    scene = scenes.scene([scenes.sphere(n=8)], view=view, width=width, height=width)
+    drawn = probes.draw(scene.meshes[0])
+
+    def footprints(matrix):
+        return probes.weigh(drawn, scene, np.array([matrix], float)).surface_footprint
+
+    big, small = footprints(np.diag([0.2, 0.2, 0.2, 1])), footprints(np.diag([0.1, 0.1, 0.1, 1]))
+    np.testing.assert_allclose(
+        small / big, 2.0, rtol=0.03
+    )  # half the size: a pixel is twice as much
+    flat = footprints(np.diag([1.0, 1.0, 1e-3, 1]))
+    top = np.abs(drawn.surface_normals[:, 2]) > 0.999
+    assert (flat[top] > 50).all()  # along z, 1000 times flatter, a pixel is as much as ever 0.1
+
+
+def test_a_mesh_is_as_fine_as_its_nearest_instance_asks():
+    mesh = scenes.sphere(n=32)
+    far = scenes.place(0, at=(0, 40, 0))
+    near = scenes.place(0, at=(0, -2, 0))
+
+    def row(instances):
+        return make(scenes.scene([mesh], instances, pixel_error=0.02)).volumes[0]
+
+    one, both, alone = row([far]), row([far] * 40 + [near]), row([near])
+    assert both["voxel_size"] == alone["voxel_size"] < one["voxel_size"]
+    assert both["instances"] == 41
+
+
+# ---- the error --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", ["u16", "f32"])
+@pytest.mark.parametrize("voxel_size", [0.125, 0.0625, 0.03125])
+def test_the_measured_error_of_a_sphere_is_the_predicted_one(dtype, voxel_size):
+    """Trilinear interpolation of a distance errs by h^2 / 4R at most, h^2 / 6R in the mean."""
+    mesh = scenes.sphere(n=160)  # chords sink by 1.2e-5
+    drawn = probes.draw(mesh)
+    volume = leapray.voxelize(mesh.vertices, mesh.triangles, voxel_size, dtype=dtype, threads=1)
+    error, lost = probes.measure_surface(volume, drawn.surface, drawn.surface_normals, voxel_size)
+    assert not lost.any()
+    # the second-order terms that the formula leaves out are h/R of it
+    assert np.quantile(error, 0.99) == pytest.approx(voxel_size**2 / 4, rel=0.1 + voxel_size)
+    assert error.mean() == pytest.approx(voxel_size**2 / 6, rel=0.05 + voxel_size)
+
+
+def test_the_prediction_holds_for_hits():
+    """What the plan says in footprints bounds the rays' error at the quantile that it names."""
+    width = 480
+    view = scenes.camera(width=width, height=width)
+    scene = scenes.scene([scenes.sphere(n=160)], view=view, width=width, height=width)
+    made = make(scene)
+    structure = made.instances[0].structure
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(width) + 0.5)
+    film = view.corner + x.reshape(-1, 1) * view.dx + y.reshape(-1, 1) * view.dy
+    hits = leapray.trace(structure, np.broadcast_to(view.eye, film.shape), film)
+    hit = np.isfinite(hits.t)
+    assert hit.mean() > 0.1
+    at = view.eye + hits.t[hit, None] * film[hit]
+    error = np.abs(np.linalg.norm(at, axis=1) - 1)
+    footprint = hits.t[hit] * np.linalg.norm(view.dx)
+    said = made.volumes[0]["error_footprints"]
+    assert said <= scene.settings.pixel_error
+    assert np.quantile(error / footprint, 0.99) <= said
+    assert np.quantile(error / footprint, 0.99) >= said / 2  # nor is it careless with memory
+
+
+def test_thin_walls_are_found():
+    """A plate thinner than a voxel has no sample inside: the error says so, more voxels help."""
+    view = scenes.camera(eye=(0, -3, 2), width=320, height=240)
+    scene = scenes.scene([scenes.box((2, 2, 0.05), turn=0.3)], view=view, width=320, height=240)
+    mesh, drawn = scene.meshes[0], probes.draw(scene.meshes[0])
+    coarse = leapray.voxelize(mesh.vertices, mesh.triangles, 0.125, threads=1)
+    _, lost = probes.measure_surface(coarse, drawn.surface, drawn.surface_normals, 0.125)
+    assert lost.mean() > 0.5
+    row = make(scene).volumes[0]
+    assert row["voxel_size"] <= 0.05 and row["lost"] < 0.01
+
+
+def test_creases_ask_for_finer_voxels_than_their_faces():
+    turned, straight = (make(scenes.scene([scenes.box(turn=a)])).volumes[0] for a in (0.4, 0.0))
+    assert turned["voxel_size"] < straight["voxel_size"]
+    assert straight["crease_footprints"] < 0.01  # lattice planes hold its faces
+    assert turned["crease_footprints"] <= plan.CREASE_ERROR
+
+
+# ---- flat things --------------------------------------------------------------------
+
+
+def test_a_flat_floor_stays_coarse():
+    """Seen from above a person's height, 100 m of floor take less than 16 MB, rims and all."""
+    view = scenes.camera(eye=(0, -6, 1.7), target=(0, 0, 1), width=960, height=540)
+    row = make(scenes.scene([scenes.plane(100.0)], view=view, width=960, height=540)).volumes[0]
+    assert row["kind"] == "sheet" and "4 border edges" in row["why"]
+    assert row["error_footprints"] < 0.1
+    assert row["nbytes"] < 16 << 20
+    assert row["rim_footprints"] <= plan.RIM_ERROR
+
+
+def test_rims_are_refined_where_they_are_seen():
+    near = scenes.camera(eye=(0, 0, 5), width=480, height=480)
+    row = make(scenes.scene([scenes.plane(2.0, offset=0.03)], view=near, width=480, height=480))
+    row = row.volumes[0]
+    pixel = 5 * 2 * np.tan(0.35) / 480
+    assert 0.2 * pixel < row["voxel_size"] < 3 * pixel
+    assert row["rim_footprints"] <= plan.RIM_ERROR
+
+
+def test_the_rim_excess_is_what_rays_find():
+    """Rays beside the rim, straight down, hit the sheet as far out as the plan believes."""
+    mesh, size = scenes.plane(2.0, offset=0.03), 0.125
+    volume = leapray.voxelize(mesh.vertices, mesh.triangles, size, threads=1)
+    structure = leapray.build(volume)
+    drawn = probes.draw(mesh)
+    excess = probes.rim_excess(drawn.rims, drawn.rim_outward, size)
+    assert excess.min() > 0 and excess.max() <= 1.01 * size
+    for share, found in ((0.98, True), (1.02, False)):
+        at = drawn.rims + share * excess[:, None] * drawn.rim_outward + [0, 0, 1]
+        hits = leapray.trace(structure, at, np.broadcast_to([0.0, 0.0, -1.0], at.shape))
+        # near a corner of the square the neighbouring rim's cells reach further
+        assert (np.isfinite(hits.t) == found).mean() > 0.95
+
+
+# ---- memory -----------------------------------------------------------------------------
+
+
+def test_the_memory_budget_is_kept_and_the_error_reached_is_told():
+    close = scenes.camera(eye=(0, -1.3, 0), width=1920, height=1080)
+    scene = scenes.scene(
+        [scenes.sphere(n=64), scenes.sphere(radius=0.3, n=16)],
+        [scenes.place(0, name="Ball"), scenes.place(1, at=(1.5, 2, 0), name="Pea")],
+        view=close,
+        width=1920,
+        height=1080,
+        memory_mb=1,
+        pixel_error=0.02,
+    )
+    made = make(scene)
+    assert made.volume_nbytes + made.structure_nbytes <= 1 << 20
+    assert made.peak_nbytes <= 1.05 * (1 << 20)
+    told = [w for w in made.warnings if "'Ball'" in w]
+    assert len(told) == 1 and "memory" in told[0]
+    reached = made.volumes[0]["error_footprints"]
+    assert reached > 0.02 and f"{reached:.2g}" in told[0]
+    more = make(scenes.replace(scene, memory_mb=64)).volumes[0]
+    assert more["error_footprints"] < reached / 3  # h^2: at least one level
+
+
+def test_the_budget_goes_where_it_is_seen():
+    """Of two equal meshes the one that fills the image is the finer one when memory is short."""
+    a, b = scenes.sphere(n=64), scenes.sphere(n=63)
+    scene = scenes.scene(
+        [a, b],
+        [scenes.place(0, at=(0, -4, 0)), scenes.place(1, at=(2, 20, 0))],
+        width=1920,
+        height=1080,
+        view=scenes.camera(width=1920, height=1080),
+        memory_mb=24,
+        pixel_error=0.01,
+    )
+    near, far = make(scene).volumes
+    assert near["voxel_size"] < far["voxel_size"]
+
+
+def test_too_little_memory_for_the_coarsest_level_is_one_sentence(monkeypatch):
+    monkeypatch.setattr(plan, "COARSEST", 512)
+    scene = scenes.scene([scenes.sphere()], [scenes.place(name="Giant")], memory_mb=1)
+    with pytest.raises(objects.SceneError, match=r"'Giant'.* needs \d+ MB, budget is 1 MB"):
+        make(scene)
+
+
+def test_resolution_counts_samples():
+    for n in (32, 57, 100):
+        row = make(scenes.scene([scenes.box((3, 1, 2), turn=0.3)], resolution=n)).volumes[0]
+        assert n - 2 <= max(row["size"]) <= n
+    tiny = make(scenes.scene([scenes.box()], resolution=1)).volumes[0]
+    assert max(tiny["size"]) < 12
+
+
+# ---- the cache ------------------------------------------------------------------------------
+
+
+def test_what_is_cached_is_not_voxelized_again(calls):
+    cache = {}
+    scene = scenes.scene([scenes.sphere(n=32), scenes.box(turn=0.3)])
+    first = make(scene, cache)
+    assert len(calls) > 3
+    calls.clear()
+    again = make(scene, cache)
+    assert calls == [] and again.volumes == first.volumes
+    moved = dataclasses.replace(scene, camera=scenes.camera(eye=(0.0, -5.9, 0.0)))
+    assert make(moved, cache).volumes[0]["voxel_size"] == first.volumes[0]["voxel_size"]
+    assert calls == []
+
+
+def test_the_cache_keeps_only_what_the_last_frame_used(calls):
+    cache = {}
+    make(scenes.scene([scenes.sphere(n=32), scenes.box(turn=0.3)]), cache)
+    make(scenes.scene([scenes.sphere(n=32)]), cache)
+    kept = [k for k, v in cache.items() if isinstance(v, leapray.Structure)]
+    assert len(kept) == 1
+    calls.clear()
+    make(scenes.scene([scenes.box(turn=0.3)]), cache)
+    assert calls
+
+
+# ---- bad objects ----------------------------------------------------------------------------
+
+
+def broken(name):
+    mesh = scenes.box(name=name)
+    if name == "NaN":
+        vertices = mesh.vertices.copy()
+        vertices[3, 1] = np.nan
+        return dataclasses.replace(mesh, vertices=vertices)
+    if name == "Empty":
+        return dataclasses.replace(mesh, triangles=np.zeros((0, 3), np.int32))
+    if name == "Line":
+        return dataclasses.replace(mesh, vertices=mesh.vertices * np.float32([1, 0, 0]))
+    return dataclasses.replace(mesh, triangles=mesh.triangles + 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [("NaN", "not finite"), ("Empty", "no faces"), ("Line", "area"), ("Beyond", "beyond")],
+)
+def test_bad_meshes_are_skipped_by_name(name, why):
+    meshes = [broken(name), scenes.sphere(n=8)]
+    placed = [scenes.place(0, name=name), scenes.place(1, name="Good")]
+    made = make(scenes.scene(meshes, placed))
+    assert [row["name"] for row in made.volumes] == ["Good"]
+    assert len(made.warnings) == 1 and f"{name!r} is skipped" in made.warnings[0]
+    assert why in made.warnings[0]
+    with pytest.raises(objects.SceneError, match=f"Nothing is left to render.*{name}.*{why}"):
+        make(scenes.scene(meshes[:1], placed[:1]))
+
+
+@pytest.mark.parametrize("scale", [(1, 1, 0), (0, 0, 0), (1, np.nan, 1), (1, 1e-12, 1)])
+def test_bad_matrices_are_skipped_by_name(scale):
+    placed = [scenes.place(0, name="Flat", scale=scale), scenes.place(0, name="Good")]
+    made = make(scenes.scene([scenes.sphere(n=8)], placed))
+    assert len(made.instances) == 1
+    assert "'Flat' is skipped" in made.warnings[0] and "matrix" in made.warnings[0]
+
+
+def test_tiny_and_mirrored_objects_are_no_bad_ones():
+    placed = [scenes.place(0, scale=1e-6), scenes.place(0, scale=(-1, 2, 1))]
+    made = make(scenes.scene([scenes.sphere(n=8)], placed))
+    assert len(made.instances) == 2 and made.warnings == []
+
+
+# ---- one volume for all -----------------------------------------------------------------------
+
+
+def test_layout_scene_makes_one_volume_that_tells_objects_and_materials_apart():
+    meshes = [scenes.sphere(n=16), scenes.box()]
+    placed = [
+        scenes.place(0, at=(-1.5, 0, 0), object_index=3, materials=(1,)),
+        scenes.place(1, at=(1.5, 0, 0), object_index=5, scale=(-0.5, 0.5, 0.5)),
+    ]
+    made = make(scenes.scene(meshes, placed, layout="scene"))
+    assert len(made.instances) == len(made.volumes) == 1
+    assert made.slots == [1, 0] and made.slot_objects == [3, 5]
+    assert made.volumes[0]["kind"] == "solid"
+    structure = made.instances[0].structure
+    hits = leapray.trace(structure, [[-1.5, -9, 0], [1.5, -9, 0]], [[0, 1, 0]] * 2)
+    assert list(hits.id) == [0, 1]
+    np.testing.assert_allclose(hits.t, [8, 8.5], atol=0.02)
+
+
+def test_the_report_is_plain_json():
+    row = make(scenes.scene([scenes.sphere(n=8)])).volumes[0]
+    assert json.loads(json.dumps(row)) == row
