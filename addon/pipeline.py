@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From a scene to a frame: plan, volumes, structures, tiles on threads, passes (no bpy).
+
+The calling thread does no work of its own: it asks `stop`, shows progress and
+hands tiles on, while workers call the core, which drops the interpreter lock.
+One watch reaches every call into the core, so a stop ends whatever runs.
+"""
+
+from __future__ import annotations
+
+import collections
+import os
+import platform
+import queue
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+import leapray
+from leapray._abi import lr_counters
+from leapray.arrays import SAMPLE_TYPES
+
+from . import model, plan, tiles
+
+POLL = 0.03  # seconds between two looks at `stop`
+PLANNED = 0.3  # share of the progress bar that planning and voxelizing take
+LAYOUTS = ("objects", "scene")
+COUNTERS = ("rays", "cells", "jumps", "tests", "samples", "hits")
+
+
+def never() -> bool:
+    return False
+
+
+def ignore(*_: object) -> None:
+    pass
+
+
+def render(
+    scene: model.Scene,
+    *,
+    stop: Callable[[], bool] = never,
+    progress: Callable[[float, str], None] = ignore,
+    on_tile: Callable[[int, int, int, int, dict], None] | None = None,
+    cache: dict | None = None,
+) -> model.Frame:
+    """Render the scene.
+
+    stop, progress(share 0..1, phase) and on_tile(x, y, width, height, passes) are
+    called on the calling thread only. cache is the caller's to keep between
+    frames: what has not changed is not voxelized again.
+    Raises Stopped soon after stop() said so, LeapRayError with one sentence where
+    there is nothing to render or the memory does not suffice; no thread outlives it.
+    """
+    began = time.perf_counter()
+    watch = leapray.Watch()
+    threads = scene.settings.threads or cores()
+    check(scene.settings)
+    with ThreadPoolExecutor(threads, thread_name_prefix="leapray") as pool:
+        crew = Crew(pool, watch, stop, progress)
+        planned = _plan(scene, {} if cache is None else cache, crew, threads)
+        planned_at = time.perf_counter()
+        passes, counters, workspace_nbytes = _trace(scene, planned, crew, threads, on_tile)
+    ended = time.perf_counter()
+    warnings = [*scene.warnings, *planned.warnings]
+    pixels_nbytes = sum(p.nbytes for p in passes.values())
+    report = {
+        "settings": asdict(scene.settings),
+        "width": scene.width,
+        "height": scene.height,
+        "versions": versions(),
+        "cpu": cpu(),
+        "threads": threads,
+        "seconds": {
+            "read": scene.seconds_read,
+            **planned.seconds,
+            "trace": ended - planned_at,
+            "total": scene.seconds_read + ended - began,
+        },
+        **counters,
+        "bytes": {
+            "volumes": planned.volume_nbytes,
+            "structures": planned.structure_nbytes,
+            "peak": max(
+                planned.peak_nbytes,
+                planned.volume_nbytes + planned.structure_nbytes + workspace_nbytes + pixels_nbytes,
+            ),
+        },
+        "volumes": planned.volumes,
+        "warnings": warnings,
+    }
+    return model.Frame(passes=passes, report=report, warnings=warnings)
+
+
+def check(settings: model.Settings) -> None:
+    """Refuse, in a sentence, settings that no scene could be rendered with."""
+    least = {"samples": 1, "resolution": 0, "memory_mb": 1, "threads": 0, "tile_size": 1}
+    for name, least_value in least.items():
+        value = getattr(settings, name)
+        if value < least_value:
+            raise leapray.LeapRayError(f"{name} must be at least {least_value}, it is {value}")
+    if not settings.pixel_error > 0:
+        raise leapray.LeapRayError(f"pixel_error must be above 0, it is {settings.pixel_error}")
+    for name, known in {"layout": LAYOUTS, "sample_type": SAMPLE_TYPES}.items():
+        value = getattr(settings, name)
+        if value not in known:
+            raise leapray.LeapRayError(f"{name} is one of {', '.join(known)}, not {value!r}")
+    leapray.traverser(settings.traverser)
+    leapray.trace_options(hit_test=settings.hit_test, root=settings.root, normal=settings.normal)
+
+
+class Crew:
+    """Workers, and the calling thread that listens to them and to its caller.
+
+    progress is called again while nothing arrives, with `share`, which a worker
+    may move.
+    """
+
+    def __init__(self, pool, watch, stop, progress) -> None:
+        self.pool, self.watch, self.stop, self.progress = pool, watch, stop, progress
+        self.phase, self.share = "", 0.0
+        self._said: tuple[float, str] | None = None
+        self._asked = 0.0
+
+    def _listen(self) -> None:
+        """Ask the caller whether to stop, and say how far things are, but not too often."""
+        now = time.monotonic()
+        if now - self._asked < POLL:
+            return
+        self._asked = now
+        if self.stop():
+            self.watch.stop()
+        if (self.share, self.phase) != self._said:
+            self._said = self.share, self.phase
+            self.progress(*self._said)
+
+    def run(self, jobs: list[Callable[[Callable], None]]) -> Iterator:
+        """Run job(put) for all jobs side by side; yields on this thread what they put.
+
+        Raises the first exception of a job, or Stopped, after all have ended.
+        """
+        arrived: queue.SimpleQueue = queue.SimpleQueue()
+        ended = object()
+
+        def work(job):
+            try:
+                job(arrived.put)
+            except BaseException:
+                self.watch.stop()  # the others need not go on
+                raise
+            finally:
+                arrived.put(ended)
+
+        futures = [self.pool.submit(work, job) for job in jobs]
+        running = len(futures)
+        try:
+            while running:
+                self._listen()
+                try:
+                    item = arrived.get(timeout=POLL)
+                except queue.Empty:
+                    continue
+                if item is ended:
+                    running -= 1
+                elif not self.watch.stopped:
+                    yield item
+        except BaseException:
+            self.watch.stop()
+            raise
+        finally:
+            errors = [e for f in futures if (e := f.exception())]
+        errors.sort(key=lambda e: isinstance(e, leapray.Stopped))
+        if errors:
+            raise errors[0]
+        if self.watch.stopped:
+            raise leapray.Stopped("The render was cancelled.")
+
+
+def _plan(scene: model.Scene, cache: dict, crew: Crew, threads: int) -> plan.Plan:
+    crew.phase = "Voxelizing"
+
+    def advance(share: float) -> None:
+        crew.share = max(crew.share, PLANNED * share)
+
+    def job(put: Callable) -> None:
+        put(plan.make(scene, cache, crew.watch, threads, advance))
+
+    (planned,) = crew.run([job])
+    return planned
+
+
+def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_tile):
+    """The passes, the counters' totals and the bytes of all workspaces."""
+    crew.phase, crew.share = "Tracing", PLANNED
+    s = scene.settings
+    placed = leapray.Scene(
+        scene.camera,
+        planned.instances,
+        scene.lights,
+        scene.materials,
+        planned.slots,
+        world_color=scene.world_color,
+        film_transparent=scene.film_transparent,
+        slot_objects=planned.slot_objects,
+    )
+    todo = collections.deque(tiles.split(scene.width, scene.height, s.tile_size))
+    side = min(s.tile_size, max(scene.width, scene.height))
+    totals = [lr_counters() for _ in range(min(threads, len(todo)))]
+    sizes = []
+
+    def worker(counters):
+        def job(put: Callable) -> None:
+            workspace = placed.workspace(side, side)
+            sizes.append(workspace.nbytes)
+            while True:
+                try:
+                    tile = todo.popleft()
+                except IndexError:
+                    return
+                parts = placed.render_tile(
+                    *tile,
+                    samples=s.samples,
+                    seed=s.seed,
+                    options={"hit_test": s.hit_test, "root": s.root, "normal": s.normal},
+                    workspace=workspace,
+                    watch=crew.watch,
+                    counters=counters,
+                )
+                put((tile, parts))
+
+        return job
+
+    passes: dict[str, np.ndarray] = {}
+    done = 0
+    for tile, parts in crew.run([worker(c) for c in totals]):
+        tiles.paste(passes, tile, parts, (scene.height, scene.width))
+        done += tile.width * tile.height
+        crew.share = PLANNED + (1 - PLANNED) * done / (scene.width * scene.height)
+        if on_tile is not None:
+            on_tile(*tile, parts)
+    crew.progress(1.0, crew.phase)
+    counters = {name: sum(int(getattr(c, name)) for c in totals) for name in COUNTERS}
+    return passes, counters, sum(sizes)
+
+
+# ---- where it ran --------------------------------------------------------------
+
+
+def cores() -> int:
+    """How many threads this process may run at once."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def cpu() -> str:
+    """The processor's name, as the system gives it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def versions() -> dict[str, str]:
+    return {
+        "leapray": leapray.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
