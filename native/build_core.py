@@ -61,12 +61,17 @@ def compiler() -> tuple[tuple[str, ...], str]:
 
 @contextlib.contextmanager
 def locked(path: Path):
-    """Hold an exclusive lock on path; the system releases it when the process ends."""
+    """Hold an exclusive lock on path.
+
+    The compiler inherits it: where this process is killed, the lock lasts until
+    the compilers that it left behind have ended too.
+    """
     import fcntl
 
     path.parent.mkdir(parents=True, exist_ok=True)
     with open(path, "w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
+        os.set_inheritable(file.fileno(), True)
         yield
 
 
@@ -81,7 +86,13 @@ def content(path: Path) -> bytes:
 
 def run(command: list[str]) -> None:
     result = subprocess.run(
-        command, cwd=NATIVE, capture_output=True, text=True, env=environment(), check=False
+        command,
+        cwd=NATIVE,
+        capture_output=True,
+        text=True,
+        env=environment(),
+        close_fds=False,  # see locked
+        check=False,
     )
     if result.returncode:
         raise BuildError(f"{shlex.join(command)}\n{result.stderr}{result.stdout}")

@@ -8,6 +8,7 @@ core. Virtual environments, locks, kills and exit codes are real.
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import os
 import shutil
@@ -290,6 +291,22 @@ def test_two_builds_at_once_agree(core):
     told = [process.communicate(timeout=60)[1] for process in builds]
     assert [process.returncode for process in builds] == [0, 0]
     assert sorted(told) == ["", "compiling 2 of 2 files of the core\n"]
+
+
+def test_a_killed_build_is_finished_by_the_next(core):
+    visible = '__attribute__((visibility("default")))'
+    body = "".join(f"{visible} int f{i}(int x) {{ return x * {i}; }}\n" for i in range(4000))
+    (core.NATIVE / "src" / "two.c").write_text(body)  # takes a second or two
+    command = [sys.executable, str(core.NATIVE / "build_core.py")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    while not list(core.OBJECTS.glob("*.key")):  # the other file is done, this one is under way
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.kill()
+    process.communicate()
+    assert not core.LIBRARY.exists()
+    assert compiled(core) == "compiling 1 of 2 files of the core"
+    assert ctypes.CDLL(str(core.LIBRARY)).f7(6) == 42
 
 
 def test_a_python_without_the_compiler_is_told_where_one_is(core, monkeypatch):
