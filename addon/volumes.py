@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Volumes as OpenVDB files, and measured volumes from them (OpenVDB comes with Blender).
+
+A file written here holds a float grid "density" of the occupancies 0..1, where
+wanted a float grid "id", for sheets a bool grid "surface", all placed by the
+grid's transform, so that Blender shows them where LeapRay does. What OpenVDB
+has no word for is JSON in the grid's metadata "leapray". Float and bool are the
+grids that every Blender can read.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from leapray import LeapRayError, Volume, VolumeBuilder
+
+BLOCK = 64  # samples along a block that is read at a time; a multiple of a brick
+DENSITY, ID, SURFACE, META = "density", "id", "surface", "leapray"
+ONE = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}  # the stored value of occupancy 1
+DTYPE = {"u8": np.uint8, "u16": np.uint16, "f32": np.float32}
+
+
+def write(volume: Volume, path: str | Path) -> None:
+    """Write a volume as .vdb; `read` gives an equal one.
+
+    The file is written beside its place and renamed, so it is whole or absent.
+    Raises LeapRayError where there is no OpenVDB or the place cannot be written.
+    """
+    openvdb = _openvdb()
+    info = volume.info
+    grids = [_density(openvdb, volume)]
+    if info.has_ids:
+        grids.append(_grid_of_bricks(openvdb.FloatGrid(), ID, volume, volume.read_ids, np.float32))
+    if info.kind == "sheet":
+        grids.append(
+            _grid_of_bricks(openvdb.BoolGrid(), SURFACE, volume, volume.read_surface, np.bool_)
+        )
+    grids[0][META] = json.dumps(
+        {
+            "size": info.size,
+            "dtype": info.dtype,
+            "kind": info.kind,
+            "threshold": info.threshold,
+            "object_from_index": info.object_from_index.tolist(),
+        }
+    )
+    for grid in grids:
+        grid.transform = _transform(openvdb, info.object_from_index)
+    _write_whole(openvdb, Path(path), grids)
+
+
+def read(path: str | Path) -> Volume:
+    """The volume that `write` wrote; moved, if another program changed the grid's transform.
+
+    Raises LeapRayError where there is no OpenVDB, no such file, or another kind of it.
+    """
+    grids = {grid.name: grid for grid in _grids(path)}
+    density = grids.get(DENSITY)
+    if density is None or META not in density.metadata:
+        raise LeapRayError(
+            f"{path} was not written by LeapRay: it has no grid {DENSITY!r} that says {META!r}"
+        )
+    try:
+        meta = json.loads(density[META])
+        one, dtype = ONE[meta["dtype"]], DTYPE[meta["dtype"]]
+        size, sheet = tuple(map(int, meta["size"])), meta["kind"] == "sheet"
+        told = np.array(meta["object_from_index"], dtype=np.float64)
+        threshold = float(meta["threshold"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise LeapRayError(f"{path}: the metadata {META!r} cannot be understood: {error}") from None
+    # indexToWorld rounds; the matrix that was told is exact as long as it is still meant.
+    placed = _matrix(density.transform)
+    rounding = 1e-12 * (np.abs(told[:3, :3]).max() + np.abs(told[:3, 3]).max())
+    matrix = told if told.shape == (4, 4) and np.abs(placed - told).max() <= rounding else placed
+    builder = VolumeBuilder(size, meta["dtype"], threshold, matrix, ID in grids, sheet)
+    touched = grids.get(SURFACE) if sheet else None
+    for origin, block in _blocks(density, (0, 0, 0), size, np.float32):
+        samples = block * one if dtype == np.float32 else np.round(block.astype(np.float64) * one)
+        builder.put(
+            origin,
+            samples.astype(dtype),
+            _like(grids.get(ID), origin, block, np.float32, np.uint16),
+            _like(touched, origin, block, np.bool_, np.bool_),
+        )
+    return builder.finish()
+
+
+def measured(
+    path: str | Path,
+    grid: str | None = None,
+    *,
+    values: tuple[float, float] = (0.0, 1.0),
+    threshold: float = 0.5,
+    dtype: str = "u16",
+) -> Volume:
+    """A volume from any scalar grid of a .vdb file, a CT scan for example.
+
+    grid: its name; the first scalar one without. values: the grid's values that
+    become occupancy 0 and 1, the rest is clamped; they may fall, as the (3, -3)
+    of a level set. threshold is in occupancy. The lattice is the box of the
+    grid's active voxels, its transform is kept. Raises LeapRayError for a
+    missing file or grid, an empty one, and values that are not finite.
+    """
+    lo, hi = values
+    if not (np.isfinite(values).all() and lo != hi):
+        raise LeapRayError(f"values must be two different finite numbers; they are {lo:g}, {hi:g}")
+    if dtype not in ONE:
+        raise LeapRayError(f"unknown dtype {dtype!r}; there are {', '.join(ONE)}")
+    source = _named(path, grid)
+    first, last = (np.array(corner, np.int64) for corner in source.evalActiveVoxelBoundingBox())
+    if (first > last).any():
+        raise LeapRayError(f"the grid {source.name!r} of {path} is empty")
+    size = tuple((last - first + 1).tolist())
+    matrix = _matrix(source.transform)
+    matrix[:3, 3] += matrix[:3, :3] @ first
+    builder = VolumeBuilder(size, dtype, threshold, matrix)
+    for origin, block in _blocks(source, tuple(first.tolist()), size, np.float64, keep_all=True):
+        if not np.isfinite(block).all():
+            raise LeapRayError(
+                f"the grid {source.name!r} of {path} holds values that are no numbers"
+            )
+        samples = np.clip((block - lo) / (hi - lo), 0.0, 1.0) * ONE[dtype]
+        if samples.any():
+            samples = samples if dtype == "f32" else np.round(samples)
+            builder.put(origin, samples.astype(DTYPE[dtype]))
+    return builder.finish()
+
+
+# ---- OpenVDB ------------------------------------------------------------------
+
+
+def _openvdb():
+    """The module: of the system, or the one inside Blender's own wheel."""
+    try:
+        import openvdb
+
+        return openvdb
+    except ImportError:
+        pass
+    try:
+        import bpy
+
+        bpy.utils.expose_bundled_modules()
+        import openvdb
+
+        return openvdb
+    except (ImportError, AttributeError) as error:
+        raise LeapRayError(f"this Python has no OpenVDB, which .vdb files need: {error}") from None
+
+
+def _grids(path: str | Path) -> list:
+    path = Path(path)
+    if not path.is_file():
+        raise LeapRayError(f"there is no file {path}")
+    try:
+        return _openvdb().readAll(str(path))[0]
+    except (OSError, RuntimeError, ValueError, TypeError, KeyError) as error:
+        raise LeapRayError(f"{path} cannot be read as OpenVDB: {error}") from None
+
+
+def _named(path: str | Path, name: str | None):
+    """The scalar grid of that name, the first one without a name."""
+    grids = _grids(path)
+    known = ", ".join(repr(grid.name) for grid in grids) or "none"
+    named = [grid for grid in grids if name in (None, grid.name)]
+    if not named:
+        raise LeapRayError(f"{path} has no grid {name!r}; there are {known}")
+    scalar = [grid for grid in named if np.ndim(grid.zeroValue) == 0]
+    if not scalar:
+        raise LeapRayError(
+            f"{path} has no grid {name or 'of numbers'!r} of numbers; it has {known}"
+        )
+    return scalar[0]
+
+
+def _transform(openvdb, object_from_index: NDArray[np.float64]):
+    try:  # OpenVDB's matrices act on row vectors
+        return openvdb.createLinearTransform(object_from_index.T.tolist())
+    except (ArithmeticError, ValueError, RuntimeError) as error:
+        raise LeapRayError(f"OpenVDB cannot place this volume: {error}") from None
+
+
+def _matrix(transform) -> NDArray[np.float64]:
+    """object_from_index of a linear transform."""
+    if not transform.isLinear:
+        raise LeapRayError("the grid is not placed by a linear transform")
+    matrix = np.eye(4)
+    matrix[:3, 3] = transform.indexToWorld((0.0, 0.0, 0.0))
+    for axis in range(3):
+        unit = np.eye(3)[axis].tolist()
+        matrix[:3, axis] = transform.indexToWorld(unit) - matrix[:3, 3]
+    return matrix
+
+
+def _density(openvdb, volume: Volume):
+    """Occupancies; bricks of ones, which take no memory in the volume, as few large boxes."""
+    grid = openvdb.FloatGrid()
+    grid.gridClass = openvdb.GridClass.FOG_VOLUME
+    origins, n_stored = volume.bricks()
+    for lo, hi in _boxes(origins[n_stored:]):
+        grid.fill(lo, tuple(x - 1 for x in hi), 1.0, True)
+    one = ONE[volume.info.dtype]
+
+    def read(origin, size):
+        return volume.read(origin, size).astype(np.float64) / one
+
+    return _grid_of_bricks(grid, DENSITY, volume, read, np.float32)
+
+
+def _grid_of_bricks(grid, name: str, volume: Volume, read, dtype):
+    """Copy the stored bricks, read(origin, size) giving (nz, ny, nx), into a grid."""
+    grid.name = name
+    grid.creator = "LeapRay"
+    origins, n_stored = volume.bricks()
+    for origin in origins[:n_stored].tolist():
+        block = np.ascontiguousarray(read(origin, (8, 8, 8)).T, dtype=dtype)
+        if block.any():
+            grid.copyFromArray(block, ijk=tuple(origin))
+    return grid
+
+
+def _boxes(origins: NDArray[np.int32]) -> list[tuple[tuple, tuple]]:
+    """Bricks joined to boxes (first, past the last): runs along x, then along y, then z."""
+    boxes = [(tuple(first), tuple(x + 8 for x in first)) for first in origins.tolist()]
+    for axis in range(3):
+
+        def across(box, axis=axis):
+            return tuple(corner[a] for corner in box for a in range(3) if a != axis)
+
+        boxes.sort(key=lambda box, axis=axis: (across(box), box[0][axis]))
+        joined: list[tuple[tuple, tuple]] = []
+        for box in boxes:
+            last = joined[-1] if joined else None
+            if last and across(last) == across(box) and last[1][axis] == box[0][axis]:
+                joined[-1] = (last[0], box[1])
+            else:
+                joined.append(box)
+        boxes = joined
+    return boxes
+
+
+def _blocks(grid, first: tuple, size: tuple, dtype, keep_all=False) -> Iterator[tuple]:
+    """(origin, values (nz, ny, nx)) of blocks of a lattice whose sample 0 is voxel `first`.
+
+    Blocks of zeros are left out, unless all are kept. Blocks start 2 samples
+    before multiples of their size, as the core's bricks do.
+    """
+    starts = [[0, *range(BLOCK - 2, n, BLOCK)] for n in size]
+    for k, z in enumerate(starts[2]):
+        for j, y in enumerate(starts[1]):
+            for i, x in enumerate(starts[0]):
+                origin = (x, y, z)
+                end = [
+                    starts[a][n + 1] if n + 1 < len(starts[a]) else size[a]
+                    for a, n in enumerate((i, j, k))
+                ]
+                block = np.empty([e - o for e, o in zip(end, origin, strict=True)], dtype)
+                grid.copyToArray(
+                    block, ijk=tuple(f + o for f, o in zip(first, origin, strict=True))
+                )
+                if keep_all or block.any():
+                    yield origin, block.T
+
+
+def _like(grid, origin: tuple, block: NDArray, dtype, out) -> NDArray | None:
+    """The same block of another grid."""
+    if grid is None:
+        return None
+    values = np.empty(block.shape[::-1], dtype)
+    grid.copyToArray(values, ijk=origin)
+    return values.T.astype(out)
+
+
+def _write_whole(openvdb, path: Path, grids: list) -> None:
+    if not path.parent.is_dir():
+        raise LeapRayError(f"there is no folder {path.parent} to write {path.name} into")
+    beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        openvdb.write(str(beside), grids=grids)
+        os.replace(beside, path)
+    except (OSError, RuntimeError) as error:
+        raise LeapRayError(f"{path} cannot be written: {error}") from None
+    finally:
+        beside.unlink(missing_ok=True)
