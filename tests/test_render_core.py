@@ -468,7 +468,7 @@ def test_tiles_and_threads_leave_every_bit_as_it_is(side, threads, crowd, whole)
 def test_buffers_workspace_and_counters_may_be_the_callers(crowd, whole):
     buffers = {"Depth": np.zeros((70, 100, 1), np.float32)}
     counters = _abi.lr_counters()
-    workspace = crowd.workspace(100, 70)
+    workspace = np.empty(crowd.workspace(100, 70).nbytes + 1, np.uint8)[1:]  # not aligned
     got = crowd.render_tile(0, 0, 100, 70, samples=3, seed=9, passes=buffers, workspace=workspace,
                             counters=counters)  # fmt: skip
     assert set(got) == {"Combined", "Depth"}

@@ -22,6 +22,11 @@ PASSES = {"Combined": 4, "Depth": 1, "Normal": 3, "Position": 3, "Object Index":
 MEMBERS = {name: name.lower().replace(" ", "_") for name in PASSES}  # of lr_passes
 
 PROJECTIONS = {"perspective": _abi.LR_PERSPECTIVE, "orthographic": _abi.LR_ORTHOGRAPHIC}
+VISIBILITIES = {
+    "visible_camera": _abi.LR_VISIBLE_CAMERA,
+    "visible_shadow": _abi.LR_VISIBLE_SHADOW,
+    "visible_diffuse": _abi.LR_VISIBLE_DIFFUSE,
+}
 LIGHTS = {"sun": _abi.LR_LIGHT_SUN, "point": _abi.LR_LIGHT_POINT}
 
 
@@ -99,7 +104,7 @@ class Scene:
         film_transparent: bool = False,
         slot_objects: Sequence[int] | None = None,
     ) -> None:
-        self._structures = {id(i.structure): i.structure for i in instances}
+        self._structures = [i.structure for i in instances]  # kept alive
         tables = {
             "instances": _instances(instances),
             "lights": _lights(lights),
@@ -211,17 +216,22 @@ def _camera(camera: Camera) -> _abi.lr_camera:
 
 def _instances(instances: Sequence[Instance]) -> NDArray:
     table = np.zeros(len(instances), _dtype(_abi.lr_instance))
-    for i, (row, instance) in enumerate(zip(table, instances, strict=True)):
-        matrix = _vector(instance.world_from_object, f"the matrix of instance {i}", (4, 4))
-        row["structure"] = ctypes.cast(instance.structure.handle, ctypes.c_void_p).value
-        row["world_from_object"] = matrix.ravel()
-        row["visibility"] = (
-            _abi.LR_VISIBLE_CAMERA * bool(instance.visible_camera)
-            | _abi.LR_VISIBLE_SHADOW * bool(instance.visible_shadow)
-            | _abi.LR_VISIBLE_DIFFUSE * bool(instance.visible_diffuse)
-        )
-        for name in ("object_index", "first_material", "n_materials"):
-            row[name] = getattr(instance, name)
+    if not len(instances):
+        return table
+    table["world_from_object"] = [
+        _vector(instance.world_from_object, f"the matrix of instance {i}", (4, 4)).ravel()
+        for i, instance in enumerate(instances)
+    ]
+    structures = {id(i.structure): i.structure for i in instances}
+    addresses = {
+        key: ctypes.cast(structure.handle, ctypes.c_void_p).value
+        for key, structure in structures.items()
+    }
+    table["structure"] = [addresses[id(i.structure)] for i in instances]
+    for name in ("object_index", "first_material", "n_materials"):
+        table[name] = [getattr(i, name) for i in instances]
+    for name, flag in VISIBILITIES.items():
+        table["visibility"] |= np.array([flag * bool(getattr(i, name)) for i in instances], "u4")
     return table
 
 

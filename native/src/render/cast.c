@@ -29,11 +29,12 @@ static uint32_t walk(const lr_caster *c, uint32_t i)
     const lr_wave *wave = &c->w->wave;
     const lr_hierarchy *hierarchy = &c->scene->hierarchy;
     const double o[3] = {wave->ray.ox[i], wave->ray.oy[i], wave->ray.oz[i]};
-    const double inv[3] = {1 / wave->ray.dx[i], 1 / wave->ray.dy[i], 1 / wave->ray.dz[i]};
-    uint32_t *stack = wave->stack + (size_t)i * hierarchy->height;
+    const double d[3] = {wave->ray.dx[i], wave->ray.dy[i], wave->ray.dz[i]};
+    const lr_slabs ray = lr_slabs_of(o, d);
+    lr_branch *stack = wave->stack + (size_t)i * hierarchy->height;
     for (;;) {
-        const uint32_t instance = lr_hierarchy_next(hierarchy, o, inv, c->options->t_min,
-                                                    wave->t[i], stack, &wave->stacked[i]);
+        const uint32_t instance = lr_hierarchy_next(hierarchy, &ray, c->options->t_min, wave->t[i],
+                                                    stack, &wave->stacked[i]);
         if (instance == LR_NOWHERE ||
             (c->scene->instances[instance].visibility & c->options->visibility) != 0)
             return instance;
@@ -175,7 +176,7 @@ static void begin(const lr_caster *c, uint32_t n)
         wave->t[i] = c->options->t_max;
         wave->instance[i] = LR_NOWHERE;
         wave->stacked[i] = c->scene->hierarchy.n_nodes > 0 ? 1 : 0;
-        wave->stack[(size_t)i * c->scene->hierarchy.height] = 0;
+        wave->stack[(size_t)i * c->scene->hierarchy.height] = (lr_branch){c->options->t_min, 0};
         c->w->batch.t_min[i] = c->options->t_min;
         c->w->active[i] = i;
     }

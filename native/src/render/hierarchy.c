@@ -104,8 +104,8 @@ static uint32_t log2_up(uint32_t n)
     return k;
 }
 
-/* How many of the n instances go left; *axis is the axis along which. */
-static uint32_t partition(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level, int *axis)
+/* How many of the n instances go left. */
+static uint32_t partition(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level)
 {
     lr_split best = {INFINITY, 0, 0};
     lr_bins bins[3];
@@ -127,7 +127,6 @@ static uint32_t partition(lr_builder *b, uint32_t *order, uint32_t n, uint32_t l
         }
         best_of_axis(&bins[a], a, &best);
     }
-    *axis = best.axis;
     if (!(best.cost < INFINITY) || level + 1 + log2_up(n) >= HEIGHT_MAX)
         return n / 2;
     uint32_t left = 0;
@@ -153,30 +152,32 @@ static float round_up(double x)
     return (double)y < x ? nextafterf(y, INFINITY) : y;
 }
 
-static void build(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level)
+static uint32_t build(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level);
+
+/* Make child c of a node from n instances; none leave an empty box. */
+static void adopt(lr_builder *b, uint32_t node, int c, uint32_t *order, uint32_t n, uint32_t level)
 {
-    lr_node *node = &b->out->nodes[b->out->n_nodes++];
     lr_box box = EMPTY;
     for (uint32_t i = 0; i < n; i++)
         include(&box, &b->boxes[order[i]]);
     for (int a = 0; a < 3; a++) {
-        node->lo[a] = round_down(box.lo[a]);
-        node->hi[a] = round_up(box.hi[a]);
+        b->out->nodes[node].bound[0][a][c] = round_down(box.lo[a]);
+        b->out->nodes[node].bound[1][a][c] = round_up(box.hi[a]);
     }
-    /* At level l at most l siblings wait on the stack beside the node itself. */
-    if (b->out->height < level + 1)
+    b->out->nodes[node].child[c] =
+        n > 1 ? build(b, order, n, level) : n == 1 ? order[0] | LR_LEAF : LR_NOWHERE;
+}
+
+/* A node over n instances. Only the root can have fewer than two. */
+static uint32_t build(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level)
+{
+    const uint32_t node = b->out->n_nodes++;
+    const uint32_t left = n > 1 ? partition(b, order, n, level) : n;
+    if (b->out->height < level + 1) /* every level on the way down puts one branch aside */
         b->out->height = level + 1;
-    if (n == 1) {
-        node->axis = LR_LEAF;
-        node->next = order[0];
-        return;
-    }
-    int axis;
-    const uint32_t left = partition(b, order, n, level, &axis);
-    node->axis = (uint32_t)axis;
-    build(b, order, left, level + 1);
-    node->next = b->out->n_nodes;
-    build(b, order + left, n - left, level + 1);
+    adopt(b, node, 0, order, left, level + 1);
+    adopt(b, node, 1, order + left, n - left, level + 1);
+    return node;
 }
 
 lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, lr_hierarchy *hierarchy,
@@ -191,7 +192,7 @@ lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, lr_hierarchy *hier
         if (boxes[i].lo[0] <= boxes[i].hi[0])
             order[n_leaves++] = i;
     if (n_leaves > 0) {
-        const size_t nbytes = (2 * (size_t)n_leaves - 1) * sizeof(lr_node);
+        const size_t nbytes = (size_t)n_leaves * sizeof(lr_node);
         hierarchy->nodes = malloc(nbytes);
         if (hierarchy->nodes == NULL) {
             free(order);

@@ -1,12 +1,11 @@
 /* Bounding volume hierarchy over the world boxes of a scene's instances.
  *
- * A binary tree, depth first: the left child of an inner node follows it, the
- * right one is named. Every leaf holds one instance. A ray's walk is a small
- * stack of its own that can be put aside and taken up again; it yields one
- * instance at a time, near child first by the sign of the direction along the
- * axis of the split (as in Pharr, Jakob, Humphreys: PBR, 7.3).
+ * A binary tree whose nodes hold the boxes of both children side by side, so that
+ * one visit compares the two (as in Aila, Laine 2009). Every leaf is one
+ * instance. A ray's walk is a small stack of its own that can be put aside and
+ * taken up again; it yields one instance at a time, the nearer child first.
  *
- * Boxes are f32, rounded outwards: a node is half a cache line.
+ * Boxes are f32, rounded outwards: a node is less than a cache line.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_HIERARCHY_H
@@ -15,23 +14,27 @@
 #include "base.h"
 
 #define LR_NOWHERE UINT32_MAX
+#define LR_LEAF 0x80000000u /* flag of a child that is an instance, not a node */
 
 typedef struct lr_box {
     double lo[3], hi[3]; /* lo > hi: empty */
 } lr_box;
 
-enum { LR_LEAF = 3 };
-
 typedef struct lr_node {
-    float lo[3], hi[3];
-    uint32_t next; /* the right child, or the instance of a leaf */
-    uint32_t axis; /* of the split, or LR_LEAF */
+    float bound[2][3][2]; /* lower and upper, per axis, of the two children */
+    uint32_t child[2];    /* a node, or an instance | LR_LEAF */
 } lr_node;
 
+/* A branch that a walk has put aside. */
+typedef struct lr_branch {
+    double t; /* at which the ray comes into its box */
+    uint32_t child;
+} lr_branch;
+
 typedef struct lr_hierarchy {
-    lr_node *nodes;
+    lr_node *nodes; /* the first is the root */
     uint32_t n_nodes; /* 0: nothing to hit */
-    uint32_t height;  /* entries that a walk's stack needs */
+    uint32_t height;  /* branches that a walk's stack needs */
 } lr_hierarchy;
 
 /* Over n boxes, fewer than 2^31; empty ones are left out. nodes is freed by the
@@ -39,39 +42,71 @@ typedef struct lr_hierarchy {
 lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, lr_hierarchy *hierarchy,
                              lr_error *error);
 
-/* Does o + t d cross the box with t in [t_min, t_max]? inv is 1/d; a zero
- * component gives an infinity of its sign, and a product 0 * infinity (the ray
- * runs in a face) NaN, which no comparison takes as a reason to say no. */
-LR_INLINE bool lr_node_crossed(const lr_node *node, const double o[3], const double inv[3],
-                               double t_min, double t_max)
+/* A ray as the boxes see it. */
+typedef struct lr_slabs {
+    double o[3], inv[3];  /* inv: 1/d; infinite, with its sign, where d is 0 */
+    uint32_t backward[3]; /* 1 where the axis is run along downwards */
+} lr_slabs;
+
+LR_INLINE lr_slabs lr_slabs_of(const double o[3], const double d[3])
 {
+    lr_slabs r;
     for (int a = 0; a < 3; a++) {
-        const double t_lo = (node->lo[a] - o[a]) * inv[a];
-        const double t_hi = (node->hi[a] - o[a]) * inv[a];
-        const double t_in = inv[a] < 0 ? t_hi : t_lo;
-        const double t_out = inv[a] < 0 ? t_lo : t_hi;
-        t_min = t_in > t_min ? t_in : t_min;
-        t_max = t_out < t_max ? t_out : t_max;
+        r.o[a] = o[a];
+        r.inv[a] = 1 / d[a];
+        r.backward[a] = r.inv[a] < 0;
     }
-    return t_min <= t_max;
+    return r;
+}
+
+/* Clip the intervals of both children to their slabs along one axis. Where d is
+ * 0 and the ray runs in a face, 0 * infinity gives NaN, which no comparison takes
+ * as a reason to narrow. */
+LR_INLINE void lr_clip_to_slabs(const lr_node *node, const lr_slabs *r, int a, double t_min[2],
+                                double t_max[2])
+{
+    const float *near = node->bound[r->backward[a]][a];
+    const float *far = node->bound[1 - r->backward[a]][a];
+    for (int c = 0; c < 2; c++) {
+        const double t_in = (near[c] - r->o[a]) * r->inv[a];
+        const double t_out = (far[c] - r->o[a]) * r->inv[a];
+        t_min[c] = t_in > t_min[c] ? t_in : t_min[c];
+        t_max[c] = t_out < t_max[c] ? t_out : t_max[c];
+    }
+}
+
+/* The child of a node to go on with, or LR_NOWHERE; where the ray crosses both,
+ * the farther one is put aside. */
+LR_INLINE uint32_t lr_node_descend(const lr_node *node, const lr_slabs *ray, double t_min,
+                                   double t_max, lr_branch *stack, uint32_t *n)
+{
+    double t_in[2] = {t_min, t_min}, t_out[2] = {t_max, t_max};
+    lr_clip_to_slabs(node, ray, 0, t_in, t_out);
+    lr_clip_to_slabs(node, ray, 1, t_in, t_out);
+    lr_clip_to_slabs(node, ray, 2, t_in, t_out);
+    const bool left = t_in[0] <= t_out[0], right = t_in[1] <= t_out[1];
+    if (left && right) {
+        const int near = t_in[1] < t_in[0];
+        stack[(*n)++] = (lr_branch){t_in[1 - near], node->child[1 - near]};
+        return node->child[near];
+    }
+    return left ? node->child[0] : right ? node->child[1] : LR_NOWHERE;
 }
 
 /* The next instance that the ray may meet at t <= t_max, or LR_NOWHERE. The
- * stack begins as {0} with *n = 1. */
-LR_INLINE uint32_t lr_hierarchy_next(const lr_hierarchy *hierarchy, const double o[3],
-                                     const double inv[3], double t_min, double t_max,
-                                     uint32_t *stack, uint32_t *n)
+ * stack begins as {{t_min, 0}} with *n = 1. */
+LR_INLINE uint32_t lr_hierarchy_next(const lr_hierarchy *hierarchy, const lr_slabs *ray,
+                                     double t_min, double t_max, lr_branch *stack, uint32_t *n)
 {
     while (*n > 0) {
-        const uint32_t at = stack[--*n];
-        const lr_node *node = &hierarchy->nodes[at];
-        if (!lr_node_crossed(node, o, inv, t_min, t_max))
+        const lr_branch branch = stack[--*n];
+        if (branch.t > t_max)
             continue;
-        if (node->axis == LR_LEAF)
-            return node->next;
-        const bool right_first = inv[node->axis] < 0;
-        stack[(*n)++] = right_first ? at + 1 : node->next;
-        stack[(*n)++] = right_first ? node->next : at + 1;
+        uint32_t at = branch.child;
+        while ((at & LR_LEAF) == 0)
+            at = lr_node_descend(&hierarchy->nodes[at], ray, t_min, t_max, stack, n);
+        if (at != LR_NOWHERE)
+            return at & ~LR_LEAF;
     }
     return LR_NOWHERE;
 }

@@ -61,7 +61,8 @@ static double remainder_at(const lr_volume *v, const int32_t c[3], const double 
         }
         sum -= 0.5 * p[a] * (1 - p[a]) * lr_trilinear(corner, p);
     }
-    lr_central_gradient(v, c, p, g);
+    const double cell[8] = {b[21], b[22], b[25], b[26], b[37], b[38], b[41], b[42]};
+    lr_trilinear_gradient(cell, p, g);
     return sum;
 }
 
