@@ -249,6 +249,7 @@ def resident() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
 
 
+@pytest.mark.slow
 def test_cancelling_at_any_moment_ends_soon_and_leaves_nothing():
     scene = heavy()
     ended = []

@@ -83,6 +83,7 @@ def large():
     return samples, leapray.Volume(samples), oracle.object_cells(samples, 127.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXACT)
 def test_first_cells_are_sound_at_512(name, large):
     samples, volume, wanted = large

@@ -441,6 +441,7 @@ def test_progress_rises_to_one():
     assert len(set(seen)) > 5 and seen == sorted(seen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.7, 0.95])
 def test_stopping_ends_within_100_ms(share):
     vertices, triangles = meshes.icosphere(7)  # 327,680 triangles
