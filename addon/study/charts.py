@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One style for all charts and pictures of studies (no bpy)."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import platform
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+# Okabe and Ito's colours, told apart by the colour-blind too; black stays for references.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A800")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+INK, FAINT = "#222222", "#DDDDDD"
+STYLE = {
+    "font.family": "sans-serif",
+    "font.size": 10.5,
+    "axes.titlesize": 12,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 12,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.8,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "lines.linewidth": 1.8,
+    "lines.markersize": 6,
+    "legend.frameon": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "leapray",  # the same data give the same file
+    "figure.facecolor": "white",
+}
+
+
+def look(k: int) -> dict[str, str]:
+    """Colour and marker of the k-th series."""
+    return {"color": COLORS[k % len(COLORS)], "marker": MARKERS[k % len(MARKERS)]}
+
+
+@contextlib.contextmanager
+def chart(
+    path: Path, *, rows: int = 1, columns: int = 1, width: float = 7.2, height: float = 4.4
+) -> Iterator[tuple[Figure, NDArray]]:
+    """A figure with its axes (rows, columns), written as path.svg and path.png at the end."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False)
+        yield figure, axes
+        figure.text(1.0, -0.02, machine(), ha="right", va="top", fontsize=8, color="#777777")
+        for ending in (".svg", ".png"):
+            figure.savefig(
+                path.with_suffix(ending),
+                dpi=144,
+                bbox_inches="tight",
+                metadata={"Date": None} if ending == ".svg" else None,
+            )
+
+
+def machine() -> str:
+    """The processor and the system, for the foot of a chart."""
+    name = platform.processor() or platform.machine()
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                name = line.split(":", 1)[1].strip()
+                break
+    import os
+
+    return f"{name}, {os.cpu_count()} logical cores, {platform.system()} {platform.machine()}"
+
+
+# ---- pictures ------------------------------------------------------------
+
+
+def picture(values: NDArray, low: float, high: float, colors: str = "inferno") -> NDArray[np.uint8]:
+    """Values (height, width) in false colours between low and high; what is not finite is grey."""
+    share = (np.asarray(values, np.float64) - low) / ((high - low) or 1.0)
+    rgb = colormaps[colors](np.nan_to_num(np.clip(share, 0, 1)))[..., :3]
+    rgb[~np.isfinite(values)] = 0.82
+    return as_bytes(rgb)
+
+
+def labels(index: NDArray, edges: NDArray | None = None) -> NDArray[np.uint8]:
+    """Indices in colours of their own; 0 is white."""
+    palette = np.array([matplotlib.colors.to_rgb(color) for color in COLORS])
+    index = np.asarray(index)
+    # Each round through the palette is paler than the one before.
+    fade = ((index - 1) // len(palette) % 4)[..., None] * 0.2
+    rgb = palette[(index - 1) % len(palette)] * (1 - fade) + fade
+    rgb[index == 0] = 1.0
+    if edges is not None:
+        rgb[edges] = 0.0
+    return as_bytes(rgb)
+
+
+def as_bytes(rgb: NDArray[np.floating]) -> NDArray[np.uint8]:
+    return np.rint(np.clip(rgb, 0, 1) * 255).astype(np.uint8)
+
+
+def png(image: NDArray[np.uint8]) -> bytes:
+    """A picture (height, width, 3), rows from below, as the bytes of a PNG file."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image[::-1])).save(file, "PNG", optimize=True)
+    return file.getvalue()

@@ -1,0 +1,402 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The same frame by Cycles and by LeapRay, and how they differ.
+
+Geometry: Cycles with one sample, which goes through the pixel's centre, under a black world; its
+Combined tells what is lit. LeapRay's geometry passes go through the same points. Light: linear RGB
+at equal samples, both measured against a Cycles render of its own at many more samples and with
+another seed. What the scene is changed to for that, `frames.prepare` says and the report repeats.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import flip_evaluator
+import numpy as np
+from numpy.typing import NDArray
+
+import leapray
+from leapray import LeapRayError
+
+from . import charts, metrics, report
+
+PIXELS_PER_DEGREE = 67  # FLIP's own viewing distance
+LEAST_PIXELS = 64  # objects that fewer pixels show are listed, and left out of the worst
+LIT = 1e-4  # of white: what is darker in the first sample is not lit
+Json = dict[str, object]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command line's options."""
+    parser.add_argument("scene", type=Path, metavar="SCENE.blend")
+    parser.add_argument("--output", type=Path, metavar="DIR", help="default: SCENE-compare here")
+    parser.add_argument("--traversers", metavar="all|A,B,..", help="default: the default one")
+    parser.add_argument("--samples", type=int, default=16, metavar="N", help="per pixel, for both")
+    parser.add_argument("--reference", type=int, metavar="N", help="default: 16 times --samples")
+    parser.add_argument("--frame", type=int, metavar="N", help="default: the scene's current one")
+    parser.add_argument(
+        "--world", choices=["scene", "black"], default="scene", help="black: lamps alone give light"
+    )
+    parser.add_argument("--percentage", type=int, metavar="P", help="of the scene's resolution")
+    parser.add_argument("--threads", type=int, metavar="N", help="0: all cores")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Compare; writes the folder and returns the exit code."""
+    from .. import cli
+
+    output = Path(args.output or f"{Path(args.scene).stem}-compare")
+    if output.is_file():
+        raise LeapRayError(f"--output must be a folder, and {output} is a file")
+    cli.check_folder(output.absolute().parent / f"{output.name}.html")
+    chosen = traversers(getattr(args, "traversers", None))
+    scene = cli.open_scene(Path(args.scene))
+    with cli.part_folder(output) as folder:
+        told = compare(scene, args, chosen, folder)
+        told["scene"] = str(args.scene)
+        report.write(folder, told)
+        (folder / "report.json").write_text(json.dumps(told, indent=2, default=str) + "\n")
+        for frame in folder.glob("*.exr"):
+            frame.unlink()
+        output.mkdir(exist_ok=True)
+        for path in sorted(folder.iterdir(), key=lambda each: each.name == "report.html"):
+            os.replace(path, output / path.name)
+    for line in report.summary(told):
+        print(line)
+    print(f"{output / 'report.html'}, and its figures in {output / 'report.json'}", flush=True)
+    return 0
+
+
+def traversers(words: str | None) -> list[leapray.Traverser]:
+    """The traversers that were asked for; the default one leads where it is among them."""
+    every = leapray.traversers()
+    if words == "all":
+        chosen = every
+    elif words:
+        chosen = [leapray.traverser(word.strip()) for word in words.split(",")]
+    else:
+        chosen = [each for each in every if each.default]
+    return sorted(chosen, key=lambda each: not each.default)
+
+
+def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json:
+    """Render and measure everything; pictures and charts go to the folder."""
+    import bpy
+
+    from . import frames
+
+    def option(name: str, default):
+        value = getattr(args, name, None)
+        return default if value is None else value
+
+    if scene.camera is None:
+        raise LeapRayError(f"{args.scene} has no camera")
+    frames.open_image_io()  # refuses before the work begins
+    samples = option("samples", 16)
+    reference_samples = option("reference", 16 * samples)
+    scene.frame_set(option("frame", scene.frame_current))
+    scene.render.resolution_percentage = option("percentage", scene.render.resolution_percentage)
+    if args.threads is not None:
+        scene.render.threads_mode = "FIXED" if args.threads else "AUTO"
+        scene.render.threads = args.threads or scene.render.threads
+    subject = frames.examine(scene, frames.prepare(scene))
+    own_world = scene.world
+    frames.blacken_world(scene)
+    black = option("world", "scene") == "black"
+
+    began = time.perf_counter()
+
+    def step(words: str) -> None:
+        print(
+            f"compare: {time.perf_counter() - began:6.1f} s  {words}", file=sys.stderr, flush=True
+        )
+
+    path = folder / "frame.exr"
+    step("Cycles, geometry")
+    want = frames.render_cycles(scene, path, 1)
+    step(f"LeapRay, geometry, {chosen[0].name}")
+    got = frames.render_leapray(scene, path, 1, chosen[0].name)
+    geometry = Geometry(subject, want, got)
+
+    if not black:
+        scene.world = own_world
+    cycles: dict[int, Json] = {}
+    images = {}
+    step(f"Cycles, reference, {reference_samples} samples")
+    reference = frames.render_cycles(scene, path, reference_samples, seed=1)
+    light = Light(subject, geometry, reference.passes["Combined"][..., :3])
+    for count in sorted({1, 4, samples, 4 * samples}):
+        if count < reference_samples:
+            step(f"Cycles, {count} samples")
+            frame = frames.render_cycles(scene, path, count)
+            cycles[count] = {"seconds": frame.seconds, **light.of(frame)}
+            images["cycles"] = frame if count == samples else images.get("cycles", frame)
+    runs: dict[str, Json] = {}
+    for each in chosen:
+        step(f"LeapRay, {samples} samples, {each.name}")
+        frame = frames.render_leapray(scene, path, samples, each.name)
+        images.setdefault("leapray", frame)
+        runs[each.name] = {
+            "label": each.label,
+            "exact": each.exact,
+            "default": each.default,
+            "seconds": frame.seconds,
+            "report": frame.report,
+            "geometry": Geometry(subject, want, frame, lit=got).told(),
+            "light": light.of(frame),
+        }
+    step("pictures")
+    told: Json = {
+        "blender": bpy.app.version_string,
+        "leapray": leapray.__version__,
+        "machine": charts.machine(),
+        "frame": scene.frame_current,
+        "width": want.index.shape[1],
+        "height": want.index.shape[0],
+        "samples": samples,
+        "reference_samples": reference_samples,
+        "world": "black" if black or is_black(own_world) else "of the scene",
+        "white": subject.white,
+        "notes": subject.notes,
+        "objects": geometry.shares(),
+        "cycles": {
+            "seconds_geometry": want.seconds,
+            "seconds_reference": reference.seconds,
+            "by_samples": cycles,
+        },
+        "runs": runs,
+    }
+    told["bars"] = bars(told, geometry)
+    told["pictures"] = report.pictures(folder, geometry, light, images)
+    told["charts"] = report.draw_charts(folder, told)
+    return told
+
+
+def is_black(world) -> bool:
+    if world is None:
+        return True
+    tree = world.node_tree
+    node = tree.nodes.get("Background") if tree else None
+    color = node.inputs["Color"].default_value[:3] if node else world.color[:]
+    return not any(color)
+
+
+# ---- geometry ------------------------------------------------------------
+
+
+@dataclass
+class Geometry:
+    """Two renders' geometry passes; `lit` is where LeapRay's one sample under black is seen."""
+
+    subject: object  # frames.Subject
+    want: object  # frames.Frame
+    got: object
+    lit: object = None
+
+    def __post_init__(self) -> None:
+        self.index, self.other = self.want.index, self.got.index
+        self.agree = (self.index == self.other) & (self.index > 0)
+        passes, others = self.want.passes, self.got.passes
+        self.depth_error = np.where(
+            self.agree,
+            metrics.depth_error(
+                self.subject.view,
+                passes["Depth"],
+                passes["Position"],
+                passes["Normal"],
+                others["Depth"],
+            ),
+            np.nan,
+        )
+        self.angle = np.where(self.agree, metrics.angle(passes["Normal"], others["Normal"]), np.nan)
+        self.is_lit = is_lit(self.want, self.subject.white)
+        self.other_lit = is_lit(self.lit or self.got, self.subject.white)
+        self.sheet_rims = self.see_rims()
+
+    def see_rims(self) -> metrics.Mask:
+        """Pixels within one step of a border edge of an open mesh that Cycles sees."""
+        view, depth = self.subject.view, self.want.passes["Depth"]
+        mask = np.zeros(depth.shape, bool)
+        points = metrics.on_lines(view, self.subject.rim_starts, self.subject.rim_ends, mask.shape)
+        if not len(points):
+            return mask
+        x, y = points[:, 0].astype(int), points[:, 1].astype(int)
+        # Behind the farthest surface of the neighbourhood by more than three pixels is hidden.
+        farthest = metrics.around(depth).max(axis=0)[y, x]
+        seen = points[:, 2] <= farthest + 3 * view.footprint(points[:, 2])
+        mask[y[seen], x[seen]] = True
+        return metrics.grown(mask)
+
+    def shadow_steps(self) -> dict[str, Json]:
+        """Per object: pixels lit in one image only, and how far from a shadow's edge in Cycles."""
+        steps = metrics.steps_to_other(2 * self.index + self.is_lit)
+        differ = self.agree & (self.is_lit != self.other_lit)
+        told = {}
+        for k in np.unique(self.index[self.agree]):
+            here = differ & (self.index == k)
+            told[self.subject.names[int(k)]] = {
+                "n": int(here.sum()),
+                "worst_steps": int(steps[here].max()) if here.any() else 0,
+                "n_beyond_edges": int((here & (steps > 1)).sum()),
+            }
+        return told
+
+    def shares(self) -> dict[str, float]:
+        """Each object's share of the image, as Cycles sees it."""
+        index, count = np.unique(self.index, return_counts=True)
+        return {
+            self.subject.names.get(int(k), f"index {k}"): float(n / self.index.size)
+            for k, n in zip(index, count, strict=True)
+        }
+
+    def told(self) -> Json:
+        """The figures."""
+        names = self.subject.names
+        clear = self.agree & ~metrics.mixed(self.index)
+        return {
+            "index": metrics.index_mismatch(self.index, self.other, self.sheet_rims),
+            "depth_error_footprints": metrics.per_object(
+                self.index, self.agree, self.depth_error, names
+            ),
+            "normal_angle_degrees": metrics.per_object(self.index, self.agree, self.angle, names),
+            "depth_error_footprints_but_edges": metrics.per_object(
+                self.index, clear, self.depth_error, names
+            ),
+            "normal_angle_degrees_but_edges": metrics.per_object(
+                self.index, clear, self.angle, names
+            ),
+            "shadow_edges": self.shadow_steps(),
+        }
+
+
+def is_lit(frame, white: float) -> metrics.Mask:
+    return frame.passes["Combined"][..., :3].max(axis=-1) > LIT * white
+
+
+# ---- light ---------------------------------------------------------------
+
+
+@dataclass
+class Light:
+    """Errors against the reference; rims are those of Cycles' and LeapRay's first samples."""
+
+    subject: object  # frames.Subject
+    geometry: Geometry
+    reference: NDArray[np.float32]  # (height, width, 3) linear
+
+    def __post_init__(self) -> None:
+        g = self.geometry
+        self.rims = metrics.rims(g.index, g.other, g.is_lit, g.other_lit)
+        self.shown = metrics.srgb(self.reference)
+
+    def of(self, frame) -> Json:
+        """The figures of a frame."""
+        image = frame.passes["Combined"][..., :3]
+        white = self.subject.white
+        flip = self.flip(image)
+        return {
+            "all": metrics.light_error(self.reference, image, white) | {"flip": float(flip.mean())},
+            "but_rims": metrics.light_error(self.reference, image, white, ~self.rims)
+            | {"flip": mean(flip[~self.rims])},
+            "rims": metrics.light_error(self.reference, image, white, self.rims)
+            | {"flip": mean(flip[self.rims])},
+            "rims_share": float(self.rims.mean()),
+        }
+
+    def flip(self, image: NDArray[np.floating]) -> NDArray[np.float32]:
+        """FLIP's map (height, width) in the Standard view. Source: Andersson et al. 2020."""
+        found, _, _ = flip_evaluator.evaluate(
+            np.ascontiguousarray(self.shown),
+            np.ascontiguousarray(metrics.srgb(image)),
+            "LDR",
+            inputsRGB=True,
+            applyMagma=False,
+            parameters={"ppd": float(PIXELS_PER_DEGREE)},
+        )
+        return np.asarray(found, np.float32).reshape(image.shape[0], image.shape[1], -1)[..., 0]
+
+
+def mean(values: NDArray[np.floating]) -> float | None:
+    return float(values.mean()) if values.size else None
+
+
+# ---- bars ----------------------------------------------------------------
+
+
+def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
+    """What the project asks of a default render, beside what was found, for the first traverser."""
+    run = next(iter(told["runs"].values()))
+    shape, light = run["geometry"], run["light"]
+    seen = {
+        name
+        for name, share in told["objects"].items()
+        if share * told["width"] * told["height"] >= LEAST_PIXELS
+    }
+
+    def worst(of: str, which: str) -> tuple[str, float | None]:
+        found = {
+            name: values[which]
+            for name, values in shape[of].items()
+            if name in seen and values[which] is not None
+        }
+        if not found:
+            return "nothing", None
+        name = max(found, key=found.get)
+        return name, found[name]
+
+    def bar(what: str, value: float | None, limit: float, where: str = "") -> Json:
+        known = {"what": what, "value": value, "limit": limit}
+        holds = None if value is None else bool(abs(value) <= limit)
+        return known | {"holds": holds} | ({"where": where} if where else {})
+
+    mismatch = shape["index"]["but_sheet_rims"]
+    geometry_bars = [
+        bar("index mismatch, share of edge pixels", mismatch["share_of_edges"], 0.10),
+        bar("index mismatch, worst distance in pixels", mismatch["worst_steps"], 1),
+    ]
+    for what, of, which, limit in (
+        ("depth error, median, footprints", "depth_error_footprints", "median", 0.1),
+        ("depth error, 99 %, footprints", "depth_error_footprints", "p99", 1.0),
+        ("normal angle, median, degrees", "normal_angle_degrees", "median", 1.0),
+    ):
+        where, value = worst(of, which)
+        geometry_bars.append(bar(what, value, limit, where))
+    known = {
+        "geometry": geometry_bars,
+        f"light, world {told['world']}": [
+            bar(
+                "mean of Combined against the reference, but rims",
+                light["but_rims"]["mean_ratio"],
+                0.01,
+            ),
+            bar("mean of Combined against the reference", light["all"]["mean_ratio"], 0.01),
+            bar("RMSE of Combined by white, but rims", light["but_rims"]["rmse"], 0.02),
+        ],
+    }
+    floor = next((name for name in shape["shadow_edges"] if name.lower() == "floor"), None)
+    extent = [bar("memory at peak, bytes", peak_nbytes(run["report"]), 256 * 2**20)]
+    if floor:
+        depth = shape["depth_error_footprints"][floor]["max"]
+        steps = shape["shadow_edges"][floor]["worst_steps"]
+        extent += [
+            bar("floor, depth error, largest, footprints", depth, 1.0, floor),
+            bar("floor, shadow edges, worst distance in pixels", steps, 1, floor),
+        ]
+    return known | {"extent": extent}
+
+
+def peak_nbytes(told: Json) -> int | None:
+    """Bytes of volumes and structures at their peak, as LeapRay's report has them."""
+    for name in ("peak_nbytes", "nbytes_peak", "nbytes", "bytes"):
+        value = told.get(name)
+        if isinstance(value, dict):
+            value = value.get("peak") or sum(v for v in value.values() if isinstance(v, int))
+        if isinstance(value, int | float):
+            return int(value)
+    return None

@@ -1,0 +1,453 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a comparison found, as pictures, charts and one page that needs no network (no bpy)."""
+
+from __future__ import annotations
+
+import base64
+import html
+from pathlib import Path
+
+import numpy as np
+
+from . import charts, metrics
+
+GAIN = 10  # of the difference of light in its picture
+NONE = "\N{EN DASH}"
+TIMES = "\N{MULTIPLICATION SIGN}"
+
+STYLE = """
+:root { --ink: #1d2126; --soft: #5d6672; --line: #e3e6ea; --back: #fafbfc; --card: #fff;
+  --good: #00724f; --bad: #b8430a; }
+* { box-sizing: border-box }
+body { margin: 0; background: var(--back); color: var(--ink);
+  font: 15px/1.5 system-ui, "Segoe UI", Roboto, sans-serif }
+main { max-width: 1180px; margin: 0 auto; padding: 40px 24px 80px }
+h1 { font-size: 30px; line-height: 1.2; margin: 0 0 4px; font-weight: 650 }
+h2 { font-size: 19px; margin: 52px 0 12px; font-weight: 650 }
+p { max-width: 76ch } .soft { color: var(--soft) }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 14px;
+  background: var(--card); width: 100% }
+th, td { padding: 6px 12px; text-align: right; border-bottom: 1px solid var(--line) }
+th:first-child, td:first-child { text-align: left }
+th { color: var(--soft); font-weight: 500 }
+.wide { overflow-x: auto; border: 1px solid var(--line); border-radius: 8px; margin: 10px 0 }
+.wide table tr:last-child td { border-bottom: 0 }
+.good { color: var(--good) } .bad { color: var(--bad); font-weight: 600 }
+.two { display: grid; grid-template-columns: repeat(auto-fit, minmax(440px, 1fr)); gap: 18px }
+figure { margin: 0; background: var(--card); border: 1px solid var(--line); border-radius: 8px;
+  overflow: hidden }
+figure img { display: block; width: 100%; height: auto; cursor: zoom-in }
+figcaption { padding: 8px 12px; font-size: 13.5px; color: var(--soft) }
+figcaption b { color: var(--ink); font-weight: 600 }
+.slider { position: relative; user-select: none; touch-action: none; cursor: ew-resize }
+.slider img { display: block; width: 100%; cursor: ew-resize }
+.slider .over { position: absolute; inset: 0; clip-path: inset(0 0 0 50%) }
+.slider .bar { position: absolute; top: 0; bottom: 0; left: 50%; width: 2px; margin-left: -1px;
+  background: #fff; box-shadow: 0 0 4px #0008 }
+.slider span { position: absolute; bottom: 10px; padding: 2px 9px; background: #0009; color: #fff;
+  border-radius: 4px; font-size: 13px }
+dialog { border: 0; padding: 0; max-width: 100vw; max-height: 100vh; background: #111 }
+dialog img { display: block; image-rendering: pixelated; cursor: zoom-out }
+details { margin: 8px 0 } summary { cursor: pointer }
+"""
+
+SCRIPT = """
+for (const slider of document.querySelectorAll('.slider')) {
+  const move = event => {
+    const box = slider.getBoundingClientRect();
+    const at = Math.min(100, Math.max(0, 100 * (event.clientX - box.left) / box.width));
+    slider.querySelector('.over').style.clipPath = `inset(0 0 0 ${at}%)`;
+    slider.querySelector('.bar').style.left = at + '%';
+  };
+  slider.addEventListener('pointermove', move);
+  slider.addEventListener('pointerdown', move);
+  slider.addEventListener('dragstart', event => event.preventDefault());
+}
+const dialog = document.querySelector('dialog'), large = dialog.querySelector('img');
+for (const image of document.querySelectorAll('figure img')) image.addEventListener('click', () => {
+  large.src = image.src;
+  large.style.width = 2 * image.naturalWidth + 'px';
+  dialog.showModal();
+});
+dialog.addEventListener('click', () => dialog.close());
+"""
+
+
+# ---- pictures and charts -------------------------------------------------
+
+
+def pictures(folder: Path, geometry, light, images: dict) -> list[list[str]]:
+    """Write the pictures; returns [file, title, caption] of each."""
+    made: list[list[str]] = []
+
+    def add(name: str, title: str, caption: str, image) -> None:
+        (folder / f"{name}.png").write_bytes(charts.png(image))
+        made.append([f"{name}.png", title, caption])
+
+    g = geometry
+    ours = images["leapray"].passes["Combined"][..., :3]
+    theirs = images["cycles"].passes["Combined"][..., :3]
+    white = g.subject.white
+    for name, title, image in (
+        ("cycles", "Cycles", theirs),
+        ("leapray", "LeapRay", ours),
+        ("reference", "Reference", light.reference),
+    ):
+        caption = "linear light in the Standard view"
+        add(name, title, caption, charts.as_bytes(metrics.srgb(image)))
+    difference = 0.5 + GAIN * (ours - light.reference) / (2 * white)
+    add(
+        "difference",
+        "Difference of light",
+        f"LeapRay less the reference, grey is none, {GAIN} times enlarged",
+        charts.as_bytes(difference),
+    )
+    add(
+        "flip",
+        "FLIP",
+        "what an eye notices when it flips between the two: black nothing, yellow much",
+        charts.picture(light.flip(ours), 0.0, 1.0, "magma"),
+    )
+    edges = metrics.mixed(g.index)
+    add("index_cycles", "Objects, Cycles", "one colour per index", charts.labels(g.index))
+    add("index_leapray", "Objects, LeapRay", "one colour per index", charts.labels(g.other))
+    add(
+        "index_mismatch",
+        "Index mismatch",
+        "grey: edge pixels of Cycles; vermilion: another object; blue: so at the rim of a sheet",
+        mismatch_picture(g, edges),
+    )
+    add(
+        "depth_error",
+        "Depth error",
+        "along the ray, by the surface's tilt, in widths of a pixel: black 0, yellow 1 and more",
+        charts.picture(g.depth_error, 0.0, 1.0),
+    )
+    add(
+        "normal_angle",
+        "Angle of the normals",
+        "black 0 degrees, yellow 5 degrees and more",
+        charts.picture(g.angle, 0.0, 5.0),
+    )
+    add(
+        "lit",
+        "Lit or not",
+        "white: lit in both, black: in neither; blue: lit by Cycles alone, orange: by LeapRay alone",
+        lit_picture(g),
+    )
+    return made
+
+
+def mismatch_picture(g, edges):
+    image = np.full((*g.index.shape, 3), 255, np.uint8)
+    image[g.index > 0] = 240
+    image[edges] = 200
+    differ = g.index != g.other
+    image[differ] = (213, 94, 0)
+    image[differ & g.sheet_rims] = (0, 114, 178)
+    return image
+
+
+def lit_picture(g):
+    image = np.zeros((*g.index.shape, 3), np.uint8)
+    image[g.is_lit & g.other_lit] = 235
+    image[(g.index == 0) & (g.other == 0)] = 128
+    image[g.is_lit & ~g.other_lit] = (86, 180, 233)
+    image[~g.is_lit & g.other_lit] = (230, 159, 0)
+    return image
+
+
+def draw_charts(folder: Path, told: dict) -> list[list[str]]:
+    """Write the charts; returns [file, title, caption] of each."""
+    made = []
+    with charts.chart(folder / "error_by_seconds") as (_, axes):
+        axis = axes[0, 0]
+        points = told["cycles"]["by_samples"]
+        xs = [values["seconds"] for values in points.values()]
+        ys = [values["but_rims"]["rmse"] for values in points.values()]
+        axis.plot(xs, ys, "-o", color="#222222", label="Cycles")
+        for count, x, y in zip(points, xs, ys, strict=True):
+            axis.annotate(f"{count}", (x, y), xytext=(5, 5), textcoords="offset points", fontsize=9)
+        for k, run in enumerate(told["runs"].values()):
+            axis.plot(
+                run["seconds"],
+                run["light"]["but_rims"]["rmse"],
+                linestyle="none",
+                markersize=9,
+                label=f"LeapRay, {run['label']}",
+                **charts.look(k),
+            )
+        axis.set_xscale("log")
+        if all(y > 0 for y in ys):
+            axis.set_yscale("log")
+        axis.set_xlabel("seconds for the frame, reading and writing included")
+        axis.set_ylabel("RMSE of light by white, but rims")
+        axis.set_title(f"Error against time, LeapRay at {told['samples']} samples")
+        axis.legend()
+    made.append(
+        [
+            "error_by_seconds.png",
+            "Error against time",
+            "one run each on a machine that did other things too; numbers are samples of Cycles",
+        ]
+    )
+    phases = {
+        run["label"]: {
+            name: value
+            for name, value in run["report"].get("seconds", {}).items()
+            if isinstance(value, int | float) and name != "total"
+        }
+        for run in told["runs"].values()
+    }
+    names = list(dict.fromkeys(name for values in phases.values() for name in values))
+    if names:
+        height = 1.6 + 0.5 * len(phases)
+        with charts.chart(folder / "phases", height=height) as (_, axes):
+            axis = axes[0, 0]
+            left = np.zeros(len(phases))
+            for k, name in enumerate(names):
+                widths = np.array([values.get(name, 0.0) for values in phases.values()])
+                color = charts.COLORS[k % len(charts.COLORS)]
+                axis.barh(list(phases), widths, left=left, color=color, label=name, height=0.6)
+                left += widths
+            axis.invert_yaxis()
+            axis.grid(axis="y", visible=False)
+            axis.set_xlabel("seconds")
+            axis.set_title("Where LeapRay's time goes")
+            axis.legend(ncols=len(names), loc="upper center", bbox_to_anchor=(0.5, -0.28))
+        made.append(["phases.png", "Time by phase", "of the frame that is measured for light"])
+    return made
+
+
+# ---- words ---------------------------------------------------------------
+
+
+def number(value, digits: int = 3) -> str:
+    """A figure for the eye; a dash where there is none."""
+    if value is None:
+        return NONE
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", "\u2009")
+    if value and abs(value) < 10**-digits:
+        return f"{value:.1e}"
+    return f"{value:.{digits}f}" if abs(value) < 1000 else f"{value:,.0f}".replace(",", "\u2009")
+
+
+def summary(told: dict) -> list[str]:
+    """The bars, a line each, for the terminal."""
+    lines = []
+    for group, found in told["bars"].items():
+        for bar in found:
+            state = {True: "holds", False: "FAILS", None: "not measured"}[bar["holds"]]
+            where = f" ({bar['where']})" if bar.get("where") else ""
+            value, limit = number(bar["value"], 4), number(bar["limit"])
+            lines.append(f"{group}: {bar['what']}{where}: {value}, at most {limit}: {state}")
+    return lines
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """An HTML table; cells are HTML."""
+    top = "".join(f"<th>{cell}</th>" for cell in head)
+    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    return f'<div class="wide"><table><tr>{top}</tr>{body}</table></div>'
+
+
+def data(folder: Path, name: str) -> str:
+    """A picture as a data URI."""
+    return "data:image/png;base64," + base64.b64encode((folder / name).read_bytes()).decode()
+
+
+def write(folder: Path, told: dict) -> None:
+    """Write report.html from what compare tells and the pictures in the folder."""
+    esc = html.escape
+    name = Path(str(told["scene"])).stem
+    bar_rows = []
+    for group, found in told["bars"].items():
+        for bar in found:
+            kind = {True: "good", False: "bad", None: "soft"}[bar["holds"]]
+            state = {True: "holds", False: "fails", None: "not measured"}[bar["holds"]]
+            where = f' <span class="soft">{esc(bar["where"])}</span>' if bar.get("where") else ""
+            bar_rows.append(
+                [
+                    f"{esc(bar['what'])}{where}",
+                    esc(group),
+                    number(bar["value"], 4),
+                    number(bar["limit"]),
+                    f'<span class="{kind}">{state}</span>',
+                ]
+            )
+    shown = {file: (title, caption) for file, title, caption in told["pictures"]}
+    slider = (
+        '<div class="slider">'
+        f'<img alt="Cycles" src="{data(folder, "cycles.png")}">'
+        f'<img alt="LeapRay" class="over" src="{data(folder, "leapray.png")}">'
+        '<div class="bar"></div><span style="left:10px">Cycles</span>'
+        '<span style="right:10px">LeapRay</span></div>'
+    )
+
+    def figures(files: list[str], known: dict) -> str:
+        return (
+            '<div class="two">'
+            + "".join(
+                f'<figure><img alt="{esc(known[file][0])}" src="{data(folder, file)}">'
+                f"<figcaption><b>{esc(known[file][0])}</b>: {esc(known[file][1])}</figcaption>"
+                "</figure>"
+                for file in files
+            )
+            + "</div>"
+        )
+
+    drawn = {file: (title, caption) for file, title, caption in told["charts"]}
+    parts = [
+        f"<h1>{esc(name)}: LeapRay beside Cycles</h1>",
+        f'<p class="soft">{told["width"]} {TIMES} {told["height"]} pixels, {told["samples"]} samples '
+        f"per pixel, reference Cycles at {told['reference_samples']} samples, world "
+        f"{esc(told['world'])}. LeapRay {esc(told['leapray'])} in Blender {esc(told['blender'])} "
+        f"on {esc(told['machine'])}.</p>",
+        f"<figure>{slider}<figcaption>Move over the picture to compare. Click the pictures below "
+        "to magnify them.</figcaption></figure>",
+        "<h2>What is asked, and what was found</h2>",
+        table(["", "of", "found", "at most", ""], bar_rows),
+        "<h2>Light</h2>",
+        light_table(told),
+        figures(["difference.png", "flip.png", "lit.png", "reference.png"], shown),
+        "<h2>Geometry</h2>",
+        index_table(told),
+        object_table(told),
+        figures(
+            ["index_mismatch.png", "depth_error.png", "normal_angle.png", "index_leapray.png"],
+            shown,
+        ),
+        "<h2>Time and memory</h2>",
+        time_table(told),
+        figures(list(drawn), drawn),
+        "<h2>How it was measured</h2>",
+        "<p>Geometry: Cycles with one sample, which goes through the pixel's centre, and LeapRay "
+        "through the same points. Depth error is the difference along the ray times the cosine of "
+        "the surface's tilt, in widths of a pixel there, where both see the same object. Edge "
+        "pixels are those with another object among their eight neighbours in Cycles' picture. "
+        "Light: linear RGB, box filter of one pixel, lamp to surface to camera and no further, "
+        "against Cycles with more samples and another seed; errors are relative to a lit white "
+        "surface. Rims are neighbourhoods with mixed objects, or with lit and unlit pixels. FLIP "
+        "is taken in the Standard view at 67 pixels per degree.</p>",
+        *(
+            [f"<details><summary>{len(told['notes'])} changes to the scene</summary><ul>"]
+            + [f"<li>{esc(note)}</li>" for note in told["notes"]]
+            + ["</ul></details>"]
+            if told["notes"]
+            else []
+        ),
+        warnings(told),
+    ]
+    page = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width">'
+        f"<title>{esc(name)}: LeapRay beside Cycles</title><style>{STYLE}</style></head><body>"
+        f'<main>{"".join(parts)}</main><dialog><img alt=""></dialog>'
+        f"<script>{SCRIPT}</script></body></html>"
+    )
+    (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def light_table(told: dict) -> str:
+    rows = []
+    named = {f"LeapRay, {html.escape(run['label'])}": run["light"] for run in told["runs"].values()}
+    for count, values in told["cycles"]["by_samples"].items():
+        named[f"Cycles, {count} samples"] = values
+    for name, values in named.items():
+        inner, every = values["but_rims"], values["all"]
+        ratio = every["mean_ratio"]
+        rows.append(
+            [
+                name,
+                NONE if ratio is None else f"{100 * ratio:+.2f} %",
+                number(inner["rmse"], 4),
+                number(inner["psnr"], 1),
+                number(inner["flip"], 4),
+                number(every["rmse"], 4),
+                number(every["psnr"], 1),
+                number(every["flip"], 4),
+                f"{100 * values['rims_share']:.1f} %",
+            ]
+        )
+    head = ["", "mean", "RMSE*", "PSNR* dB", "FLIP*", "RMSE", "PSNR dB", "FLIP", "rims"]
+    return table(head, rows) + '<p class="soft">* without rims, whose share is the last column.</p>'
+
+
+def index_table(told: dict) -> str:
+    rows = []
+    for run in told["runs"].values():
+        found = run["geometry"]["index"]
+        cells = [html.escape(run["label"]), number(found["n_edge_pixels"])]
+        for which in ("but_sheet_rims", "sheet_rims"):
+            part = found[which]
+            share = part["share_of_edges"]
+            cells += [
+                number(part["n"]),
+                NONE if share is None else f"{100 * share:.2f} %",
+                number(part["worst_steps"]),
+            ]
+        rows.append(cells)
+    head = ["", "edge pixels", "differ", "by edges", "farthest", "at rims of sheets", "by edges"]
+    return table([*head, "farthest"], rows)
+
+
+def object_table(told: dict) -> str:
+    run = next(iter(told["runs"].values()))
+    shape = run["geometry"]
+    rows = []
+    names = sorted(shape["depth_error_footprints"], key=lambda n: -told["objects"].get(n, 0))
+    for name in names:
+        depth, angle = (
+            shape[key][name] for key in ("depth_error_footprints", "normal_angle_degrees")
+        )
+        shadow = shape["shadow_edges"].get(name, {})
+        rows.append(
+            [
+                html.escape(name),
+                number(depth["n"]),
+                *(number(depth[key]) for key in metrics.PERCENTILES),
+                *(number(angle[key], 2) for key in metrics.PERCENTILES),
+                number(shadow.get("n")),
+                number(shadow.get("worst_steps")),
+            ]
+        )
+    head = ["", "pixels", "depth error, median", "95 %", "99 %", "max"]
+    head += ["normal, median °", "95 %", "99 %", "max", "lit otherwise", "farthest"]
+    return table(head, rows[:40])
+
+
+def time_table(told: dict) -> str:
+    rows = []
+    for run in told["runs"].values():
+        seconds = run["report"].get("seconds", {})
+        phases = ", ".join(
+            f"{html.escape(name)} {value:.2f}"
+            for name, value in seconds.items()
+            if isinstance(value, int | float)
+        )
+        nbytes = run["report"].get("nbytes", run["report"].get("bytes"))
+        if isinstance(nbytes, dict):
+            nbytes = ", ".join(f"{html.escape(str(k))} {v / 2**20:.1f}" for k, v in nbytes.items())
+        rows.append(
+            [
+                f"LeapRay, {html.escape(run['label'])}",
+                f"{run['seconds']:.2f}",
+                phases or NONE,
+                str(nbytes or NONE),
+            ]
+        )
+    for count, values in told["cycles"]["by_samples"].items():
+        rows.append([f"Cycles, {count} samples", f"{values['seconds']:.2f}", NONE, NONE])
+    return table(["", "seconds", "by phase", "MB held"], rows)
+
+
+def warnings(told: dict) -> str:
+    run = next(iter(told["runs"].values()))
+    found = run["report"].get("warnings", [])
+    if not found:
+        return ""
+    lines = "".join(f"<li>{html.escape(str(each))}</li>" for each in found)
+    return f"<h2>Warnings</h2><ul>{lines}</ul>"
