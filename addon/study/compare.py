@@ -49,14 +49,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Compare; writes the folder and returns the exit code."""
-    from .. import cli
+    from .. import cli, session
 
     output = Path(args.output or f"{Path(args.scene).stem}-compare")
     if output.is_file():
         raise LeapRayError(f"--output must be a folder, and {output} is a file")
     cli.check_folder(output.absolute().parent / f"{output.name}.html")
     chosen = traversers(getattr(args, "traversers", None))
-    scene = cli.open_scene(Path(args.scene))
+    scene = session.open_scene(Path(args.scene))
     with cli.part_folder(output) as folder:
         told = compare(scene, args, chosen, folder)
         told["scene"] = str(args.scene)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from leapray import LeapRayError
 
-from .. import cli
+from .. import session
 from .metrics import View
 
 CHANNELS = {  # our name: the layer's names in Blender 5 and 4, and its channels
@@ -234,7 +234,7 @@ def render_cycles(scene: bpy.types.Scene, path: Path, samples: int, seed: int = 
     scene.cycles.samples, scene.cycles.seed = samples, seed
     write_to(scene, path)
     began = time.perf_counter()
-    with cli.quiet():
+    with session.quiet():
         bpy.ops.render.render(write_still=True, scene=scene.name)
     return Frame(read(path), time.perf_counter() - began, 0.0)
 
@@ -250,7 +250,7 @@ def render_leapray(
         scene.leapray.seed = seed
     write_to(scene, path)
     began = time.perf_counter()
-    reports = cli.render_frame(bpy, scene)
+    reports = session.render_frame(scene)
     seconds = time.perf_counter() - began
     report = next(iter(reports.values()), {})
     if not path.exists():
@@ -262,16 +262,9 @@ def render_leapray(
 
 def write_to(scene: bpy.types.Scene, path: Path) -> None:
     """Have Blender write 32-bit multilayer EXR to this file, and remove what is there."""
-    settings = scene.render.image_settings
-    if hasattr(settings, "media_type"):  # from 5.0 on
-        settings.media_type = "MULTI_LAYER_IMAGE"
-    settings.file_format = "OPEN_EXR_MULTILAYER"
-    settings.color_depth, settings.exr_codec = "32", "NONE"
     path.unlink(missing_ok=True)
-    name = str(path.absolute())
-    if bpy.app.version >= (5, 0):  # there, braces are templates
-        name = name.replace("{", "{{").replace("}", "}}")
-    scene.render.filepath = name
+    session.set_format(scene, path)
+    scene.render.image_settings.exr_codec = "NONE"
 
 
 def open_image_io():

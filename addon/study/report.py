@@ -120,7 +120,7 @@ def pictures(folder: Path, geometry, light, images: dict) -> list[list[str]]:
     add(
         "depth_error",
         "Depth error",
-        "along the ray, by the surface's tilt, in widths of a pixel: black 0, yellow 1 and more",
+        "along the ray, by the surface's tilt, in widths of a pixel: black 0, yellow from 1 on",
         charts.picture(g.depth_error, 0.0, 1.0),
     )
     add(
@@ -132,7 +132,7 @@ def pictures(folder: Path, geometry, light, images: dict) -> list[list[str]]:
     add(
         "lit",
         "Lit or not",
-        "white: lit in both, black: in neither; blue: lit by Cycles alone, orange: by LeapRay alone",
+        "white: lit in both, black: in neither; blue: lit by Cycles alone, orange: LeapRay alone",
         lit_picture(g),
     )
     return made
@@ -302,8 +302,8 @@ def write(folder: Path, told: dict) -> None:
     drawn = {file: (title, caption) for file, title, caption in told["charts"]}
     parts = [
         f"<h1>{esc(name)}: LeapRay beside Cycles</h1>",
-        f'<p class="soft">{told["width"]} {TIMES} {told["height"]} pixels, {told["samples"]} samples '
-        f"per pixel, reference Cycles at {told['reference_samples']} samples, world "
+        f'<p class="soft">{told["width"]} {TIMES} {told["height"]} pixels, {told["samples"]} '
+        f"samples per pixel, reference Cycles at {told['reference_samples']} samples, world "
         f"{esc(told['world'])}. LeapRay {esc(told['leapray'])} in Blender {esc(told['blender'])} "
         f"on {esc(told['machine'])}.</p>",
         f"<figure>{slider}<figcaption>Move over the picture to compare. Click the pictures below "
