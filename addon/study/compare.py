@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ import leapray
 from leapray import LeapRayError
 
 from . import charts, metrics, report
+from .folder import result_folder
 
 PIXELS_PER_DEGREE = 67  # FLIP's own viewing distance
 LEAST_PIXELS = 64  # objects that fewer pixels show are listed, and left out of the worst
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", type=Path, metavar="DIR", help="default: SCENE-compare here")
     parser.add_argument("--traversers", metavar="all|A,B,..", help="default: the default one")
     parser.add_argument("--samples", type=int, default=16, metavar="N", help="per pixel, for both")
-    parser.add_argument("--reference", type=int, metavar="N", help="default: 16 times --samples")
+    parser.add_argument("--reference", type=int, metavar="N", help="default: 8 times --samples")
     parser.add_argument("--frame", type=int, metavar="N", help="default: the scene's current one")
     parser.add_argument(
         "--world", choices=["scene", "black"], default="scene", help="black: lamps alone give light"
@@ -49,24 +49,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Compare; writes the folder and returns the exit code."""
-    from .. import cli, session
+    from .. import session
 
     output = Path(args.output or f"{Path(args.scene).stem}-compare")
-    if output.is_file():
-        raise LeapRayError(f"--output must be a folder, and {output} is a file")
-    cli.check_folder(output.absolute().parent / f"{output.name}.html")
     chosen = traversers(getattr(args, "traversers", None))
-    scene = session.open_scene(Path(args.scene))
-    with cli.part_folder(output) as folder:
+    with result_folder(output, "report.html") as folder:
+        scene = session.open_scene(Path(args.scene))
         told = compare(scene, args, chosen, folder)
         told["scene"] = str(args.scene)
         report.write(folder, told)
         (folder / "report.json").write_text(json.dumps(told, indent=2, default=str) + "\n")
         for frame in folder.glob("*.exr"):
             frame.unlink()
-        output.mkdir(exist_ok=True)
-        for path in sorted(folder.iterdir(), key=lambda each: each.name == "report.html"):
-            os.replace(path, output / path.name)
     for line in report.summary(told):
         print(line)
     print(f"{output / 'report.html'}, and its figures in {output / 'report.json'}", flush=True)
@@ -99,7 +93,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
         raise LeapRayError(f"{args.scene} has no camera")
     frames.open_image_io()  # refuses before the work begins
     samples = option("samples", 16)
-    reference_samples = option("reference", 16 * samples)
+    reference_samples = option("reference", 8 * samples)
     scene.frame_set(option("frame", scene.frame_current))
     scene.render.resolution_percentage = option("percentage", scene.render.resolution_percentage)
     if args.threads is not None:
@@ -121,7 +115,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     step("Cycles, geometry")
     want = frames.render_cycles(scene, path, 1)
     step(f"LeapRay, geometry, {chosen[0].name}")
-    got = frames.render_leapray(scene, path, 1, chosen[0].name)
+    got = frames.render_leapray(scene, path, 1, chosen[0].spec)
     geometry = Geometry(subject, want, got)
 
     if not black:
@@ -131,7 +125,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     step(f"Cycles, reference, {reference_samples} samples")
     reference = frames.render_cycles(scene, path, reference_samples, seed=1)
     light = Light(subject, geometry, reference.passes["Combined"][..., :3])
-    for count in sorted({1, 4, samples, 4 * samples}):
+    for count in sorted({1, max(samples // 4, 1), samples, 4 * samples}):
         if count < reference_samples:
             step(f"Cycles, {count} samples")
             frame = frames.render_cycles(scene, path, count)
@@ -139,10 +133,10 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
             images["cycles"] = frame if count == samples else images.get("cycles", frame)
     runs: dict[str, Json] = {}
     for each in chosen:
-        step(f"LeapRay, {samples} samples, {each.name}")
-        frame = frames.render_leapray(scene, path, samples, each.name)
+        step(f"LeapRay, {samples} samples, {each.spec}")
+        frame = frames.render_leapray(scene, path, samples, each.spec)
         images.setdefault("leapray", frame)
-        runs[each.name] = {
+        runs[each.spec] = {
             "label": each.label,
             "exact": each.exact,
             "default": each.default,
@@ -392,11 +386,5 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
 
 
 def peak_nbytes(told: Json) -> int | None:
-    """Bytes of volumes and structures at their peak, as LeapRay's report has them."""
-    for name in ("peak_nbytes", "nbytes_peak", "nbytes", "bytes"):
-        value = told.get(name)
-        if isinstance(value, dict):
-            value = value.get("peak") or sum(v for v in value.values() if isinstance(v, int))
-        if isinstance(value, int | float):
-            return int(value)
-    return None
+    """Bytes that LeapRay held at its peak, as its report has them."""
+    return told.get("bytes", {}).get("peak")

@@ -1,0 +1,435 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The survey's first experiment: how fast each traverser finds the first object cell.
+
+A cube of samples is cut into N^3 subregions, and each gets a sphere at a random place; all spheres
+of a phantom together have the same volume for every N, so that only the surface grows. 250 x 250
+rays of three cameras are traced until the first object cell, with nothing done there.
+
+Source: Sramek 1994, section 4. Departures: 1. the radius r1, which the survey does not give, is 40
+samples of 128; 2. an oblique and a perspective camera join the parallel one; 3. steps and wrong
+cells are counted beside the time, in runs of their own; 4. an object cell is a cube between eight
+samples of which one or more lie in a sphere; 5. the cube's eight corner samples belong to objects
+too, so that the bounds of what there is, where the core lets rays begin, are the whole cube for
+every N, as in the survey, and not the single sphere's box.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import sys
+import time
+from dataclasses import asdict, dataclass
+from fractions import Fraction
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import leapray
+
+from . import charts, page
+from .folder import result_folder
+
+STUDY = True  # the command line offers it
+
+RADIUS = 40 / 128  # r1 by the cube's side
+IMAGE = 250  # pixels along each side
+SEED = 1994
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command line's options."""
+    parser.add_argument("--output", type=Path, metavar="DIR", help="default: phantom here")
+    parser.add_argument("--quick", action="store_true", help="five phantoms, three rounds")
+    parser.add_argument("--size", type=int, metavar="N", help="samples along the cube; 128")
+    parser.add_argument("--rounds", type=int, metavar="N", help="how often all is timed")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Measure; writes the folder and returns the exit code."""
+    output = Path(args.output or "phantom")
+    quick = bool(getattr(args, "quick", False))
+    size = getattr(args, "size", None) or 128
+    rounds = getattr(args, "rounds", None) or (3 if quick else 11)
+    counts = (1, 3, 5, 7, 10) if quick else tuple(range(1, 11))
+    with result_folder(output, "phantom.html") as folder:
+        rows, phantoms, overhead = measure(size, counts, rounds)
+        told = {
+            "machine": charts.machine(),
+            "leapray": leapray.__version__,
+            "size": size,
+            "image": IMAGE,
+            "rounds": rounds,
+            "seed": SEED,
+            "call_overhead_seconds": overhead,
+            "phantoms": phantoms,
+            "rows": [asdict(row) for row in rows],
+        }
+        (folder / "phantom.json").write_text(json.dumps(told, indent=2) + "\n")
+        write_csv(folder / "phantom.csv", rows)
+        write_page(folder, told, rows)
+    print(f"{output / 'phantom.html'}, and its figures in {output / 'phantom.csv'}", flush=True)
+    return 0
+
+
+# ---- phantoms and rays ---------------------------------------------------
+
+
+def phantom(size: int, n: int) -> NDArray[np.uint8]:
+    """(size, size, size) samples: 255 in n^3 spheres and the corners, else 0; seeded by n."""
+    random = np.random.default_rng((SEED, n))
+    side, radius = size / n, RADIUS * size / n
+    samples = np.zeros((size, size, size), np.uint8)
+    centres = random.uniform(radius, side - radius, (n, n, n, 3))
+    for i, j, k in product(range(n), repeat=3):
+        centre = centres[i, j, k] + side * np.array([i, j, k])
+        low = np.maximum(np.floor(centre - radius - 0.5).astype(int), 0)
+        high = np.minimum(np.ceil(centre + radius + 0.5).astype(int), size)
+        # Sample s is the middle of voxel s, at s + 1/2 of the cube.
+        x, y, z = (np.arange(low[a], high[a]) + 0.5 - centre[a] for a in range(3))
+        inside = z[:, None, None] ** 2 + y[:, None] ** 2 + x**2 <= radius**2
+        samples[low[2] : high[2], low[1] : high[1], low[0] : high[0]][inside] = 255
+    samples[:: size - 1, :: size - 1, :: size - 1] = 255
+    return samples
+
+
+def surface_to_volume(samples: NDArray[np.uint8]) -> float:
+    """Faces between voxels in and out of an object, by voxels in."""
+    solid = np.pad(samples > 0, 1)
+    faces = sum(int(np.count_nonzero(np.diff(solid, axis=axis))) for axis in range(3))
+    return faces / int(solid.sum())
+
+
+def object_cells(samples: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """(n+1, n+1, n+1) cells with an object sample; cell (i, j, k) of the volume is at i+1, ..."""
+    solid = np.pad(samples > 0, 1)
+    for axis in range(3):
+        low = [slice(None)] * 3
+        high = [slice(None)] * 3
+        low[axis], high[axis] = slice(None, -1), slice(1, None)
+        solid = solid[tuple(low)] | solid[tuple(high)]
+    return solid
+
+
+def cameras(size: int) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Origins and directions (n, 3) of each camera, in index space."""
+    middle = np.full(3, (size - 1) / 2)
+    found = {}
+    for name, towards in (("axis", (0.0, 0.0, -1.0)), ("oblique", (-0.48, 0.31, -0.82))):
+        forward = np.array(towards) / np.linalg.norm(towards)
+        right, up = frame(forward)
+        half = (np.abs(right).sum() + np.abs(up).sum()) / 4 * (size + 1)
+        film = pixels() * half
+        origins = middle - 1.5 * size * forward + film[:, :1] * right + film[:, 1:] * up
+        found[name] = origins, np.broadcast_to(forward, origins.shape).copy()
+    forward = np.array([0.52, 0.62, -0.59])
+    forward /= np.linalg.norm(forward)
+    right, up = frame(forward)
+    film = pixels() * 0.42
+    eye = middle - 2.1 * size * forward
+    directions = forward + film[:, :1] * right + film[:, 1:] * up
+    found["perspective"] = np.broadcast_to(eye, directions.shape).copy(), directions
+    return found
+
+
+def frame(forward: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two unit vectors across a unit one."""
+    right = np.cross(forward, (0.0, 1.0, 0.0))
+    right /= np.linalg.norm(right)
+    return right, np.cross(right, forward)
+
+
+def pixels() -> NDArray[np.float64]:
+    """(IMAGE^2, 2) the pixels' centres in -1..1, row by row."""
+    line = (np.arange(IMAGE) + 0.5) / IMAGE * 2 - 1
+    x, y = np.meshgrid(line, line)
+    return np.stack([x.ravel(), y.ravel()], axis=1)
+
+
+# ---- the reference -------------------------------------------------------
+
+
+def first_cells(
+    cells: NDArray[np.bool_], origins: NDArray[np.float64], directions: NDArray[np.float64]
+) -> NDArray[np.int32]:
+    """The first true cell (n, 3) of each ray, from -1; (-2, -2, -2) where there is none.
+
+    One cell at a time for all rays at once; t is computed anew from the integer planes. Written
+    for this check alone; in doubt `is_wrong` decides by fractions.
+    """
+    top = np.array(cells.shape[::-1])
+    o, d = origins + 1.0, directions
+    sign = np.sign(d).astype(np.int64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        near = np.where(sign > 0, 0.0 - o, top - o) / d
+        far = np.where(sign > 0, top - o, 0.0 - o) / d
+    outside = (sign == 0) & ((o < 0) | (o >= top))
+    near = np.where(sign == 0, np.where(outside, np.inf, -np.inf), near)
+    far = np.where(sign == 0, np.inf, far)
+    enter = np.maximum(near.max(axis=1), 0.0)
+    alive = np.flatnonzero(enter < far.min(axis=1))
+    found = np.full(o.shape, -2, np.int32)
+    at = np.floor(o[alive] + enter[alive, None] * d[alive]).astype(np.int64)
+    at = np.clip(at, 0, top - 1)
+    axis = near[alive].argmax(axis=1)
+    rows = np.arange(len(alive))
+    started = near[alive, axis] > 0
+    plane = np.where(sign[alive, axis] > 0, 0, top[axis] - 1)
+    at[rows, axis] = np.where(started, plane, at[rows, axis])
+    while len(alive):
+        hit = cells[at[:, 2], at[:, 1], at[:, 0]]
+        found[alive[hit]] = at[hit] - 1
+        alive, at = alive[~hit], at[~hit]
+        s = sign[alive]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.where(s == 0, np.inf, (at + (s > 0) - o[alive]) / d[alive])
+        axis = t.argmin(axis=1)
+        rows = np.arange(len(alive))
+        at[rows, axis] += s[rows, axis]
+        inside = (at[rows, axis] >= 0) & (at[rows, axis] < top[axis])
+        alive, at = alive[inside], at[inside]
+    return found
+
+
+def passage(origin, direction, cell) -> tuple[Fraction, Fraction] | None:
+    """Where a ray enters and leaves a closed cell, in exact arithmetic; None where it does not."""
+    enter, leave = Fraction(0), None
+    for o, d, c in zip(origin, direction, cell, strict=True):
+        o, d, low = Fraction(float(o)), Fraction(float(d)), int(c)
+        if d == 0:
+            if not low <= o <= low + 1:
+                return None
+            continue
+        a, b = sorted(((low - o) / d, (low + 1 - o) / d))
+        enter, leave = max(enter, a), b if leave is None else min(leave, b)
+    return (enter, leave) if leave is not None and enter <= leave else None
+
+
+def is_wrong(cells, origin, direction, got, want) -> bool:
+    """Whether a first cell that differs from the reference's is a fault, and not a tie."""
+    mine = passage(origin, direction, got) if got[0] > -2 else None
+    other = passage(origin, direction, want) if want[0] > -2 else None
+    pierced = other is not None and other[0] < other[1]
+    if got[0] == -2:  # it says that there is none
+        return pierced
+    i, j, k = (int(c) + 1 for c in got)
+    if mine is None or not cells[k, j, i]:
+        return True
+    return pierced and other[0] < mine[0]
+
+
+# ---- measuring -----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Row:
+    """One traverser on one phantom through one camera."""
+
+    n: int
+    surface_to_volume: float
+    camera: str
+    traverser: str
+    label: str
+    seconds: float  # median of the rounds, for all rays, without the call's overhead
+    seconds_low: float  # quartiles
+    seconds_high: float
+    mrays_per_second: float
+    steps_per_ray: float
+    hits: int
+    differ: int  # rays whose first cell is not the reference's
+    wrong: int  # of those, faults by exact arithmetic
+    setup_seconds: float
+    structure_bytes: int
+
+
+def measure(size: int, counts, rounds: int) -> tuple[list[Row], list[dict], float]:
+    """All rows, the phantoms' figures, and the seconds that a call takes for rays that miss all."""
+    methods = leapray.traversers()
+    views = cameras(size)
+    rows, phantoms, overhead = [], [], []
+    for n in counts:
+        samples = phantom(size, n)
+        volume = leapray.Volume(samples)
+        cells = object_cells(samples)
+        svr = surface_to_volume(samples)
+        voxels = int((samples > 0).sum())
+        phantoms.append({"n": n, "spheres": n**3, "voxels": voxels, "surface_to_volume": svr})
+        built, setup = [], []
+        for method in methods:
+            took = []
+            for _ in range(3):
+                began = time.perf_counter()
+                structure = leapray.build(volume, method)
+                took.append(time.perf_counter() - began)
+            built.append(structure)
+            setup.append(float(np.median(took)))
+        for camera, (origins, directions) in views.items():
+            want = first_cells(cells, origins, directions)
+            away = origins + np.array([0.0, 50.0 * size, 0.0])
+            seconds = np.empty((rounds, len(methods)))
+            for turn in range(rounds):  # interleaved, so that a slow moment hits all alike
+                began = time.perf_counter()
+                leapray.trace(built[0], away, directions, mode="binary", count=False)
+                missed = time.perf_counter() - began
+                overhead.append(missed)
+                for m, structure in enumerate(built):
+                    began = time.perf_counter()
+                    leapray.trace(structure, origins, directions, mode="binary", count=False)
+                    seconds[turn, m] = time.perf_counter() - began
+            empty = float(np.median(overhead))
+            for m, (method, structure) in enumerate(zip(methods, built, strict=True)):
+                hits = leapray.trace(structure, origins, directions, mode="binary")
+                got = np.where(np.isfinite(hits.t)[:, None], hits.cell, -2)
+                differ = np.flatnonzero((got != want).any(axis=1))
+                wrong = sum(
+                    is_wrong(cells, origins[r], directions[r], got[r], want[r]) for r in differ
+                )
+                low, middle, high = np.percentile(seconds[:, m], (25, 50, 75)) - empty
+                rows.append(
+                    Row(
+                        n,
+                        svr,
+                        camera,
+                        method.spec,
+                        method.label,
+                        middle,
+                        low,
+                        high,
+                        len(origins) / max(middle, 1e-9) / 1e6,
+                        hits.counters["cells"] / len(origins),
+                        hits.counters["hits"],
+                        len(differ),
+                        int(wrong),
+                        setup[m],
+                        structure.nbytes,
+                    )
+                )
+        print(f"phantom: N = {n}, surface to volume {svr:.2f}", file=sys.stderr, flush=True)
+    return rows, phantoms, float(np.median(overhead))
+
+
+# ---- telling -------------------------------------------------------------
+
+
+def write_csv(path: Path, rows: list[Row]) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(asdict(rows[0])))
+        writer.writeheader()
+        writer.writerows(asdict(row) for row in rows)
+
+
+def series(rows: list[Row], camera: str) -> dict[str, list[Row]]:
+    """The rows of a camera by the traverser's label, in the order of N."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.camera == camera:
+            found.setdefault(row.label, []).append(row)
+    return found
+
+
+def draw(folder: Path, rows: list[Row], size: int) -> None:
+    """The charts: seconds, steps and set-up time by surface-to-volume ratio."""
+    views = list(dict.fromkeys(row.camera for row in rows))
+    for name, what, value in (
+        ("seconds", f"milliseconds for {IMAGE} x {IMAGE} rays", lambda row: 1e3 * row.seconds),
+        ("steps", "cells stood in, per ray", lambda row: row.steps_per_ray),
+    ):
+        with charts.chart(folder / name, columns=len(views), width=4.6) as (_, axes):
+            for axis, camera in zip(axes[0], views, strict=True):
+                for k, (label, found) in enumerate(series(rows, camera).items()):
+                    x = [row.surface_to_volume for row in found]
+                    axis.plot(x, [value(row) for row in found], label=label, **charts.look(k))
+                    if name == "seconds":
+                        low = [1e3 * row.seconds_low for row in found]
+                        high = [1e3 * row.seconds_high for row in found]
+                        color = charts.look(k)["color"]
+                        axis.fill_between(x, low, high, color=color, alpha=0.15, lw=0)
+                axis.set_title(f"{camera} camera")
+                axis.set_ylim(bottom=0)
+                axis.set_xlabel("surface-to-volume ratio, faces per voxel")
+            axes[0, 0].set_ylabel(what)
+            axes[0, 0].legend()
+    with charts.chart(folder / "setup") as (_, axes):
+        axis = axes[0, 0]
+        for k, (label, found) in enumerate(series(rows, views[0]).items()):
+            x = [row.surface_to_volume for row in found]
+            axis.plot(x, [1e3 * row.setup_seconds for row in found], label=label, **charts.look(k))
+        axis.set_ylim(bottom=0)
+        axis.set_xlabel("surface-to-volume ratio, faces per voxel")
+        axis.set_ylabel("milliseconds")
+        axis.set_title(f"Building the structure, {size} samples a side")
+        axis.legend()
+
+
+def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
+    """phantom.html: the charts with what they say."""
+    draw(folder, rows, told["size"])
+    labels = list(dict.fromkeys(row.label for row in rows))
+    body = [
+        "<h1>The first object cell</h1>",
+        f'<p class="soft">{told["size"]}³ samples, N³ spheres of equal total volume for N = '
+        f"{rows[0].n} to {rows[-1].n}, {IMAGE} x {IMAGE} rays, one thread, median of "
+        f"{told['rounds']} interleaved rounds. {page.esc(told['machine'])}.</p>",
+        page.figure(folder, "seconds.png", "Time", "shaded: the middle half of the rounds"),
+        "<p>" + " ".join(sentences(rows)) + "</p>",
+        page.figure(folder, "steps.png", "Steps", "counted in a run of its own"),
+        page.figure(folder, "setup.png", "Set-up", "from the finished volume to the structure"),
+        "<h2>Figures</h2>",
+    ]
+    for camera in dict.fromkeys(row.camera for row in rows):
+        body += [f"<h3>{camera} camera</h3>", camera_table(series(rows, camera), labels)]
+    wrong = sum(row.wrong for row in rows)
+    body += [
+        "<h2>What this is, and what it is not</h2>",
+        f"<p>First cells were checked against a slow walk of every ray; "
+        f"{sum(row.differ for row in rows)} of {len(rows) * IMAGE**2} differ, and {wrong} of those "
+        "are faults by exact arithmetic; the rest are ties, where a ray runs through an edge or a "
+        f"corner. A call for rays that miss everything takes "
+        f"{1e3 * told['call_overhead_seconds']:.1f} ms, handing over of arrays included, and is "
+        "taken off each time. Times are those of one machine, which may have been busy; believe "
+        "ratios within one chart. A sample in each corner of the cube keeps the bounds alike, as rays "
+        "begin at the bounds of what there is. The survey's own radius is not known; here it is "
+        f"{RADIUS:.4f} of the side for N = 1.</p>",
+    ]
+    (folder / "phantom.html").write_text(page.whole("The first object cell", body), "utf-8")
+
+
+def sentences(rows: list[Row]) -> list[str]:
+    """What the times say, computed from them."""
+    said = []
+    for camera in dict.fromkeys(row.camera for row in rows):
+        found = [row for row in rows if row.camera == camera]
+        ends = []
+        for n in (found[0].n, found[-1].n):
+            there = sorted((row for row in found if row.n == n), key=lambda row: row.seconds)
+            best, other = there[0], there[-1]
+            ratio = other.seconds / max(best.seconds, 1e-9)
+            ends.append(
+                f"at N = {n} {best.label} is fastest ({best.mrays_per_second:.1f} million rays a "
+                f"second), {ratio:.1f} times as fast as {other.label}"
+            )
+        said.append(f"{camera.capitalize()} camera: {'; '.join(ends)}.")
+    return [page.esc(sentence) for sentence in said]
+
+
+def camera_table(found: dict[str, list[Row]], labels: list[str]) -> str:
+    """Milliseconds, steps and wrong cells of a camera, a line per phantom."""
+    head = ["N", "surface to volume"]
+    for label in labels:
+        head += [f"{page.esc(label)}, ms", "Mrays/s", "steps", "wrong"]
+    lines = []
+    for k, first in enumerate(found[labels[0]]):
+        cells = [str(first.n), f"{first.surface_to_volume:.2f}"]
+        for label in labels:
+            row = found[label][k]
+            cells += [
+                f"{1e3 * row.seconds:.2f}",
+                f"{row.mrays_per_second:.1f}",
+                f"{row.steps_per_ray:.1f}",
+                str(row.wrong),
+            ]
+        lines.append(cells)
+    return page.table(head, lines)
