@@ -13,6 +13,7 @@ import matplotlib
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 # Okabe and Ito's colours, told apart by the colour-blind too; black stays for references.
@@ -68,6 +69,15 @@ def chart(
                 bbox_inches="tight",
                 metadata={"Date": None} if ending == ".svg" else None,
             )
+
+
+def plain_ticks(axis) -> None:
+    """Label logarithmic scales by 1, 2 and 5 of each power, in plain decimals."""
+    for scale in (axis.xaxis, axis.yaxis):
+        if scale.get_scale() == "log":
+            scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            scale.set_major_formatter(lambda value, _: f"{value:g}")
+            scale.set_minor_formatter(NullFormatter())
 
 
 def machine() -> str:

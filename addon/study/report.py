@@ -121,6 +121,7 @@ def draw_charts(folder: Path, told: dict) -> list[list[str]]:
         axis.set_xscale("log")
         if all(y > 0 for y in ys):
             axis.set_yscale("log")
+        charts.plain_ticks(axis)
         axis.set_xlabel("seconds for the frame, reading and writing included")
         axis.set_ylabel("RMSE of light by white, but rims")
         axis.set_title(f"Error against time, LeapRay at {told['samples']} samples")
