@@ -43,6 +43,7 @@ LAYERS = {
         "pipeline",
         "scene result properties",
         "engine",
+        "session",
         "study",
         "cli operators",
         "ui",

@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""LeapRay, a Blender render engine for volumes.
+
+Blender is imported only when the add-on registers, so that the modules which
+do not need it can be used without.
+"""
+
+
+def register() -> None:
+    """Make the engine, its settings, panels and command known to Blender."""
+    from . import cli, engine, properties, ui
+
+    for part in (properties, engine, ui, cli):
+        part.register()
+
+
+def unregister() -> None:
+    from . import cli, engine, properties, ui
+
+    for part in (cli, ui, engine, properties):
+        part.unregister()

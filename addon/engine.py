@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The render engine: Blender calls it, and it hands on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy
+
+import leapray
+
+from . import pipeline, properties, result, scene, tiles
+
+reports: dict[str, dict] = {}  # of the last frame, by view layer: what the JSON file holds
+failures: list[BaseException] = []  # of the last frame; Stopped where it was cancelled
+_volumes: dict = {}  # kept between frames where the scene asks for persistent data
+
+
+class LeapRayEngine(bpy.types.RenderEngine):
+    """Renders a scene's meshes as volumes."""
+
+    bl_idname = "LEAPRAY"
+    bl_label = "LeapRay"
+    bl_use_preview = True
+    bl_use_shading_nodes_custom = False  # Blender's own shader nodes
+    bl_use_eevee_viewport = True  # for the viewport's material preview
+
+    def __init__(self, *args, **kwargs) -> None:
+        super().__init__(*args, **kwargs)
+
+    def update_render_passes(self, scene=None, renderlayer=None) -> None:
+        result.register_passes(self, scene, renderlayer)
+
+    def update(self, data=None, depsgraph=None) -> None:
+        reports.clear()
+        failures.clear()
+
+    def render(self, depsgraph) -> None:
+        """The one place where errors become reports: Blender swallows what is raised here."""
+        try:
+            self._render(depsgraph)
+        except leapray.Stopped as stopped:
+            failures.append(stopped)
+        except leapray.LeapRayError as error:
+            failures.append(error)
+            self.report({"ERROR"}, str(error))
+        except BaseException as error:  # a fault of ours, or Ctrl-C
+            failures.append(error)
+            self.report({"ERROR"}, f"LeapRay broke off: {type(error).__name__}: {error}")
+            raise
+
+    def _render(self, depsgraph) -> None:
+        layer = depsgraph.view_layer_eval.name
+        status = f"{depsgraph.scene_eval.name}, {layer} | "
+        self.update_stats("", status + "Reading")
+        job = scene.read(
+            depsgraph,
+            self.resolution_x,
+            self.resolution_y,
+            settings=self._settings(depsgraph),
+            camera=self.camera_override,
+        )
+        n_tiles, n_done = len(tiles.split(job.width, job.height, job.settings.tile_size)), 0
+
+        def progress(share: float, phase: str) -> None:
+            self.update_progress(share)
+            if not n_done:
+                self.update_stats("", f"{status}{phase} {share:.0%}")
+
+        def on_tile(x, y, width, height, passes) -> None:
+            nonlocal n_done
+            n_done += 1
+            result.write_tile(self, layer, x, y, width, height, passes)
+            self.update_stats("", f"{status}Rendered {n_done}/{n_tiles} Tiles")
+
+        frame = pipeline.render(
+            job,
+            stop=self.test_break,
+            progress=progress,
+            on_tile=on_tile,
+            cache=self._cache(depsgraph.scene_eval),
+        )
+        if self.is_preview:
+            return
+        reports[layer] = frame.report
+        used, peak = (
+            sum(frame.report["bytes"][name] for name in names) / 1e6
+            for names in (("volumes", "structures"), ("peak",))
+        )
+        self.update_memory_stats(memory_used=used, memory_peak=peak)
+        for warning in frame.warnings:
+            self.report({"WARNING"}, warning)
+
+    def _settings(self, depsgraph):
+        """The scene's settings; those of a material's preview are Blender's, so small ones."""
+        chosen = properties.settings(depsgraph.scene_eval)
+        if self.is_preview:
+            return replace(chosen, samples=4, pixel_error=1.0, memory_mb=128)
+        return chosen
+
+    def _cache(self, evaluated_scene) -> dict | None:
+        if evaluated_scene.render.use_persistent_data and not self.is_preview:
+            return _volumes
+        _volumes.clear()
+        return None
+
+
+def register() -> None:
+    bpy.utils.register_class(LeapRayEngine)
+
+
+def unregister() -> None:
+    _volumes.clear()
+    bpy.utils.unregister_class(LeapRayEngine)

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The settings of a scene, `scene.leapray`: one property for each of model.Settings.
+
+Menus are made from the core's own tables. Only the number of threads is
+Blender's (Performance panel, `blender -t`), as for its other engines.
+"""
+
+# Annotations stay values here, for Blender evaluates them.
+
+import zlib
+from dataclasses import fields
+
+import bpy
+
+import leapray
+
+from . import model
+
+DEFAULTS = model.Settings()
+
+ABOUT = {  # of menu entries; a new one in the core shows up without
+    "extrema": "Also look at the field's extrema inside a cell, so that no surface is lost",
+    "faces": "Look at the field on the faces of cells only: fast, but loses grazing surfaces",
+    "newton": "Newton's steps inside a bracket, to full precision",
+    "linear": "One linear interpolation: fast and approximate",
+    "central": "Central differences, interpolated: smooth",
+    "analytic": "The gradient of the field itself: faceted at cell borders",
+    "objects": "One volume for each distinct mesh, shared by its instances",
+    "scene": "One volume for the whole scene",
+    "u8": "One byte per sample: smallest, for previews",
+    "u16": "Two bytes per sample: as good as exact for most scenes",
+    "f32": "Four bytes per sample: for measurements",
+}
+LABELS = {"u8": "8 bit", "u16": "16 bit", "f32": "32 bit float"}
+
+
+def menu(names, about=ABOUT, labels=LABELS) -> list[tuple[str, str, str, int]]:
+    """Items of an EnumProperty.
+
+    A file stores an entry's number; taken from its name, the number stays right
+    when entries come and go.
+    """
+    return [
+        (
+            name,
+            labels.get(name, name.capitalize()),
+            about.get(name, ""),
+            zlib.crc32(name.encode()) & 0x7FFFFFFF,
+        )
+        for name in names
+    ]
+
+
+def label(traverser) -> str:
+    """What a menu shows: the traverser's label and the options that are not the default ones."""
+    options = traverser.spec.partition(":")[2]
+    return f"{traverser.label} ({options})" if options else traverser.label
+
+
+TRAVERSERS = leapray.variants()
+
+
+class LeapRaySettings(bpy.types.PropertyGroup):
+    """What LeapRay renders with."""
+
+    samples: bpy.props.IntProperty(
+        name="Samples",
+        description="Rays per pixel, spread over the pixel; the geometry passes use its centre",
+        default=DEFAULTS.samples,
+        min=1,
+        soft_max=256,
+        max=65536,
+    )
+    traverser: bpy.props.EnumProperty(
+        name="Traverser",
+        description="How a ray finds the next cell of a volume that may hold a surface",
+        items=menu(
+            [entry.spec for entry in TRAVERSERS],
+            {entry.spec: f"{entry.source}: {entry.about}" for entry in TRAVERSERS},
+            {entry.spec: label(entry) for entry in TRAVERSERS},
+        ),
+        default=leapray.traverser().spec,
+    )
+    hit_test: bpy.props.EnumProperty(
+        name="Hit Test",
+        description="How a cell is asked whether the ray meets the surface inside it",
+        items=menu(leapray.HIT_TESTS),
+        default=DEFAULTS.hit_test,
+    )
+    root: bpy.props.EnumProperty(
+        name="Root",
+        description="How the place of the hit is found",
+        items=menu(leapray.ROOTS),
+        default=DEFAULTS.root,
+    )
+    normal: bpy.props.EnumProperty(
+        name="Normal",
+        description="How the surface's normal is found",
+        items=menu(leapray.NORMALS),
+        default=DEFAULTS.normal,
+    )
+    layout: bpy.props.EnumProperty(
+        name="Layout",
+        description="What shares a volume",
+        items=menu(("objects", "scene")),
+        default=DEFAULTS.layout,
+    )
+    resolution: bpy.props.IntProperty(
+        name="Resolution",
+        description="Samples along the longest side of each volume; 0 takes as many as the "
+        "pixel error asks for",
+        default=DEFAULTS.resolution,
+        min=0,
+        soft_max=1024,
+        max=16384,
+    )
+    pixel_error: bpy.props.FloatProperty(
+        name="Pixel Error",
+        description="How far a surface may lie from its true place, as a fraction of a pixel",
+        default=DEFAULTS.pixel_error,
+        min=0.001,
+        soft_min=0.05,
+        soft_max=4.0,
+        max=1000.0,
+        precision=3,
+    )
+    memory_mb: bpy.props.IntProperty(
+        name="Memory",
+        description="Megabytes that volumes and their structures may take; what does not fit is "
+        "modelled more coarsely, with a warning",
+        default=DEFAULTS.memory_mb,
+        min=1,
+        soft_min=64,
+        max=1 << 24,
+    )
+    sample_type: bpy.props.EnumProperty(
+        name="Sample Type",
+        description="How the samples of volumes are stored",
+        items=menu(("u8", "u16", "f32")),
+        default=DEFAULTS.sample_type,
+    )
+    seed: bpy.props.IntProperty(
+        name="Seed",
+        description="Choose another pattern of rays inside the pixels",
+        default=DEFAULTS.seed,
+        min=0,
+    )
+    tile_size: bpy.props.IntProperty(
+        name="Tile Size",
+        description="Pixels along the side of a tile, the piece of the image that a thread takes",
+        default=DEFAULTS.tile_size,
+        min=8,
+        soft_max=256,
+        max=4096,
+    )
+
+
+def settings(scene) -> model.Settings:
+    """The scene's settings as plain values."""
+    values = {
+        field.name: getattr(scene.leapray, field.name)
+        for field in fields(model.Settings)
+        if field.name != "threads"
+    }
+    fixed = scene.render.threads_mode == "FIXED"
+    return model.Settings(**values, threads=scene.render.threads if fixed else 0)
+
+
+def register() -> None:
+    bpy.utils.register_class(LeapRaySettings)
+    bpy.types.Scene.leapray = bpy.props.PointerProperty(
+        type=LeapRaySettings, name="LeapRay", description="Settings of the LeapRay engine"
+    )
+
+
+def unregister() -> None:
+    del bpy.types.Scene.leapray
+    bpy.utils.unregister_class(LeapRaySettings)

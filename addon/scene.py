@@ -1,0 +1,487 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The only reader of the depsgraph: one frame of one view layer as plain arrays.
+
+Everything is copied while it is read, so that nothing of Blender's is touched
+once `read` returns. What LeapRay cannot draw is left out with one warning per
+feature, and a bad object with one per reason; both name the objects.
+
+Light units are Blender's, as measured on a white diffuse plane in Cycles: a
+sun of strength S gives S watts per square metre on a plane that faces it, a
+point light of P watts a radiant intensity of P / 4 pi per steradian.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from leapray import LeapRayError
+
+from . import model
+
+# A 4x4 of float32 whose axes lie in a plane still shows this much thickness.
+FLAT = 4 * np.finfo(np.float32).eps
+
+NO_MATERIAL = model.Material("", (0.8, 0.8, 0.8))  # what Cycles gives to an empty slot
+
+UNSUPPORTED_TYPES = {
+    "CURVES": "Hair and curves objects are",
+    "POINTCLOUD": "Point clouds are",
+    "VOLUME": "Volumes are",
+    "GREASEPENCIL": "Grease pencil is",
+}
+
+
+@dataclass(frozen=True)
+class Border:
+    """The part of the frame to render, in pixels from its lower left corner."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+def read(
+    depsgraph,
+    width: int,
+    height: int,
+    settings: model.Settings | None = None,
+    camera=None,
+) -> model.Scene:
+    """The scene as the depsgraph has evaluated it.
+
+    width, height: of the whole frame in pixels, resolution percentage included; a
+    render border is taken from the scene and makes the result smaller. settings:
+    the scene's own where None. camera: an evaluated object, the scene's where None.
+    Raises LeapRayError, one sentence, where there is nothing to render.
+    """
+    start = time.perf_counter()
+    scene = depsgraph.scene_eval
+    if settings is None:
+        from . import properties
+
+        settings = properties.settings(scene)
+    if width < 1 or height < 1:
+        raise LeapRayError(f"The resolution is {width} x {height} pixels; it needs at least 1 x 1")
+    border = render_border(scene.render, width, height)
+    notes = _Notes()
+    film = _camera(camera or scene.camera, scene, width, height, border, notes)
+    _note_scene(scene, notes)
+    objects = _Objects(depsgraph, notes)
+    world = getattr(depsgraph.view_layer_eval, "world_override", None) or scene.world
+    return model.Scene(
+        meshes=tuple(objects.meshes),
+        instances=tuple(objects.instances),
+        materials=tuple(objects.materials),
+        lights=tuple(objects.lights),
+        camera=film,
+        world_color=_world_color(world, notes),
+        film_transparent=scene.render.film_transparent,
+        width=border.width,
+        height=border.height,
+        settings=settings,
+        warnings=notes.sentences(),
+        seconds_read=time.perf_counter() - start,
+    )
+
+
+# ---- camera --------------------------------------------------------------
+
+
+def render_border(render, width: int, height: int) -> Border:
+    """The render border in whole pixels, cut as Blender cuts it; the frame where there is none."""
+    if not render.use_border:
+        return Border(0, 0, width, height)
+    frame = np.float32([width, height, width, height])
+    edges = [
+        render.border_min_x,
+        render.border_min_y,
+        render.border_max_x,
+        render.border_max_y,
+    ]
+    x0, y0, x1, y1 = (np.float32(edges) * frame).astype(int).tolist()
+    if x1 <= x0 or y1 <= y0:
+        raise LeapRayError("The render border holds no pixel")
+    return Border(x0, y0, x1 - x0, y1 - y0)
+
+
+def _camera(camera, scene, width, height, border, notes) -> model.Camera:
+    """Film rays of Blender's camera.
+
+    Source: the view plane as Blender documents it: the sensor's fitted side spans
+    the frame's, shifts count in fitted sides, pixels may be oblong.
+    """
+    if camera is None:
+        raise LeapRayError(f"Scene '{scene.name}' has no camera")
+    if camera.type != "CAMERA":
+        raise LeapRayError(f"The active camera '{camera.name}' is not a camera object")
+    data, render = camera.data, scene.render
+    matrix = np.array(camera.matrix_world, np.float64)
+    if not _invertible(matrix):
+        raise LeapRayError(f"The matrix of the camera '{camera.name}' cannot be inverted")
+    right, up, back = (matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)).T
+
+    if data.type not in ("PERSP", "ORTHO"):
+        notes.unsupported("Panoramic and custom cameras are", camera.name)
+    if data.dof.use_dof:
+        notes.unsupported("Depth of field is", camera.name)
+
+    oblong = render.pixel_aspect_y / render.pixel_aspect_x
+    fit = data.sensor_fit
+    if fit == "AUTO":
+        wide = width * render.pixel_aspect_x >= height * render.pixel_aspect_y
+        sensor, horizontal = data.sensor_width, wide
+    else:
+        horizontal = fit == "HORIZONTAL"
+        sensor = data.sensor_width if horizontal else data.sensor_height
+    fitted = width if horizontal else height * oblong
+    orthographic = data.type == "ORTHO"
+    pixel = (data.ortho_scale if orthographic else sensor / data.lens) / fitted
+
+    dx, dy = right * pixel, up * (pixel * oblong)
+    left = data.shift_x * fitted - width / 2 + border.x
+    below = data.shift_y * fitted / oblong - height / 2 + border.y
+    corner = dx * left + dy * below
+    return model.Camera(
+        projection="orthographic" if orthographic else "perspective",
+        eye=matrix[:3, 3].copy(),
+        forward=-back,
+        corner=corner if orthographic else corner - back,
+        dx=dx,
+        dy=dy,
+        clip_start=data.clip_start,
+        clip_end=data.clip_end,
+    )
+
+
+# ---- objects -------------------------------------------------------------
+
+
+class _Objects:
+    """Walks the depsgraph's instances once: meshes, their places, materials, lights."""
+
+    def __init__(self, depsgraph, notes: _Notes) -> None:
+        self.notes = notes
+        self.meshes: list[model.Mesh] = []
+        self.instances: list[model.Instance] = []
+        self.materials: list[model.Material] = []
+        self.lights: list[model.Light] = []
+        self._mesh_at: dict[int, int | str] = {}  # by address: index, or what is wrong with it
+        self._material_at: dict[str, int] = {}
+        self._override = depsgraph.view_layer_eval.material_override
+        for instance in depsgraph.object_instances:
+            self._take(instance)
+        if not self.instances:
+            scene = depsgraph.scene_eval.name
+            why = "".join(f"; {sentence}" for sentence in notes.sentences())
+            raise LeapRayError(f"Scene '{scene}' shows no mesh that can be rendered{why}")
+
+    def _take(self, instance) -> None:
+        """One instance of the depsgraph, which is only valid during this call."""
+        ob = instance.object
+        if instance.show_particles and _has_hair(ob):
+            self.notes.unsupported("Hair particles are", ob.name)
+        if not instance.show_self:
+            return
+        if ob.type == "MESH":
+            self._take_mesh(instance, ob)
+        elif ob.type == "LIGHT":
+            self._take_light(instance, ob)
+        elif ob.type in UNSUPPORTED_TYPES:
+            self.notes.unsupported(UNSUPPORTED_TYPES[ob.type], ob.name)
+
+    def _take_mesh(self, instance, ob) -> None:
+        shown = [ob] if not instance.is_instance else [ob, instance.parent]
+        camera, shadow, diffuse = (
+            all(getattr(each, flag) for each in shown)
+            for flag in ("visible_camera", "visible_shadow", "visible_diffuse")
+        )
+        if not (camera or shadow or diffuse):
+            return
+        world_from_object = np.array(instance.matrix_world, np.float64)
+        if not _invertible(world_from_object):
+            self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
+            return
+        mesh = self._mesh(ob)
+        if isinstance(mesh, str):
+            self.notes.skipped(mesh, ob.name)
+            return
+        if ob.is_holdout:
+            self.notes.unsupported("Holdout is", ob.name)
+        if ob.is_shadow_catcher:
+            self.notes.unsupported("Shadow catchers are", ob.name)
+        self.instances.append(
+            model.Instance(
+                name=ob.name,
+                mesh=mesh,
+                world_from_object=world_from_object,
+                materials=self._slots(ob),
+                object_index=ob.pass_index,
+                visible_camera=camera,
+                visible_shadow=shadow,
+                visible_diffuse=diffuse,
+            )
+        )
+
+    def _mesh(self, ob) -> int | str:
+        """The index of the object's mesh, or what is wrong with it."""
+        edited = ob.mode == "EDIT"  # then ob.data may be a wrapper without arrays
+        key = ob.data.as_pointer()
+        if key not in self._mesh_at:
+            try:
+                read = read_mesh(ob.to_mesh() if edited else ob.data, ob.data.name)
+            except LeapRayError as error:
+                self._mesh_at[key] = str(error)
+            else:
+                self._mesh_at[key] = len(self.meshes)
+                self.meshes.append(read)
+            finally:
+                if edited:
+                    ob.to_mesh_clear()
+        return self._mesh_at[key]
+
+    def _slots(self, ob) -> tuple[int, ...]:
+        """The materials of the object's slots, those linked to the object included."""
+        if self._override:
+            return (self._material(self._override),)
+        return tuple(self._material(slot.material) for slot in ob.material_slots) or (
+            self._material(None),
+        )
+
+    def _material(self, material) -> int:
+        name = material.name_full if material else ""
+        if name not in self._material_at:
+            self._material_at[name] = len(self.materials)
+            self.materials.append(_read_material(material, self.notes) if material else NO_MATERIAL)
+        return self._material_at[name]
+
+    def _take_light(self, instance, ob) -> None:
+        light, matrix = ob.data, np.array(instance.matrix_world, np.float64)
+        if light.type not in ("SUN", "POINT"):
+            self.notes.unsupported(f"{light.type.capitalize()} lights are", ob.name)
+            return
+        if not np.isfinite(matrix).all() or not np.any(matrix[:3, 2]):
+            self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
+            return
+        color = _light_color(light, self.notes, ob.name)
+        if not ob.visible_diffuse or not np.any(color):
+            return
+        self.lights.append(
+            model.Light(
+                name=ob.name,
+                kind="sun" if light.type == "SUN" else "point",
+                color=tuple(color.tolist()),
+                position=tuple(matrix[:3, 3].tolist()),
+                direction=tuple((matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])).tolist()),
+                casts_shadow=light.use_shadow,
+            )
+        )
+
+
+def read_mesh(mesh, name: str) -> model.Mesh:
+    """A copy of Blender's mesh. Raises LeapRayError with the reason that makes it useless."""
+    n_corners, n_faces = len(mesh.loops), len(mesh.polygons)
+    if not n_faces:
+        raise LeapRayError("its mesh has no faces")
+    vertices = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.vertices.foreach_get("co", vertices.ravel())
+    if not np.isfinite(vertices).all():
+        raise LeapRayError("its mesh has vertices that are no numbers (NaN or infinite)")
+
+    if n_corners == 3 * n_faces:  # no face has fewer, so all are triangles
+        triangles = np.empty((n_faces, 3), np.int32)
+        mesh.loops.foreach_get("vertex_index", triangles.ravel())
+    else:
+        mesh.calc_loop_triangles()
+        triangles = np.empty((len(mesh.loop_triangles), 3), np.int32)
+        mesh.loop_triangles.foreach_get("vertices", triangles.ravel())
+
+    slots = None
+    indices = mesh.attributes.get("material_index")
+    if indices is not None and indices.domain == "FACE" and indices.data_type == "INT":
+        of_face = np.empty(n_faces, np.int32)
+        indices.data.foreach_get("value", of_face)
+        if of_face.any():
+            slots = of_face.clip(0, np.iinfo(np.uint16).max).astype(np.uint16)
+            if n_corners != 3 * n_faces:
+                face_of = np.empty(len(triangles), np.int32)
+                mesh.loop_triangle_polygons.foreach_get("value", face_of)
+                slots = slots[face_of]
+    return model.Mesh(name, vertices, triangles, slots)
+
+
+def _invertible(matrix: NDArray[np.float64]) -> bool:
+    """Whether a matrix that Blender holds in float32 has three axes that span space."""
+    if not np.isfinite(matrix).all():
+        return False
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    if not lengths.all():
+        return False
+    return bool(np.linalg.svd(matrix[:3, :3] / lengths, compute_uv=False)[-1] > FLAT)
+
+
+def _has_hair(ob) -> bool:
+    return any(
+        modifier.type == "PARTICLE_SYSTEM"
+        and modifier.show_render
+        and modifier.particle_system.settings.type == "HAIR"
+        and modifier.particle_system.settings.render_type == "PATH"
+        for modifier in ob.modifiers
+    )
+
+
+# ---- materials, lights, world --------------------------------------------
+
+
+def _read_material(material, notes: _Notes) -> model.Material:
+    """Base colour of Principled or Diffuse BSDF, else the viewport colour."""
+    viewport = tuple(material.diffuse_color[:3])
+    tree = _node_tree(material)
+    output = tree.get_output_node("CYCLES") if tree else None
+    if output is None:
+        return model.Material(material.name, viewport)
+    if _source(output.inputs["Displacement"]):
+        notes.unsupported("Displacement is", material.name)
+    if _source(output.inputs["Volume"]):
+        notes.unsupported("Volumes are", material.name)
+    socket = {
+        "ShaderNodeBsdfPrincipled": "Base Color",
+        "ShaderNodeBsdfDiffuse": "Color",
+    }
+    surface = _source(output.inputs["Surface"])
+    node = surface.node if surface else None
+    color = None
+    if node and node.bl_idname in socket:
+        color = _constant(node.inputs[socket[node.bl_idname]])
+    if color is None:
+        notes.replaced("viewport colour", material.name)
+        color = viewport
+    return model.Material(material.name, tuple(color[:3]))
+
+
+def _light_color(light, notes: _Notes, name: str) -> NDArray[np.float64]:
+    """Irradiance of a sun on a plane that faces it; radiant intensity of a point light."""
+    strength = light.energy * 2.0**light.exposure
+    if light.type == "SUN":
+        if not light.normalize and light.angle > 0:  # energy is then the disk's radiance
+            strength *= np.pi * np.sin(min(light.angle, np.pi) / 2) ** 2
+    elif light.normalize:
+        strength /= 4 * np.pi
+    else:  # energy / pi is then the radiance of a sphere of that size
+        strength *= light.shadow_soft_size**2 or 1 / np.pi
+    color = strength * np.array(light.color, np.float64)
+    if light.use_temperature:
+        color *= light.temperature_color
+    tree = _node_tree(light)
+    output = tree.get_output_node("CYCLES") if tree else None
+    if output:
+        emission = _emitted(output, "ShaderNodeEmission")
+        if emission is None:
+            notes.unsupported("Light nodes other than a plain Emission are", name)
+        else:
+            color *= emission
+    return color
+
+
+def _world_color(world, notes: _Notes) -> tuple[float, float, float]:
+    """Colour times strength of the Background node, else the world's own colour."""
+    if world is None:
+        return (0.0, 0.0, 0.0)
+    tree = _node_tree(world)
+    output = tree.get_output_node("CYCLES") if tree else None
+    if output is None:
+        return tuple(world.color)
+    if _source(output.inputs["Volume"]):
+        notes.unsupported("Volumes are", world.name)
+    color = _emitted(output, "ShaderNodeBackground")
+    if color is None:
+        notes.unsupported("Environment textures and other world shaders are", world.name)
+        return tuple(world.color)
+    return tuple(color.tolist())
+
+
+def _emitted(output, node_type: str) -> NDArray[np.float64] | None:
+    """Colour times strength of the emitting node at an output: 0 without a node, None where
+    it is another node or not constant."""
+    surface = _source(output.inputs["Surface"])
+    if surface is None:
+        return np.zeros(3)
+    if surface.node.bl_idname != node_type:
+        return None
+    color, strength = (_constant(surface.node.inputs[name]) for name in ("Color", "Strength"))
+    if color is None or strength is None:
+        return None
+    return np.array(color[:3], np.float64) * strength
+
+
+def _node_tree(block):
+    """The shader nodes of a material, light or world; None where it does not use them."""
+    import bpy
+
+    if bpy.app.version >= (5, 0) or block.use_nodes:  # from 5.0 on they are always used
+        return block.node_tree
+    return None
+
+
+def _source(socket):
+    """The output socket that feeds an input, through reroutes; None where nothing does."""
+    while True:
+        link = next((link for link in socket.links if link.is_valid and not link.is_muted), None)
+        if link is None:
+            return None
+        if link.from_node.bl_idname != "NodeReroute":
+            return link.from_socket
+        socket = link.from_node.inputs[0]
+
+
+def _constant(socket):
+    """The constant that an input has: its own, or that of an RGB or Value node; else None."""
+    source = _source(socket)
+    if source is None:
+        return socket.default_value
+    if source.node.bl_idname in ("ShaderNodeRGB", "ShaderNodeValue"):
+        return source.default_value
+    return None
+
+
+# ---- warnings ------------------------------------------------------------
+
+
+def _note_scene(scene, notes: _Notes) -> None:
+    if scene.render.use_motion_blur:
+        notes.unsupported("Motion blur is", scene.name)
+    if scene.render.use_multiview:
+        notes.unsupported("Stereoscopy is", scene.name)
+
+
+class _Notes:
+    """What was left out, gathered by reason, each reason with the names it touches."""
+
+    SHOWN = 5  # names in one sentence
+
+    def __init__(self) -> None:
+        self._names: dict[str, dict[str, None]] = {}
+
+    def unsupported(self, feature: str, name: str) -> None:
+        self._add(f"{feature} not supported yet: {{}}", name)
+
+    def skipped(self, reason: str, name: str) -> None:
+        self._add(f"Skipped {{}}: {reason}", name)
+
+    def replaced(self, what: str, name: str) -> None:
+        self._add(f"Shader nodes are not followed, the {what} stands in: {{}}", name)
+
+    def _add(self, sentence: str, name: str) -> None:
+        self._names.setdefault(sentence, {})[name] = None
+
+    def sentences(self) -> tuple[str, ...]:
+        found = []
+        for sentence, names in self._names.items():
+            shown = ", ".join(f"'{name}'" for name in list(names)[: self.SHOWN])
+            more = len(names) - self.SHOWN
+            found.append(sentence.format(shown + (f" and {more} more" if more > 0 else "")))
+        return tuple(found)

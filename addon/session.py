@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender driven from outside: open a file, choose what is written, render a frame.
+
+Used by the command line and by the studies; what Blender prints to standard
+output meanwhile is kept from it.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import leapray
+from leapray import LeapRayError
+
+
+def open_scene(path: Path):
+    """Open a .blend, with LeapRay registered and chosen; returns its scene."""
+    if not path.is_file():
+        raise LeapRayError(f"There is no file {path}")
+    import bpy
+
+    if not hasattr(bpy.types.Scene, "leapray"):
+        from . import register, unregister
+
+        register()
+        atexit.register(unregister)  # Blender's module crashes at exit over classes it still has
+    try:
+        with quiet():
+            bpy.ops.wm.open_mainfile(filepath=str(path.absolute()), load_ui=False)
+    except RuntimeError as error:
+        raise LeapRayError(f"{path} cannot be opened: {first_line(error)}") from error
+    scene = bpy.context.scene
+    scene.render.engine = "LEAPRAY"
+    return scene
+
+
+def set_format(scene, picture: Path) -> None:
+    """Have Blender write this file: PNG, or 32 bit EXR with all passes of all view layers."""
+    import bpy
+
+    from . import result
+
+    settings = scene.render.image_settings
+    several = picture.suffix == ".exr"
+    if hasattr(settings, "media_type"):  # from 5.0 on
+        settings.media_type = "MULTI_LAYER_IMAGE" if several else "IMAGE"
+    settings.file_format = "OPEN_EXR_MULTILAYER" if several else "PNG"
+    if several:
+        settings.color_depth = "32"
+        for layer in scene.view_layers:
+            for each in result.PASSES:
+                if each.switch:
+                    setattr(layer, each.switch, True)
+    else:
+        settings.color_mode = "RGBA" if scene.render.film_transparent else "RGB"
+    path = str(picture.absolute())
+    if bpy.app.version >= (5, 0):  # there, braces are templates
+        path = path.replace("{", "{{").replace("}", "}}")
+    scene.render.filepath = path
+    scene.render.use_sequencer = False
+
+
+def render_frame(scene) -> dict[str, dict]:
+    """Render and save the current frame; returns the report of each view layer.
+
+    Raises the engine's own LeapRayError, or KeyboardInterrupt where it was stopped.
+    """
+    import bpy
+
+    from . import engine
+
+    handlers = bpy.app.handlers.render_stats
+    progress = Progress(sys.stderr)
+    handlers.append(progress)
+    refusal = None
+    try:
+        with quiet():
+            bpy.ops.render.render(write_still=True, scene=scene.name)
+    except RuntimeError as error:
+        refusal = LeapRayError(first_line(error))
+    finally:
+        handlers.remove(progress)
+        progress.end()
+    failure = engine.failures[0] if engine.failures else refusal  # the first one knows why
+    if isinstance(failure, leapray.Stopped):
+        raise KeyboardInterrupt
+    if failure is not None:
+        raise failure
+    return dict(engine.reports)
+
+
+class Progress:
+    """A handler of Blender's render statistics: one line that changes, or now and then a line."""
+
+    def __init__(self, stream) -> None:
+        self.stream, self.terminal, self.said = stream, stream.isatty(), time.monotonic()
+
+    def __call__(self, text, *_) -> None:
+        now = time.monotonic()
+        if isinstance(text, str) and now - self.said > (0.1 if self.terminal else 10.0):
+            self.said = now
+            words = text.strip().removeprefix("| ")
+            line = f"\r\x1b[K{words}" if self.terminal else f"{words}\n"
+            print(line, end="", file=self.stream, flush=True)
+
+    def end(self) -> None:
+        if self.terminal:
+            print("\r\x1b[K", end="", file=self.stream, flush=True)
+
+
+def first_line(error: RuntimeError) -> str:
+    """What an operator of Blender says in its exception, without its frills."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    wanted = [line for line in lines if line.startswith("Error:")] or lines
+    return wanted[0].removeprefix("Error:").strip() if wanted else "Blender does not say why"
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keep what Blender prints from standard output."""
+    sys.stdout.flush()
+    saved, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(saved, 1)
+        os.close(saved)
