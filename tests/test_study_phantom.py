@@ -75,7 +75,7 @@ def test_a_wrong_first_cell_is_told_from_a_tie():
 
 
 def test_a_quick_study_writes_what_it_promises(tmp_path, monkeypatch):
-    monkeypatch.setattr(phantom, "IMAGE", 40)
+    monkeypatch.setattr(phantom, "IMAGE", 100)
     output = tmp_path / "made"
     args = argparse.Namespace(output=output, quick=True, size=32, rounds=2)
     assert phantom.main(args) == 0
@@ -90,7 +90,9 @@ def test_a_quick_study_writes_what_it_promises(tmp_path, monkeypatch):
     assert {row["traverser"] for row in rows} == {entry.spec for entry in leapray.traversers()}
     assert len(rows) == 5 * 3 * len(leapray.traversers())
     assert all(row["wrong"] == "0" for row in rows if row["traverser"] in exact)
-    assert all(0 < int(row["hits"]) <= 1600 for row in rows)
+    assert all(0 < int(row["hits"]) <= 100**2 for row in rows)
+    # No machine traces a ray in less than a nanosecond: the clock did see the work.
+    assert sum(float(row["seconds"]) for row in rows) > 1e-9 * 100**2 * len(rows)
     told = json.loads((output / "phantom.json").read_text())
     assert told["rows"][0]["steps_per_ray"] > 0
     text = (output / "phantom.html").read_text()

@@ -7,7 +7,7 @@ rays of three cameras are traced until the first object cell, with nothing done 
 
 Source: Sramek 1994, section 4. Departures: 1. the radius r1, which the survey does not give, is 40
 samples of 128; 2. an oblique and a perspective camera join the parallel one; 3. steps and wrong
-cells are counted beside the time, in runs of their own; 4. time is what the thread itself used, so
+cells are counted beside the time, in runs of their own; 4. time is what the process itself used, so
 that other work on the machine disturbs it less; 5. an object cell is a cube between eight samples
 of which one or more lie in a sphere; 6. the cube's eight corner samples belong to objects
 too, so that the bounds of what there is, where the core lets rays begin, are the whole cube for
@@ -262,9 +262,9 @@ def measure(size: int, counts, rounds: int) -> tuple[list[Row], list[dict], floa
         for method in methods:
             took = []
             for _ in range(3):
-                began = time.thread_time()
+                began = time.process_time()
                 structure = leapray.build(volume, method)
-                took.append(time.thread_time() - began)
+                took.append(time.process_time() - began)
             built.append(structure)
             setup.append(float(np.median(took)))
         for camera, (origins, directions) in views.items():
@@ -272,14 +272,14 @@ def measure(size: int, counts, rounds: int) -> tuple[list[Row], list[dict], floa
             away = origins + np.array([0.0, 50.0 * size, 0.0])
             seconds = np.empty((rounds, len(methods)))
             for turn in range(rounds):  # interleaved, so that a slow moment hits all alike
-                began = time.thread_time()
+                began = time.process_time()
                 leapray.trace(built[0], away, directions, mode="binary", count=False)
-                missed = time.thread_time() - began
+                missed = time.process_time() - began
                 overhead.append(missed)
                 for m, structure in enumerate(built):
-                    began = time.thread_time()
+                    began = time.process_time()
                     leapray.trace(structure, origins, directions, mode="binary", count=False)
-                    seconds[turn, m] = time.thread_time() - began
+                    seconds[turn, m] = time.process_time() - began
             empty = float(np.median(overhead))
             for m, (method, structure) in enumerate(zip(methods, built, strict=True)):
                 hits = leapray.trace(structure, origins, directions, mode="binary")
@@ -390,7 +390,7 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
         "are faults by exact arithmetic; the rest are ties, where a ray runs through an edge or a "
         f"corner. A call for rays that miss everything takes "
         f"{1e3 * told['call_overhead_seconds']:.1f} ms, handing over of arrays included, and is "
-        "taken off each time. Times are what one thread used on one machine, which may have done "
+        "taken off each time. Times are what the process used on one machine, which may have done "
         "other work; believe ratios within one chart. A sample in each corner of the cube keeps "
         "the bounds alike, as rays begin at the bounds of what there is. The survey's own radius "
         f"is not known; here it is {RADIUS:.4f} of the side for N = 1.</p>",
