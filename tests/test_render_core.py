@@ -235,6 +235,59 @@ def test_of_coincident_instances_the_first_is_seen_everywhere(sphere):
         assert not (index > 101).any()
 
 
+def two_balls():
+    z, y, x = np.mgrid[:40, :40, :40] - 19.6
+    plain = np.clip(0.5 + (8 - np.sqrt(x * x + y * y + z * z)) / 5, 0, 1).astype(np.float32)
+    more = plain.copy()
+    more[33:36, 33:36, 3:6] = 1
+    return leapray.Volume(plain), leapray.Volume(more)
+
+
+def two_sheets():
+    """Their common surface is the upper face of cell 0, hence of the first one's box."""
+    rows = np.float32([0.3, 0.5, 0.7, 0.7, 0.7, 0.3])
+    field = np.broadcast_to(rows[:, None, None], (6, 40, 40))
+    touched = np.zeros(field.shape, bool)
+    touched[0, :39, :39] = True
+    more = touched.copy()
+    more[4, 35:37, 3:5] = True
+    return [leapray.Volume(field, sheet=True, touched=t) for t in (touched, more)]
+
+
+@pytest.mark.parametrize("make", [two_balls, two_sheets])
+def test_of_equal_surfaces_the_first_is_seen_though_the_box_of_the_second_comes_before(make):
+    cam = camera((41.3, 60.1, 40.7), (19.6, 19.6, 12), width=1.2)
+    pair = [one(leapray.build(volume), object_index=i + 1) for i, volume in enumerate(make())]
+    position = render(cam, pair[:1])["Position"]
+    same = (position != 0).any(-1)
+    assert same.mean() > 0.05
+    index = render(cam, pair)["Object Index"]
+    assert (index == 2).any()  # the crumb that makes the box of the second larger
+    assert (index[same] == 1).mean() > 0.99  # which may hide a little
+    turned = render(cam, pair[::-1])
+    assert (index == 2)[same].sum() == (turned["Position"] != position)[same].any(-1).sum()
+    assert (turned["Object Index"][same] == 2).all()
+
+
+@pytest.mark.parametrize("far", [1.0, 1e4])
+def test_a_sheet_that_lies_in_the_face_of_its_cells_has_no_holes(far):
+    rows = np.float32([0.3, 0.5, 0.7])  # the surface is the upper face of cell 0
+    field = np.broadcast_to(rows[:, None, None], (3, 50, 50))
+    touched = np.zeros(field.shape, bool)
+    touched[0] = True
+    volume = leapray.Volume(field, sheet=True, touched=touched)
+    turn, _ = np.linalg.qr(np.random.default_rng(8).normal(size=(3, 3)))
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turn, -turn @ (24.5, 24.5, 1)
+    for side in (1, -1):
+        eye = far * (side * turn[:, 2] * 30 + turn[:, 0] * 20)
+        got = render(camera(eye, width=0.3 / far), [one(leapray.build(volume), matrix)])
+        depth_error = got["Position"] @ turn[:, 2]
+        assert (got["Depth"] < FAR).all()
+        assert np.abs(depth_error).max() < 1e-5
+        assert (got["Normal"] @ turn[:, 2] * side).min() > 0.999999
+
+
 def test_the_picture_does_not_depend_on_the_unit_of_length(sphere, floor):
     def picture(unit_of_length):
         grow = np.diag([unit_of_length] * 3 + [1])
@@ -385,6 +438,19 @@ def test_alpha_is_the_covered_share_of_the_pixel(sphere):
     opaque = render(cam, [one(sphere)], world=(1, 0.5, 0.25), samples=2)["Combined"]
     assert (opaque[..., 3] == 1).all()
     assert (opaque[0, 0] == (1, 0.5, 0.25, 1)).all()
+
+
+def test_a_pixels_samples_fill_it_evenly(sphere):
+    cam = camera((0, -4, 0), size=(48, 32), width=3, kind="orthographic")
+    got = render(cam, [one(sphere)], transparent=True, samples=64, size=(48, 32))
+    fine = camera((0, -4, 0), size=(48 * 32, 32 * 32), width=3, kind="orthographic")
+    covered = clearance(*centre_rays(fine, (48 * 32, 32 * 32))) < 1 - 1 / 6 / VOXELS**2
+    want = covered.reshape(32, 32, 48, 32).mean(axis=(1, 3))
+    rim = (want > 0) & (want < 1)
+    error = (got["Combined"][..., 3] - want)[rim]
+    assert rim.sum() > 50
+    assert np.sqrt((error**2).mean()) < 0.03  # 64 random samples: 0.05
+    assert np.abs(error).max() < 0.08
 
 
 def test_a_hits_id_chooses_its_slot_and_the_last_slot_serves_all_beyond():
