@@ -4,7 +4,8 @@
  * before its nearest hit; the pairs of ray and instance are sorted by instance;
  * each instance traces its rays as one batch in its own space, with the same t.
  * A ray is done when nothing is left in front of its hit, a ray of light also
- * when anything is hit. What a ray finds depends on no other ray.
+ * when anything is hit. What a ray finds depends on no other ray, and as t_max
+ * only decides whether a hit counts, not on the order of the instances either.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/cast.h"
@@ -64,37 +65,28 @@ static void sort_pairs(lr_workspace *w, uint32_t n, uint32_t n_instances)
     }
 }
 
-/* How far a ray is traced. Where the nearest hit is wanted, one cell farther than
- * it is needed: then no chord that counts is cut short, and the hit's last bits,
- * hence ties between instances, do not depend on who was traced before. */
-static double end_of(const lr_caster *c, uint32_t i, const lr_placed *placed, const double d[3])
-{
-    const double t = c->w->wave.t[i];
-    return c->options->any ? t : t + placed->cell_reach / sqrt(lr_dot(d, d));
-}
-
 /* Take the rays of these pairs, all of one instance, into its object space.
  * Returns whether one of them leaves its surface. */
 static bool gather(const lr_caster *c, const lr_pair *pairs, uint32_t n)
 {
     const lr_wave *wave = &c->w->wave;
     lr_batch *batch = &c->w->batch;
-    const lr_placed *placed = &c->scene->instances[pairs[0].instance];
+    const double *m = c->scene->instances[pairs[0].instance].object_from_world;
     bool leaves = false;
     for (uint32_t k = 0; k < n; k++) {
         const uint32_t i = pairs[k].ray;
         const double o[3] = {wave->ray.ox[i], wave->ray.oy[i], wave->ray.oz[i]};
         const double d[3] = {wave->ray.dx[i], wave->ray.dy[i], wave->ray.dz[i]};
         double p[3], v[3];
-        lr_map_point(placed->object_from_world, o, p);
-        lr_map_vector(placed->object_from_world, d, v);
+        lr_map_point(m, o, p);
+        lr_map_vector(m, d, v);
         batch->ray.ox[k] = p[0];
         batch->ray.oy[k] = p[1];
         batch->ray.oz[k] = p[2];
         batch->ray.dx[k] = v[0];
         batch->ray.dy[k] = v[1];
         batch->ray.dz[k] = v[2];
-        batch->t_max[k] = end_of(c, i, placed, d);
+        batch->t_max[k] = wave->t[i];
     }
     if (!c->options->leaving)
         return false;

@@ -131,17 +131,13 @@ static lr_status check(const lr_scene_desc *desc, lr_error *error)
     return status;
 }
 
-/* The world box of the surface cells, empty where there are none, and how far a
- * cell reaches at most: the sum of its edges. */
-static void bound(const lr_instance *instance, lr_box *box, double *cell_reach)
+/* The world box of the surface cells; empty where there are none. */
+static void bound(const lr_instance *instance, lr_box *box)
 {
     lr_volume_info info;
     lr_volume_get_info(lr_structure_volume(instance->structure), &info);
     double m[16];
     lr_affine_multiply(instance->world_from_object, info.desc.object_from_index, m);
-    *cell_reach = 0;
-    for (int a = 0; a < 3; a++)
-        *cell_reach += hypot(hypot(m[a], m[4 + a]), m[8 + a]);
     for (int a = 0; a < 3; a++) {
         box->lo[a] = INFINITY;
         box->hi[a] = -INFINITY;
@@ -175,7 +171,7 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
         return lr_fail(error, LR_E_ARGUMENT,
                        "instance %llu must have a finite, affine and invertible matrix",
                        (unsigned long long)i);
-    bound(instance, box, &placed->cell_reach);
+    bound(instance, box);
     if (box->lo[0] <= box->hi[0] && !(all_finite(box->lo, 3) && all_finite(box->hi, 3)))
         return lr_fail(error, LR_E_SIZE, "instance %llu reaches beyond all numbers",
                        (unsigned long long)i);

@@ -10,7 +10,6 @@
 typedef struct lr_placed {
     const lr_structure *structure;
     double object_from_world[16];
-    double cell_reach;   /* no chord of a cell is longer, in world units */
     uint32_t visibility; /* lr_visibility */
     int32_t object_index;
     uint32_t first_material, n_materials;
