@@ -98,39 +98,44 @@ def lit_picture(g):
     return image
 
 
+def draw_errors(axis, told: dict, which: str) -> None:
+    """Error of light against seconds: Cycles at its sample counts, a point per traverser."""
+    points = told["cycles"]["by_samples"]
+    xs = [values["seconds"] for values in points.values()]
+    ys = [values[which]["rmse"] for values in points.values()]
+    axis.plot(xs, ys, "-o", color=charts.INK, label="Cycles, samples as numbered")
+    for count, x, y in zip(points, xs, ys, strict=True):
+        axis.annotate(f"{count}", (x, y), xytext=(5, 5), textcoords="offset points", fontsize=9)
+    for k, run in enumerate(told["runs"].values()):
+        y = run["light"][which]["rmse"]
+        ys.append(y)
+        label = f"LeapRay, {told['samples']} samples, {run['label']}"
+        style = {"linestyle": "none", "markersize": 9, **charts.look(k)}
+        axis.plot(run["seconds"], y, label=label, **style)
+    axis.set_xscale("log")
+    if all(y > 0 for y in ys):
+        axis.set_yscale("log")
+    charts.plain_ticks(axis)
+    axis.set_xlabel("seconds for the frame, reading and writing included")
+
+
 def draw_charts(folder: Path, told: dict) -> list[list[str]]:
     """Write the charts; returns [file, title, caption] of each."""
     made = []
-    with charts.chart(folder / "error_by_seconds") as (_, axes):
-        axis = axes[0, 0]
-        points = told["cycles"]["by_samples"]
-        xs = [values["seconds"] for values in points.values()]
-        ys = [values["but_rims"]["rmse"] for values in points.values()]
-        axis.plot(xs, ys, "-o", color="#222222", label="Cycles")
-        for count, x, y in zip(points, xs, ys, strict=True):
-            axis.annotate(f"{count}", (x, y), xytext=(5, 5), textcoords="offset points", fontsize=9)
-        for k, run in enumerate(told["runs"].values()):
-            axis.plot(
-                run["seconds"],
-                run["light"]["but_rims"]["rmse"],
-                linestyle="none",
-                markersize=9,
-                label=f"LeapRay, {run['label']}",
-                **charts.look(k),
-            )
-        axis.set_xscale("log")
-        if all(y > 0 for y in ys):
-            axis.set_yscale("log")
-        charts.plain_ticks(axis)
-        axis.set_xlabel("seconds for the frame, reading and writing included")
-        axis.set_ylabel("RMSE of light by white, but rims")
-        axis.set_title(f"Error against time, LeapRay at {told['samples']} samples")
-        axis.legend()
+    with charts.chart(folder / "error_by_seconds", columns=2, width=5.4) as (_, axes):
+        for axis, which, what in zip(
+            axes[0], ("all", "but_rims"), ("the whole image", "all but rims"), strict=True
+        ):
+            draw_errors(axis, told, which)
+            axis.set_title(f"Error of light, {what}")
+        axes[0, 0].set_ylabel("RMSE by a lit white surface")
+        axes[0, 0].legend()
     made.append(
         [
             "error_by_seconds.png",
             "Error against time",
-            "one run each on a machine that did other things too; numbers are samples of Cycles",
+            "one run each, on a machine that may have done other work; one sample of Cycles goes "
+            "through the pixel's centre, so away from rims it is good already",
         ]
     )
     phases = {
