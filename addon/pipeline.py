@@ -195,7 +195,6 @@ def _plan(scene: model.Scene, cache: dict, crew: Crew, threads: int) -> plan.Pla
 
 def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_tile):
     """The passes, the counters' totals and the bytes of all workspaces."""
-    crew.phase, crew.share = "Tracing", PLANNED
     s = scene.settings
     placed = leapray.Scene(
         scene.camera,
@@ -208,6 +207,8 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
         slot_objects=planned.slot_objects,
     )
     todo = collections.deque(tiles.split(scene.width, scene.height, s.tile_size))
+    n_tiles = len(todo)
+    crew.phase, crew.share = f"Rendered 0/{n_tiles} Tiles", PLANNED
     side = min(s.tile_size, max(scene.width, scene.height))
     totals = [lr_counters() for _ in range(min(threads, len(todo)))]
     sizes = []
@@ -236,9 +237,10 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
 
     passes: dict[str, np.ndarray] = {}
     done = 0
-    for tile, parts in crew.run([worker(c) for c in totals]):
+    for count, (tile, parts) in enumerate(crew.run([worker(c) for c in totals]), 1):
         tiles.paste(passes, tile, parts, (scene.height, scene.width))
         done += tile.width * tile.height
+        crew.phase = f"Rendered {count}/{n_tiles} Tiles"  # as Cycles says it: farms parse it
         crew.share = PLANNED + (1 - PLANNED) * done / (scene.width * scene.height)
         if on_tile is not None:
             on_tile(*tile, parts)

@@ -140,7 +140,7 @@ def test_tiles_arrive_on_the_calling_thread_and_make_up_the_image():
         np.testing.assert_array_equal(seen[name], image, err_msg=name)
     shares = [share for share, _ in phases]
     assert shares == sorted(shares) and shares[-1] == 1.0
-    assert list(dict.fromkeys(phase for _, phase in phases)) == ["Voxelizing", "Tracing"]
+    assert phases[0] == (0.0, "Voxelizing") and phases[-1] == (1.0, "Rendered 24/24 Tiles")
 
 
 def test_a_second_render_voxelizes_nothing(monkeypatch):
