@@ -10,11 +10,6 @@ voxel, until all are good enough or the memory is spent: so the budget goes
 where it can be seen, a curved thing close by is fine, and a flat floor of any
 size stays a handful of bricks.
 
-The error at a point of the surface is |f - T| / |grad f|: the distance between
-the point and the field's own surface, to first order. Where the wall is thinner
-than the lattice resolves, the field never reaches T: such points are *lost*,
-and count SATURATED voxels, which asks for finer voxels until they are found.
-
 Source: Frisken et al. 2000, Adaptively sampled distance fields (refine by the
 measured error of the field). Departures: 1. one level per volume, not per cell,
 hence no cracks; 2. the error is measured on the surface, in pixels.
@@ -33,73 +28,36 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import model, objects, probes
+from . import errors, model, objects, parts, probes
 from .objects import SceneError
-from .probes import mean, quantile
 
 COARSEST = 16  # voxels along the longest side at the start
-QUANTILE = 0.99  # of the pixels keep the error
-MARGIN = 1.25  # what is measured at probes predicts that quantile within 20 %
-CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
-RIM_ERROR = 1.0  # of a footprint, the mean that a sheet reaches too far
-RIM_SHARE = 1 / 16  # of the memory, at most, that one volume takes for rims or creases' sake
+EDGE_SHARE = 1 / 16  # of the memory, at most, that a volume takes for its creases' and rims' sake
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
 MB = 1 << 20
 
 
-@dataclass(frozen=True)
-class Measure:
-    """What is known of a mesh at one voxel size; errors are object-space lengths at the probes."""
-
-    voxel_size: float
-    surface: NDArray[np.float32]
-    lost: NDArray[np.bool_]
-    crease: NDArray[np.float32]
-    rim: NDArray[np.float32]
-    shape: tuple[int, int, int]
-    kind: str
-    why: str  # it is a sheet; "" for solids
-    volume_nbytes: int
-    structure_nbytes: int
-
-    @property
-    def nbytes(self) -> int:
-        return self.volume_nbytes + self.structure_nbytes
-
-
-@dataclass(frozen=True)
-class Errors:
-    """In footprints, as the view weighs them."""
-
-    surface: float
-    crease: float
-    rim: float
-    lost: float  # share of the surface
-
-    def worst(self, pixel_error: float) -> float:
-        """The largest of them against its bar: at most 1 is good enough."""
-        return max(self.surface / pixel_error, self.edges())
-
-    def edges(self) -> float:
-        return max(self.crease / CREASE_ERROR, self.rim / RIM_ERROR)
-
-
 @dataclass
 class Work:
-    """One mesh on its way."""
+    """One volume on its way."""
 
-    index: int
+    index: int  # of the mesh in the scene
+    part: int  # of the mesh
     name: str  # of the object that stands for it in messages
-    mesh: model.Mesh
+    mesh: model.Mesh  # or the part of it
     digest: str
     matrices: NDArray[np.float64]  # (n, 4, 4) of its instances
     with_ids: bool
     weights: probes.Weights | None = None
-    measure: Measure | None = None
-    errors: Errors | None = None
+    measure: errors.Measure | None = None
+    errors: errors.Errors | None = None
     structure: leapray.Structure | None = None
     stuck: str = ""  # why it is no finer, where it should be
     history: list[float] = field(default_factory=list)
+
+    def needs(self, pixel_error: float) -> tuple[float, float]:
+        """How many times too coarse the surface is, and its edges; 1 is good enough."""
+        return max(self.errors.of_surface(pixel_error), 1.0), max(self.errors.of_edges(), 1.0)
 
 
 @dataclass
@@ -213,32 +171,6 @@ class Planner:
             self.cache.pop(self._key(work, "structure", work.measure.voxel_size), None)
         work.structure = None
 
-    def _measure(self, work: Work, structure: leapray.Structure, voxel_size: float) -> Measure:
-        volume, at = structure.volume, self._probes(work)
-        sheet = volume.info.kind == "sheet"
-        info = volume.mesh_info
-        normals = None if sheet else at.surface_normals * (-1.0 if info.inverted else 1.0)
-        surface, lost = probes.measure_surface(volume, at.surface, normals, voxel_size)
-        crease, _ = probes.measure_surface(volume, at.creases, None, voxel_size)
-        why = ""
-        if sheet and info.n_border_edges:
-            why = f"open: {info.n_border_edges} border edges"
-        elif sheet:
-            why = f"not closed: {info.n_bad_edges} edges of many faces or of opposite winding"
-        rims, outward = (at.rims, at.rim_outward) if sheet else (at.rims[:0], at.rims[:0])
-        return Measure(
-            voxel_size=voxel_size,
-            surface=surface,
-            lost=lost,
-            crease=crease,
-            rim=probes.rim_excess(rims, outward, voxel_size),
-            shape=volume.info.size,
-            kind=volume.info.kind,
-            why=why,
-            volume_nbytes=volume.info.nbytes,
-            structure_nbytes=structure.nbytes,
-        )
-
     def _probes(self, work: Work) -> probes.Probes:
         key = ("probes", work.digest)
         if self._cached(key) is None:
@@ -251,29 +183,17 @@ class Planner:
         measure, structure = self._cached(key), None
         if measure is None:
             structure = self._voxelize(work, voxel_size, room)
-            measure = self.cache[key] = self._measure(work, structure, voxel_size)
+            measure = self.cache[key] = errors.measure(structure, self._probes(work), voxel_size)
         elif measure.nbytes > room:
             raise leapray.OutOfMemory(
                 f"the level needs {measure.nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
             )
         self._drop(work)
         work.measure, work.structure = measure, structure
-        work.errors = self._errors(work)
-        work.history.append(work.errors.worst(self.settings.pixel_error))
-
-    # -- errors
-
-    def _errors(self, work: Work) -> Errors:
         if work.weights is None:
             work.weights = probes.weigh(self._probes(work), self.scene, work.matrices)
-        m, w = work.measure, work.weights
-        pixels = w.surface_pixels / w.surface_pixels.sum()
-        return Errors(
-            surface=MARGIN * quantile(m.surface / w.surface_footprint, pixels, QUANTILE),
-            crease=mean(m.crease / w.crease_footprint, w.crease_pixels) if len(m.crease) else 0.0,
-            rim=mean(m.rim / w.rim_footprint, w.rim_pixels) if len(m.rim) else 0.0,
-            lost=float(pixels[m.lost].sum()),
-        )
+        work.errors = errors.seen(measure, work.weights)
+        work.history.append(max(work.needs(self.settings.pixel_error)))
 
     # -- the walk
 
@@ -284,17 +204,24 @@ class Planner:
             by_mesh.setdefault(instance.mesh, []).append(instance)
         for done, (index, users) in enumerate(by_mesh.items()):
             self._breathe()
-            mesh = self.scene.meshes[index]
-            work = Work(
-                index=index,
-                name=users[0].name,
-                mesh=mesh,
-                digest=objects.digest(mesh),
-                matrices=np.array([u.world_from_object for u in users], np.float64),
-                with_ids=mesh.slots is not None and any(len(u.materials) > 1 for u in users),
-            )
-            self._start_one(work)
+            matrices = np.array([u.world_from_object for u in users], np.float64)
+            several = any(len(u.materials) > 1 for u in users)
+            for part, (name, mesh) in enumerate(self._split(self.scene.meshes[index])):
+                ids = several and mesh.slots is not None
+                self._start_one(Work(index, part, users[0].name, mesh, name, matrices, ids))
             self.advance(0.3 * (done + 1) / len(by_mesh))
+
+    def _split(self, mesh: model.Mesh) -> list[tuple[str, model.Mesh]]:
+        """The parts of the mesh that get volumes of their own, and names of their contents."""
+        name = objects.digest(mesh)
+        key = "parts", name, self.settings.layout
+        if self._cached(key) is None:
+            split = (
+                parts.split(mesh, self._breathe) if self.settings.layout == "objects" else [mesh]
+            )
+            self.cache[key] = split if len(split) > 1 else []
+        split = self.cache[key]
+        return [(f"{name}/{k}", part) for k, part in enumerate(split)] or [(name, mesh)]
 
     def _start_one(self, work: Work) -> None:
         size = coarsest(work.mesh)
@@ -319,24 +246,30 @@ class Planner:
     def refine(self) -> None:
         """Halve the voxels of the worst volume, while one is not good enough and memory lasts."""
         bar = self.settings.pixel_error
-        queue = [(-w.errors.worst(bar), n) for n, w in enumerate(self.works)]
+
+        def ticket(n: int) -> tuple[float, float, int]:
+            """What sorts first is refined first: surfaces before edges, the worst before others."""
+            surface, edges = self.works[n].needs(bar)
+            return -surface, -edges, n
+
+        queue = [ticket(n) for n in range(len(self.works))]
         heapq.heapify(queue)
-        first = max((-score for score, _ in queue), default=1.0)
-        while queue and queue[0][0] < -1.0:
-            _, n = heapq.heappop(queue)
-            work = self.works[n]
-            if self._refine_one(work):
-                heapq.heappush(queue, (-work.errors.worst(bar), n))
-            worst = max(-queue[0][0], 1.0) if queue else 1.0
-            self.advance(0.3 + 0.7 * (1.0 - math.log(worst) / math.log(max(first, worst, 1.001))))
+        total, left = 1e-9, 0.0
+        while queue and queue[0][:2] < (-1.0, -1.0):
+            *_, n = heapq.heappop(queue)
+            if self._refine_one(self.works[n]):
+                heapq.heappush(queue, ticket(n))
+            left = sum(math.log2(t[0] * t[1]) for t in queue)
+            total = max(total, left)
+            self.advance(0.3 + 0.7 * (1.0 - left / total))
 
     def _refine_one(self, work: Work) -> bool:
         """One level finer; False where that cannot be, and work.stuck says why."""
         bar = self.settings.pixel_error
         room = self.budget - self.held()
-        edges_only = work.errors.surface <= bar
+        edges_only = work.needs(bar)[0] <= 1.0
         if edges_only:
-            room = min(room, self.budget * RIM_SHARE)
+            room = min(room, self.budget * EDGE_SHARE)
         if len(work.history) > 3 and work.history[-1] > 0.9 * work.history[-4]:
             work.stuck = "halving the voxels three times did not help"
             return False
@@ -346,7 +279,7 @@ class Planner:
             raise
         except leapray.OutOfMemory:
             work.stuck = (
-                f"its edges may take a {round(1 / RIM_SHARE)}th of the memory budget"
+                f"its edges may take a {round(1 / EDGE_SHARE)}th of the memory budget"
                 if edges_only and room < self.budget - self.held()
                 else "the memory budget ends"
             )
@@ -379,19 +312,19 @@ class Planner:
         )
 
     def _place(self, instances: list[model.Instance]) -> tuple[list[leapray.Instance], list[int]]:
-        works = {w.index: w for w in self.works}
+        works: dict[int, list[Work]] = {}
+        for work in self.works:
+            works.setdefault(work.index, []).append(work)
         first: dict[tuple[int, ...], int] = {}
         slots: list[int] = []
         placed = []
         for instance in instances:
-            if instance.mesh not in works:
-                continue
             if instance.materials not in first:
                 first[instance.materials] = len(slots)
                 slots.extend(instance.materials)
-            placed.append(
+            placed += [
                 leapray.Instance(
-                    works[instance.mesh].structure,
+                    work.structure,
                     instance.world_from_object,
                     first_material=first[instance.materials],
                     n_materials=len(instance.materials),
@@ -400,7 +333,8 @@ class Planner:
                     visible_shadow=instance.visible_shadow,
                     visible_diffuse=instance.visible_diffuse,
                 )
-            )
+                for work in works.get(instance.mesh, [])
+            ]
         return placed, slots
 
     # -- what is said about it
@@ -410,14 +344,17 @@ class Planner:
         return {
             "name": work.name,
             "mesh": work.mesh.name,
+            "part": work.part,
             "kind": m.kind,
             "why": m.why,
             "size": list(m.shape),
             "voxel_size": m.voxel_size,
             "error_footprints": round(e.surface, 4),
-            "crease_footprints": round(e.crease, 4),
-            "rim_footprints": round(e.rim, 4),
             "lost": round(e.lost, 4),
+            "voxel_footprints": round(e.voxel, 4),
+            "crease_footprints": round(e.crease, 4),
+            "crease_voxel_footprints": round(e.blur, 4),
+            "rim_footprints": round(e.rim, 4),
             "nbytes": m.nbytes,
             "volume_nbytes": m.volume_nbytes,
             "structure_nbytes": m.structure_nbytes,
@@ -427,15 +364,9 @@ class Planner:
 
     def _complaint(self, work: Work) -> str:
         """The sentence on a volume that is coarser than it was asked to be, or ""."""
-        e, bar = work.errors, self.settings.pixel_error
-        if self.settings.resolution or e.worst(bar) <= 1:
+        what = work.errors.sentence(self.settings.pixel_error)
+        if self.settings.resolution or not what:
             return ""
-        if e.surface > bar:
-            what = f"an error of {e.surface:.2g} pixels instead of {bar:g}"
-        elif e.crease > CREASE_ERROR:
-            what = f"creases that are {e.crease:.2g} pixels off"
-        else:
-            what = f"rims that reach {e.rim:.2g} pixels too far"
         return f"{work.name!r} has {what}: {work.stuck}."
 
 

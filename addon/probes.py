@@ -21,14 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-import leapray
-
 from . import model
-
-SATURATED = 2.5  # voxels: where the ramp ends, more cannot be measured
-HALF_WIDTH = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # of the ramp, in voxels
-LEAST_SLOPE = 0.25  # of the ramp's: at creases the gradient can vanish though f is right
-TOUCH = 1e-3  # voxels: a rim closer to a cell than this is taken as touching it
 
 N_SURFACE = 8192
 N_EDGE = 2048
@@ -167,9 +160,8 @@ class Weights:
     surface_footprint: NDArray[np.float64]
     surface_pixels: NDArray[np.float64]
     crease_footprint: NDArray[np.float64]
-    crease_pixels: NDArray[np.float64]
+    outline_footprint: NDArray[np.float64]  # of the creases; large where they are no outline
     rim_footprint: NDArray[np.float64]
-    rim_pixels: NDArray[np.float64]
 
 
 def look(camera: model.Camera, points: Points, width: int, height: int):
@@ -238,8 +230,9 @@ def weigh(probes: Probes, scene: model.Scene, matrices: NDArray[np.float64]) -> 
             footprint, towards = seen(probes.creases)
             sides = probes.crease_normals @ normal_matrix.T
             facing = np.einsum("nkc,nc->nk", sides, towards) < 0
-            outline = facing[:, 0] != facing[:, 1]
-            keep("crease", np.where(outline, footprint, UNSEEN * footprint) / stretch)
+            shown, outline = facing.any(axis=1), facing[:, 0] != facing[:, 1]
+            keep("crease", np.where(shown, footprint, UNSEEN * footprint) / stretch)
+            keep("outline", np.where(outline, footprint, UNSEEN * footprint) / stretch)
         if len(probes.rims):
             footprint, towards = seen(probes.rims)
             outward = probes.rim_outward @ linear.T
@@ -248,59 +241,5 @@ def weigh(probes: Probes, scene: model.Scene, matrices: NDArray[np.float64]) -> 
             keep("rim", footprint / np.maximum(visible, 1e-6 * stretch))
 
     none = np.zeros(0)
-    crease, rim = best.get("crease", none), best.get("rim", none)
-    return Weights(best["surface"], best["surface"] ** -2.0, crease, 1 / crease, rim, 1 / rim)
-
-
-# ---- what is measured ----------------------------------------------------------
-
-
-def measure_surface(
-    volume: leapray.Volume, points: NDArray, normals: NDArray | None, voxel_size: float
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Distance of the field's surface from points of the mesh, and which points are lost.
-
-    points: (n, 3). normals: (n, 3) outward, or None where nothing can be lost.
-    Distances are in object space, at most SATURATED voxels.
-    """
-    value, gradient = volume.sample(points)
-    threshold = volume.info.threshold
-    most = SATURATED * voxel_size
-    slope = np.linalg.norm(gradient, axis=1)
-    ramp = 1.0 / (2.0 * HALF_WIDTH[volume.info.dtype] * voxel_size)
-    error = np.minimum(np.abs(value - threshold) / np.maximum(slope, LEAST_SLOPE * ramp), most)
-    lost = np.zeros(len(points), np.bool_)
-    if normals is not None:
-        lost = value < threshold
-        for depth in (0.25, 0.5):
-            inner = points[lost] - depth * voxel_size * normals[lost]
-            lost[lost] = volume.sample(inner)[0] < threshold
-        error[lost] = most
-    return error.astype(np.float32), lost
-
-
-def rim_excess(points: NDArray, outward: NDArray, voxel_size: float) -> NDArray[np.float32]:
-    """How far a sheet reaches past its rim: to the end of the cell that the rim touches.
-
-    points, outward: (n, 3), object space. Cells lie on multiples of voxel_size.
-    A rim in a face shared by two cells touches both.
-    """
-    inside = points / voxel_size + TOUCH * outward
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ways = np.where(
-            outward > 0,
-            (np.floor(inside) + 1 - inside) / outward,
-            np.where(outward < 0, (np.floor(inside) - inside) / outward, np.inf),
-        )
-    return (voxel_size * ways.min(axis=1)).astype(np.float32)
-
-
-def quantile(values: NDArray, weights: NDArray, q: float) -> float:
-    """The least value that the share q of the weights does not exceed."""
-    order = np.argsort(values)
-    reach = np.cumsum(weights[order])
-    return float(values[order[min(np.searchsorted(reach, q * reach[-1]), len(values) - 1)]])
-
-
-def mean(values: NDArray, weights: NDArray) -> float:
-    return float((values * weights).sum() / weights.sum())
+    crease, outline, rim = (best.get(name, none) for name in ("crease", "outline", "rim"))
+    return Weights(best["surface"], best["surface"] ** -2.0, crease, outline, rim)

@@ -111,3 +111,13 @@ def scene(
 def replace(scene: model.Scene, **settings) -> model.Scene:
     """The scene with other settings."""
     return dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, **settings))
+
+
+def join(*placed: tuple[model.Mesh, tuple[float, float, float]], name="Joined") -> model.Mesh:
+    """One mesh of several, each shifted."""
+    vertices, triangles, n = [], [], 0
+    for mesh, shift in placed:
+        vertices.append(mesh.vertices + np.float32(shift))
+        triangles.append(mesh.triangles + n)
+        n += len(mesh.vertices)
+    return model.Mesh(name, np.concatenate(vertices), np.concatenate(triangles))

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How far a volume is from its mesh, and how much of that a view shows (no bpy).
+
+The error at a point of the surface is |f - T| / |grad f|: the distance between
+the point and the field's own surface, to first order. Where a wall is thinner
+than the lattice resolves, the field never reaches T: such points are *lost*.
+At creases the field cuts the corner, and its normal turns within about a voxel
+(*blur*). A sheet is valid in whole cells, so it reaches past its *rim*.
+
+Each has a bar of its own. Those of edges come from what can be seen: an outline
+that is half a pixel off on the average changes a quarter of the pixels at the
+edge, and a corner that turns within two pixels looks sharp.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+import leapray
+
+from .probes import Probes, Weights
+
+HALF_WIDTH = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # of the ramp, in voxels
+SATURATED = 2.5  # voxels: where the ramp ends, more cannot be measured
+LEAST_SLOPE = 0.25  # of the ramp's: at creases the gradient can vanish though f is right
+INSIDE = (0.25, 0.5, 1.0, 2.0)  # voxels behind a point that is not lost, f reaches T somewhere
+TOUCH = 1e-3  # voxels: a rim closer to a cell than this is taken as touching it
+
+QUANTILE = 0.99  # of the pixels keep the error
+MARGIN = 1.25  # what is measured at probes predicts that quantile within 20 %
+LOST_SHARE = 0.03  # of the pixels: wedges are always lost at their very edge
+THIN = 0.25  # of a footprint: what such voxels do not find may be lost
+CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
+CREASE_VOXEL = 2.0  # footprints, the mean along creases
+RIM_ERROR = 1.0  # of a footprint, the mean that a sheet reaches too far
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What is known of a mesh at one voxel size; errors are object-space lengths at its probes."""
+
+    voxel_size: float
+    surface: NDArray[np.float32]
+    lost: NDArray[np.bool_]
+    crease: NDArray[np.float32]
+    rim: NDArray[np.float32]
+    shape: tuple[int, int, int]
+    kind: str
+    why: str  # it is a sheet; "" for solids
+    volume_nbytes: int
+    structure_nbytes: int
+
+    @property
+    def nbytes(self) -> int:
+        return self.volume_nbytes + self.structure_nbytes
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Of one volume in one view; lengths in footprints."""
+
+    surface: float  # the quantile, without what is lost
+    lost: float  # share of the pixels
+    voxel: float  # the mean over the surface
+    crease: float  # the mean along outlines
+    blur: float  # the voxel, the mean along creases that are seen; 0 without creases
+    rim: float  # the mean
+
+    def of_surface(self, pixel_error: float) -> float:
+        """Against the bars of the surface itself; at most 1 is good enough."""
+        return max(self.surface / pixel_error, min(self.lost / LOST_SHARE, self.voxel / THIN))
+
+    def of_edges(self) -> float:
+        """Against the bars of creases and rims; at most 1 is good enough."""
+        return max(self.crease / CREASE_ERROR, self.blur / CREASE_VOXEL, self.rim / RIM_ERROR)
+
+    def sentence(self, pixel_error: float) -> str:
+        """What is not good enough, or ""."""
+        if self.surface > pixel_error:
+            return f"an error of {self.surface:.2g} pixels instead of {pixel_error:g}"
+        if self.of_surface(pixel_error) > 1:
+            return f"{100 * self.lost:.2g} % of its surface thinner than its voxels"
+        if self.crease > CREASE_ERROR:
+            return f"creases that are {self.crease:.2g} pixels off"
+        if self.blur > CREASE_VOXEL:
+            return f"creases that are {self.blur:.2g} pixels wide"
+        if self.rim > RIM_ERROR:
+            return f"rims that reach {self.rim:.2g} pixels too far"
+        return ""
+
+
+def measure(structure: leapray.Structure, probes: Probes, voxel_size: float) -> Measure:
+    """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes."""
+    volume = structure.volume
+    info, mesh = volume.info, volume.mesh_info
+    sheet = info.kind == "sheet"
+    normals = None if sheet else probes.surface_normals * (-1.0 if mesh.inverted else 1.0)
+    surface, lost = measure_surface(volume, probes.surface, normals, voxel_size)
+    crease, _ = measure_surface(volume, probes.creases, None, voxel_size)
+    rims, outward = (probes.rims, probes.rim_outward) if sheet else (probes.rims[:0],) * 2
+    why = ""
+    if sheet and mesh.n_border_edges:
+        why = f"open: {mesh.n_border_edges} border edges"
+    elif sheet:
+        why = f"not closed: {mesh.n_bad_edges} edges of many faces or of opposite winding"
+    return Measure(
+        voxel_size=voxel_size,
+        surface=surface,
+        lost=lost,
+        crease=crease,
+        rim=rim_excess(rims, outward, voxel_size),
+        shape=info.size,
+        kind=info.kind,
+        why=why,
+        volume_nbytes=info.nbytes,
+        structure_nbytes=structure.nbytes,
+    )
+
+
+def measure_surface(
+    volume: leapray.Volume, points: NDArray, normals: NDArray | None, voxel_size: float
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Distance of the field's surface from points of the mesh, and which points are lost.
+
+    points: (n, 3). normals: (n, 3) outward, or None where nothing can be lost.
+    Distances are in object space, at most SATURATED voxels.
+    """
+    value, gradient = volume.sample(points)
+    threshold = volume.info.threshold
+    most = SATURATED * voxel_size
+    slope = np.linalg.norm(gradient, axis=1)
+    ramp = 1.0 / (2.0 * HALF_WIDTH[volume.info.dtype] * voxel_size)
+    error = np.minimum(np.abs(value - threshold) / np.maximum(slope, LEAST_SLOPE * ramp), most)
+    lost = np.zeros(len(points), np.bool_)
+    if normals is not None:
+        lost = value < threshold
+        for depth in INSIDE:
+            behind = points[lost] - depth * voxel_size * normals[lost]
+            lost[lost] = volume.sample(behind)[0] < threshold
+    return error.astype(np.float32), lost
+
+
+def rim_excess(points: NDArray, outward: NDArray, voxel_size: float) -> NDArray[np.float32]:
+    """How far a sheet reaches past its rim: to the end of the cell that the rim touches.
+
+    points, outward: (n, 3), object space. Cells lie on multiples of voxel_size.
+    A rim in a face shared by two cells touches both.
+    """
+    inside = points / voxel_size + TOUCH * outward
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ways = np.where(
+            outward > 0,
+            (np.floor(inside) + 1 - inside) / outward,
+            np.where(outward < 0, (np.floor(inside) - inside) / outward, np.inf),
+        )
+    return (voxel_size * ways.min(axis=1)).astype(np.float32)
+
+
+def seen(measure: Measure, weights: Weights) -> Errors:
+    """What a view shows of the measured errors."""
+    m, w = measure, weights
+    pixels = w.surface_pixels / w.surface_pixels.sum()
+    found = ~m.lost
+    surface = 0.0
+    if found.any():
+        surface = quantile(m.surface[found] / w.surface_footprint[found], pixels[found], QUANTILE)
+    return Errors(
+        surface=MARGIN * surface,
+        lost=float(pixels[m.lost].sum()),
+        voxel=float((m.voxel_size / w.surface_footprint * pixels).sum()),
+        crease=mean(m.crease / w.outline_footprint, 1 / w.outline_footprint),
+        blur=mean(m.voxel_size / w.crease_footprint, 1 / w.crease_footprint),
+        rim=mean(m.rim / w.rim_footprint, 1 / w.rim_footprint) if len(m.rim) else 0.0,
+    )
+
+
+def quantile(values: NDArray, weights: NDArray, q: float) -> float:
+    """The least value that the share q of the weights does not exceed."""
+    order = np.argsort(values)
+    reach = np.cumsum(weights[order])
+    return float(values[order[min(np.searchsorted(reach, q * reach[-1]), len(values) - 1)]])
+
+
+def mean(values: NDArray, weights: NDArray) -> float:
+    """The weighted mean; 0 of nothing."""
+    return float((values * weights).sum() / weights.sum()) if len(values) else 0.0
