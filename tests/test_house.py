@@ -39,6 +39,7 @@ LAYERS = {
     "addon": [
         "model",
         "objects tiles probes volumes",
+        "errors parts",
         "plan",
         "pipeline",
         "scene result properties",
