@@ -11,8 +11,9 @@ import leapray
 
 from . import pipeline, properties, result, scene, tiles
 
-reports: dict[str, dict] = {}  # of the last frame, by view layer: what the JSON file holds
-failures: list[BaseException] = []  # of the last frame; Stopped where it was cancelled
+# How the last render of each view layer went: what the JSON file holds, or why there is none.
+reports: dict[str, dict] = {}
+failures: dict[str, leapray.LeapRayError] = {}  # without tracebacks, which hold on to memory
 _volumes: dict = {}  # kept between frames where the scene asks for persistent data
 
 
@@ -31,26 +32,28 @@ class LeapRayEngine(bpy.types.RenderEngine):
     def update_render_passes(self, scene=None, renderlayer=None) -> None:
         result.register_passes(self, scene, renderlayer)
 
-    def update(self, data=None, depsgraph=None) -> None:
-        reports.clear()
-        failures.clear()
-
     def render(self, depsgraph) -> None:
         """The one place where errors become reports: Blender swallows what is raised here."""
+        layer = depsgraph.view_layer_eval.name
+        reports.pop(layer, None)
+        failures.pop(layer, None)
         try:
-            self._render(depsgraph)
-        except leapray.Stopped as stopped:
-            failures.append(stopped)
+            self._render(depsgraph, layer)
+        except leapray.Stopped:
+            failures[layer] = leapray.Stopped("The render was cancelled")
+        except KeyboardInterrupt:
+            failures[layer] = leapray.Stopped("The render was interrupted")
+            self.report({"ERROR"}, "The render was interrupted")
         except leapray.LeapRayError as error:
-            failures.append(error)
+            failures[layer] = leapray.LeapRayError(str(error))
             self.report({"ERROR"}, str(error))
-        except BaseException as error:  # a fault of ours, or Ctrl-C
-            failures.append(error)
-            self.report({"ERROR"}, f"LeapRay broke off: {type(error).__name__}: {error}")
+        except BaseException as error:
+            sentence = f"LeapRay broke off by a fault of its own: {type(error).__name__}: {error}"
+            failures[layer] = leapray.LeapRayError(sentence)
+            self.report({"ERROR"}, sentence)
             raise
 
-    def _render(self, depsgraph) -> None:
-        layer = depsgraph.view_layer_eval.name
+    def _render(self, depsgraph, layer: str) -> None:
         status = f"{depsgraph.scene_eval.name}, {layer} | "
         self.update_stats("", status + "Reading")
         job = scene.read(

@@ -27,6 +27,8 @@ FLAT = 4 * np.finfo(np.float32).eps
 
 NO_MATERIAL = model.Material("", (0.8, 0.8, 0.8))  # what Cycles gives to an empty slot
 
+NO_FACES = "its mesh has no faces"
+
 UNSUPPORTED_TYPES = {
     "CURVES": "Hair and curves objects are",
     "POINTCLOUD": "Point clouds are",
@@ -173,8 +175,11 @@ class _Objects:
         self._mesh_at: dict[int, int | str] = {}  # by address: index, or what is wrong with it
         self._material_at: dict[str, int] = {}
         self._override = depsgraph.view_layer_eval.material_override
+        self._instancers: set[str] = set()
         for instance in depsgraph.object_instances:
             self._take(instance)
+        for name in self._instancers:  # whose geometry is that of others
+            notes.forget(NO_FACES, name)
         if not self.instances:
             scene = depsgraph.scene_eval.name
             why = "".join(f"; {sentence}" for sentence in notes.sentences())
@@ -183,6 +188,8 @@ class _Objects:
     def _take(self, instance) -> None:
         """One instance of the depsgraph, which is only valid during this call."""
         ob = instance.object
+        if instance.is_instance:
+            self._instancers.add(instance.parent.name)
         if instance.show_particles and _has_hair(ob):
             self.notes.unsupported("Hair particles are", ob.name)
         if not instance.show_self:
@@ -286,7 +293,7 @@ def read_mesh(mesh, name: str) -> model.Mesh:
     """A copy of Blender's mesh. Raises LeapRayError with the reason that makes it useless."""
     n_corners, n_faces = len(mesh.loops), len(mesh.polygons)
     if not n_faces:
-        raise LeapRayError("its mesh has no faces")
+        raise LeapRayError(NO_FACES)
     vertices = np.empty((len(mesh.vertices), 3), np.float32)
     mesh.vertices.foreach_get("co", vertices.ravel())
     if not np.isfinite(vertices).all():
@@ -470,10 +477,18 @@ class _Notes:
         self._add(f"{feature} not supported yet: {{}}", name)
 
     def skipped(self, reason: str, name: str) -> None:
-        self._add(f"Skipped {{}}: {reason}", name)
+        self._add(self._skipped(reason), name)
 
     def replaced(self, what: str, name: str) -> None:
         self._add(f"Shader nodes are not followed, the {what} stands in: {{}}", name)
+
+    def forget(self, reason: str, name: str) -> None:
+        """Take back what `skipped` was told."""
+        self._names.get(self._skipped(reason), {}).pop(name, None)
+
+    @staticmethod
+    def _skipped(reason: str) -> str:
+        return f"Skipped {{}}: {reason}"
 
     def _add(self, sentence: str, name: str) -> None:
         self._names.setdefault(sentence, {})[name] = None
@@ -481,6 +496,8 @@ class _Notes:
     def sentences(self) -> tuple[str, ...]:
         found = []
         for sentence, names in self._names.items():
+            if not names:
+                continue
             shown = ", ".join(f"'{name}'" for name in list(names)[: self.SHOWN])
             more = len(names) - self.SHOWN
             found.append(sentence.format(shown + (f" and {more} more" if more > 0 else "")))

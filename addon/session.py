@@ -42,8 +42,6 @@ def open_scene(path: Path):
 
 def set_format(scene, picture: Path) -> None:
     """Have Blender write this file: PNG, or 32 bit EXR with all passes of all view layers."""
-    import bpy
-
     from . import result
 
     settings = scene.render.image_settings
@@ -60,9 +58,7 @@ def set_format(scene, picture: Path) -> None:
     else:
         settings.color_mode = "RGBA" if scene.render.film_transparent else "RGB"
     path = str(picture.absolute())
-    if bpy.app.version >= (5, 0):  # there, braces are templates
-        path = path.replace("{", "{{").replace("}", "}}")
-    scene.render.filepath = path
+    scene.render.filepath = path.replace("{", "{{").replace("}", "}}")  # braces are templates
     scene.render.use_sequencer = False
 
 
@@ -78,6 +74,8 @@ def render_frame(scene) -> dict[str, dict]:
     handlers = bpy.app.handlers.render_stats
     progress = Progress(sys.stderr)
     handlers.append(progress)
+    engine.reports.clear()
+    engine.failures.clear()
     refusal = None
     try:
         with quiet():
@@ -87,7 +85,7 @@ def render_frame(scene) -> dict[str, dict]:
     finally:
         handlers.remove(progress)
         progress.end()
-    failure = engine.failures[0] if engine.failures else refusal  # the first one knows why
+    failure = next(iter(engine.failures.values()), refusal)  # Blender knows less of what happened
     if isinstance(failure, leapray.Stopped):
         raise KeyboardInterrupt
     if failure is not None:

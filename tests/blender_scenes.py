@@ -14,6 +14,10 @@ def fresh():
     if not hasattr(bpy.types.Scene, "leapray"):
         addon.register()
         atexit.register(addon.unregister)
+    from addon import engine
+
+    engine.reports.clear()
+    engine.failures.clear()
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "LEAPRAY"

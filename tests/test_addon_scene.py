@@ -359,20 +359,24 @@ def test_what_is_not_supported_is_one_warning_each_by_name(scene):
 def test_bad_objects_are_skipped_by_name_and_the_rest_is_read(scene):
     put("Good", mesh())
     put("No faces", polygons("Points", [(0, 0, 0), (1, 0, 0)], []))
+    instancer = put("Instancer", polygons("Places", [(0, 0, 0), (5, 0, 0)], []))
+    instancer.instance_type = "VERTS"  # without faces, but not without purpose
+    put("Placed", mesh(), parent=instancer)
     put("Flat", mesh(), scale=(1, 1, 0), rotation_euler=(0.3, 0.2, 0.1))
     broken = mesh()
     broken.vertices[3].co.x = math.nan
     put("Broken", broken)
     put("Broken too", broken)
     got = read()
-    assert [instance.name for instance in got.instances] == ["Good"]
+    assert {instance.name for instance in got.instances} == {"Good", "Placed"}
     nan = "its mesh has vertices that are no numbers (NaN or infinite)"
     assert sorted(got.warnings) == [
         f"Skipped 'Broken', 'Broken too': {nan}",
         "Skipped 'Flat': its matrix cannot be inverted (a scale of zero?)",
         "Skipped 'No faces': its mesh has no faces",
     ]
-    bpy.data.objects.remove(bpy.data.objects["Good"])
+    for name in ("Good", "Placed"):
+        bpy.data.objects.remove(bpy.data.objects[name])
     with pytest.raises(leapray.LeapRayError, match=r"no mesh that can be rendered.*'Flat'"):
         read()
 

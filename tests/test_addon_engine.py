@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The engine in a session of Blender's: passes, borders, layers, frames, errors."""
+
+import threading
+
+import bpy
+import numpy as np
+import pytest
+from blender_scenes import combined, diffuse, exr, fresh, light, mesh, plane, put, read
+from numpy.testing import assert_array_equal
+
+import addon
+import leapray
+from addon import engine, model, pipeline, properties, result, session, ui
+
+
+@pytest.fixture
+def scene():
+    """A cube above a plane, 64 x 48 pixels, one sample."""
+    made = fresh()
+    put("Cube", mesh(), location=(0, 0, 1), rotation_euler=(0.4, 0.5, 0.6), pass_index=3)
+    put("Ground", plane(size=6.0), pass_index=1).data.materials.append(diffuse("Ground"))
+    put("Sun", light("SUN", energy=3.0), rotation_euler=(0.5, 0.3, 0.0))
+    made.leapray.samples = 1
+    made.leapray.tile_size = 24
+    bpy.context.view_layer.update()
+    return made
+
+
+def render_exr(scene, path):
+    session.set_format(scene, path)
+    session.render_frame(scene)
+    return exr(path)
+
+
+def of_layer(channels, layer, each):
+    """One pass as (h, w, channels)."""
+    names = [f"{layer}.{each.blender_name()}.{letter}" for letter in each.channels]
+    return np.stack([channels[name] for name in names], axis=2)
+
+
+def test_a_multilayer_exr_holds_the_passes_of_the_pipeline(scene, tmp_path):
+    want = pipeline.render(read()).passes
+    got = render_exr(scene, tmp_path / "out.exr")
+    assert {each.name for each in result.PASSES} == set(want)
+    for each in result.PASSES:
+        assert_array_equal(of_layer(got, "ViewLayer", each), want[each.name], each.name)
+    assert set(np.unique(want["Object Index"])) == {0, 1, 3}  # there was something to compare
+
+
+def test_only_the_passes_that_the_layer_asks_for_are_there(scene, tmp_path):
+    session.set_format(scene, tmp_path / "out.exr")
+    layer = bpy.context.view_layer
+    for each in result.PASSES[1:]:
+        setattr(layer, each.switch, each.name == "Normal")
+    session.render_frame(scene)
+    names = {name.split(".")[1] for name in exr(tmp_path / "out.exr") if name.count(".") == 2}
+    assert names == {"Combined", "Normal"}
+
+
+def depth(scene, path):
+    (channel,) = (values for name, values in render_exr(scene, path).items() if ".Depth." in name)
+    return channel
+
+
+@pytest.mark.parametrize("crop", [True, False])
+def test_a_border_renders_its_part_of_the_frame(scene, tmp_path, crop):
+    whole = depth(scene, tmp_path / "whole.exr")
+    render = scene.render
+    render.use_border, render.use_crop_to_border = True, crop
+    render.border_min_x, render.border_max_x = 0.203, 0.7
+    render.border_min_y, render.border_max_y = 0.333, 0.6667
+    part = depth(scene, tmp_path / "part.exr")
+    x, y = slice(12, 44), slice(15, 32)
+    if not crop:
+        assert part.shape == (48, 64)
+        part = part[y, x]
+    np.testing.assert_allclose(part, whole[y, x], rtol=1e-6)  # film corner in another place
+
+
+def test_resolution_percentage_and_transparent_film(scene):
+    scene.render.resolution_percentage = 50
+    scene.render.film_transparent = True
+    bpy.ops.render.render()
+    image = combined(scene)
+    assert image.shape == (24, 32, 4)
+    assert image[12, 16, 3] == 1 and image[0, 0, 3] == 0
+    assert_array_equal(image[0, 0], 0)
+
+
+def test_an_animation_moves(scene, tmp_path):
+    cube = bpy.data.objects["Cube"]
+    for frame, x in ((1, -1.5), (3, 1.5)):
+        cube.location.x = x
+        cube.keyframe_insert("location", frame=frame)
+    session.set_format(scene, tmp_path / "frame_.exr")
+    scene.render.filepath = str(tmp_path / "frame_")
+    scene.frame_start, scene.frame_end = 1, 3
+    for kept in (False, True):  # with and without volumes kept between frames
+        scene.render.use_persistent_data = kept
+        with session.quiet():
+            bpy.ops.render.render(animation=True)
+        places = []
+        for frame in (1, 2, 3):
+            (index,) = (
+                values
+                for name, values in exr(tmp_path / f"frame_{frame:04}.exr").items()
+                if name.split(".")[1] in ("Object Index", "IndexOB")
+            )
+            places.append(np.argwhere(index == 3)[:, 1].mean())
+        assert np.diff(places).min() > 3
+        assert bool(engine._volumes) == kept
+
+
+def test_each_view_layer_gets_its_own_picture(scene, tmp_path):
+    second = scene.view_layers.new("Second")
+    hidden = bpy.data.collections.new("Hidden")
+    scene.collection.children.link(hidden)
+    cube = bpy.data.objects["Cube"]
+    hidden.objects.link(cube)
+    scene.collection.objects.unlink(cube)
+    second.layer_collection.children["Hidden"].exclude = True
+    channels = render_exr(scene, tmp_path / "out.exr")
+    index = result.PASSES[-1]
+    assert 3 in of_layer(channels, "ViewLayer", index)
+    assert set(np.unique(of_layer(channels, "Second", index))) == {0, 1}
+    assert set(engine.reports) == {"ViewLayer", "Second"}
+
+
+def test_what_was_left_out_is_reported_as_a_warning(scene, capfd):
+    put("Nothing", bpy.data.meshes.new("Nothing"))
+    bpy.ops.render.render()
+    told = "".join(capfd.readouterr())
+    assert "Warning: Skipped 'Nothing': its mesh has no faces" in told
+
+
+def test_an_error_is_one_sentence_and_the_session_lives_on(scene):
+    for ob in list(bpy.data.objects):
+        ob.hide_render = ob.type == "MESH"
+    with pytest.raises(RuntimeError, match="Error: Scene 'Scene' shows no mesh that can"):
+        bpy.ops.render.render()
+    for ob in bpy.data.objects:
+        ob.hide_render = False
+    assert bpy.ops.render.render() == {"FINISHED"}
+    assert engine.failures == {} and list(engine.reports) == ["ViewLayer"]
+    scene.camera = None
+    with pytest.raises(RuntimeError, match="camera"):
+        bpy.ops.render.render()
+
+
+def test_a_fault_of_our_own_is_reported_too(scene, monkeypatch):
+    def broken(*_, **__):
+        raise ZeroDivisionError("a fault")
+
+    monkeypatch.setattr(pipeline, "render", broken)
+    with pytest.raises(RuntimeError, match="ZeroDivisionError: a fault"):
+        bpy.ops.render.render()
+    monkeypatch.undo()
+    assert bpy.ops.render.render() == {"FINISHED"}
+
+
+def test_over_the_budget_is_an_error_in_the_session(scene):
+    scene.leapray.memory_mb, scene.leapray.resolution = 1, 2000
+    with pytest.raises(RuntimeError, match="MB"):
+        bpy.ops.render.render()
+
+
+def test_cancelling_is_no_error_and_leaves_no_thread(scene, monkeypatch):
+    real, asked = pipeline.render, []
+
+    def cancelled(job, *, stop, **others):
+        def soon():
+            asked.append(stop())  # Blender's own answer
+            return len(asked) > 3
+
+        return real(job, stop=soon, **others)
+
+    monkeypatch.setattr(pipeline, "render", cancelled)
+    scene.leapray.samples = 4096
+    for _ in range(3):
+        asked.clear()
+        assert bpy.ops.render.render() == {"FINISHED"}
+        assert len(asked) >= 4 and not any(asked)
+        assert isinstance(engine.failures["ViewLayer"], leapray.Stopped) and not engine.reports
+        assert [t.name for t in threading.enumerate() if t.name.startswith("leapray")] == []
+
+
+def test_every_setting_is_a_property_with_a_tooltip(scene):
+    known = scene.leapray.bl_rna.properties
+    mine = {name for name in known.keys() if name not in ("rna_type", "name")}  # noqa: SIM118
+    assert mine | {"threads"} == set(model.Settings.__dataclass_fields__)
+    for name in mine:
+        assert known[name].description and known[name].name
+    assert properties.settings(scene).samples == 1
+    fresh()
+    default = properties.settings(bpy.context.scene)
+    assert leapray.traverser(default.traverser) == leapray.traverser()
+    assert default == model.Settings(traverser=default.traverser)
+    bpy.context.scene.render.threads_mode = "FIXED"
+    bpy.context.scene.render.threads = 3
+    assert properties.settings(bpy.context.scene).threads == 3
+
+
+def test_panels_join_and_leave():
+    def joined():
+        return [p for p in bpy.types.Panel.__subclasses__() if ui.ENGINE in engines(p)]
+
+    def engines(panel):
+        return getattr(panel, "COMPAT_ENGINES", ())
+
+    names = {panel.__name__ for panel in joined()}
+    assert {"RENDER_PT_format", "RENDER_PT_output", "VIEWLAYER_PT_layer_passes"} <= names
+    assert {"DATA_PT_lens", "EEVEE_MATERIAL_PT_surface", "EEVEE_WORLD_PT_surface"} <= names
+    assert not any("freestyle" in name for name in names)
+    addon.unregister()
+    try:
+        assert joined() == [] and not hasattr(bpy.types.Scene, "leapray")
+    finally:
+        addon.register()
+    assert {panel.__name__ for panel in joined()} == names
