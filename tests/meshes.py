@@ -96,3 +96,14 @@ def joined(*meshes):
         triangles.append(np.asarray(t) + n)
         n += len(v)
     return np.concatenate(vertices), np.concatenate(triangles)
+
+
+def uv_sphere(nu, nv, radius=1.0):
+    """2 nu (nv - 1) triangles with area whose vertices lie on the sphere."""
+
+    def position(u, v):
+        around, up = 2 * np.pi * u, np.pi * v
+        ring = np.where(v < 1, np.sin(up), 0.0)  # sin(pi) is not 0
+        return radius * ring * np.cos(around), radius * ring * np.sin(around), -radius * np.cos(up)
+
+    return grid_surface(nu, nv, position, wrap_u=True)
