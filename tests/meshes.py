@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes for tests: vertices (n, 3) in f64 and triangles (m, 3), counter-clockwise from outside."""
+"""Meshes for tests: vertices (n, 3) in f64 and triangles (m, 3), counter-clockwise from outside,
+and slow, plain answers about them."""
 
 import numpy as np
 
@@ -107,3 +108,51 @@ def uv_sphere(nu, nv, radius=1.0):
         return radius * ring * np.cos(around), radius * ring * np.sin(around), -radius * np.cos(up)
 
     return grid_surface(nu, nv, position, wrap_u=True)
+
+
+# ---- oracles ----------------------------------------------------------------
+
+
+def positions(volume):
+    """Sample positions (nz, ny, nx, 3) in object space."""
+    nx, ny, nz = volume.info.size
+    k, j, i = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
+    m = volume.info.object_from_index
+    return np.stack([i, j, k], -1) @ m[:3, :3].T + m[:3, 3]
+
+
+def brute_distance(points, vertices, triangles):
+    """Unsigned distance and nearest triangle of points (n, 3), the slow and plain way.
+
+    The closest point of a triangle is that of its plane where it falls inside,
+    else the closest of the three segments.
+    """
+    best = np.full(len(points), np.inf)
+    which = np.full(len(points), -1)
+    for t, (a, b, c) in enumerate(vertices[triangles]):
+        n = np.cross(b - a, c - a)
+        d = np.full(len(points), np.inf)
+        inside = np.ones(len(points), bool)
+        for p, q in ((a, b), (b, c), (c, a)):
+            u = q - p
+            s = np.clip((points - p) @ u / (u @ u), 0, 1)
+            d = np.minimum(d, np.linalg.norm(points - p - s[:, None] * u, axis=1))
+            inside &= (points - p) @ np.cross(n, u) >= 0
+        height = np.abs((points - a) @ n) / np.linalg.norm(n)
+        d = np.where(inside, height, d)
+        which = np.where(d < best, t, which)
+        best = np.minimum(d, best)
+    return best, which
+
+
+def winding(points, vertices, triangles):
+    """Generalised winding number: the sum of solid angles (van Oosterom and Strackee 1983)."""
+    total = np.zeros(len(points))
+    for a, b, c in vertices[triangles]:
+        a, b, c = a - points, b - points, c - points
+        la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+        numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dot = lambda x, y: np.einsum("ij,ij->i", x, y)  # noqa: E731
+        denominator = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
+        total += 2 * np.arctan2(numerator, denominator)
+    return total / (4 * np.pi)

@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Claims about voxelization, against f64 brute force in numpy and analytic shapes."""
 
-import threading
-import time
-
 import meshes
 import numpy as np
 import pytest
+from meshes import brute_distance, positions, winding
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
 from addon import volumes
-from leapray import LeapRayError, OutOfMemory, Stopped, Watch, voxelization
+from leapray import LeapRayError, OutOfMemory, voxelization
 from leapray.voxelization import border_edges, voxelize
 
 CLOSED = {
@@ -28,51 +26,6 @@ OPEN = {
     "half sphere": meshes.half_sphere(),
     "leaf": meshes.leaf(),
 }
-
-
-def positions(volume):
-    """Sample positions (nz, ny, nx, 3) in object space."""
-    nx, ny, nz = volume.info.size
-    k, j, i = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
-    m = volume.info.object_from_index
-    return np.stack([i, j, k], -1) @ m[:3, :3].T + m[:3, 3]
-
-
-def brute_distance(points, vertices, triangles):
-    """Unsigned distance and nearest triangle of points (n, 3), the slow and plain way.
-
-    The closest point of a triangle is that of its plane where it falls inside,
-    else the closest of the three segments.
-    """
-    best = np.full(len(points), np.inf)
-    which = np.full(len(points), -1)
-    for t, (a, b, c) in enumerate(vertices[triangles]):
-        n = np.cross(b - a, c - a)
-        d = np.full(len(points), np.inf)
-        inside = np.ones(len(points), bool)
-        for p, q in ((a, b), (b, c), (c, a)):
-            u = q - p
-            s = np.clip((points - p) @ u / (u @ u), 0, 1)
-            d = np.minimum(d, np.linalg.norm(points - p - s[:, None] * u, axis=1))
-            inside &= (points - p) @ np.cross(n, u) >= 0
-        height = np.abs((points - a) @ n) / np.linalg.norm(n)
-        d = np.where(inside, height, d)
-        which = np.where(d < best, t, which)
-        best = np.minimum(d, best)
-    return best, which
-
-
-def winding(points, vertices, triangles):
-    """Generalised winding number: the sum of solid angles (van Oosterom and Strackee 1983)."""
-    total = np.zeros(len(points))
-    for a, b, c in vertices[triangles]:
-        a, b, c = a - points, b - points, c - points
-        la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-        numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
-        dot = lambda x, y: np.einsum("ij,ij->i", x, y)  # noqa: E731
-        denominator = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
-        total += 2 * np.arctan2(numerator, denominator)
-    return total / (4 * np.pi)
 
 
 def near_samples(volume, limit, n=2000, seed=0):
@@ -306,12 +259,12 @@ def test_interiors_and_cavities_are_flooded():
     vertices, triangles = meshes.joined(
         meshes.box((-9, -9, -9), (9, 9, 9)), (inner_v, inner_t[:, ::-1]), meshes.box()
     )
-    volume = voxelize(vertices, triangles, 0.11, dtype="u8")
+    volume = voxelize(vertices, triangles, 0.19, dtype="u8")
     points = positions(volume).reshape(-1, 3)
     radius = np.abs(points).max(axis=1)
     inside = ((radius < 9) & (radius > 3)) | (radius < 1)
     assert_array_equal(volume.read().ravel() > 127, inside)
-    assert volume.info.n_full > 1000
+    assert volume.info.n_full > 200
     assert volume.info.nbytes < volume.read().nbytes
 
 
@@ -407,88 +360,6 @@ def test_far_from_the_origin_the_shape_stays():
     near = voxelize(vertices, triangles, h, dtype="f32")
     far = voxelize(vertices + 2.0**20, triangles, h, dtype="f32")
     assert_allclose(far.read(), near.read(), atol=1e-7, rtol=0)
-
-
-# ---- threads, stopping -------------------------------------------------------------
-
-
-@pytest.mark.parametrize("mesh", ["spikier", "leaf"])
-def test_the_number_of_threads_does_not_matter(mesh):
-    vertices, triangles = (CLOSED | OPEN)[mesh]
-    ids = np.arange(len(triangles)) % 7
-    one, *others = (
-        voxelize(vertices, triangles, 0.03, ids=ids, threads=n, dtype="f32") for n in (1, 2, 7)
-    )
-    for other in others:
-        assert_array_equal(other.read(), one.read())
-        assert_array_equal(other.read_ids(), one.read_ids())
-        assert_array_equal(other.read_surface(), one.read_surface())
-
-
-def test_progress_rises_to_one():
-    watch = Watch()
-    seen = []
-    done = threading.Event()
-
-    def look():
-        while not done.wait(0.001):
-            seen.append(watch.progress)
-
-    looker = threading.Thread(target=look)
-    looker.start()
-    voxelize(*meshes.icosphere(5), 0.01, watch=watch, threads=2)
-    done.set()
-    looker.join()
-    assert watch.progress == 1.0
-    assert len(set(seen)) > 5 and seen == sorted(seen)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.7, 0.95])
-def test_stopping_ends_within_100_ms(share):
-    vertices, triangles = meshes.icosphere(7)  # 327,680 triangles
-    watch = Watch()
-    begun = time.perf_counter()
-    voxelize(vertices, triangles, 0.004)
-    whole = time.perf_counter() - begun
-    told = []
-
-    def stop():
-        told.append(time.perf_counter())
-        watch.stop()
-
-    timer = threading.Timer(share * whole, stop)
-    timer.start()
-    try:
-        voxelize(vertices, triangles, 0.004, watch=watch)
-    except Stopped:
-        assert time.perf_counter() - told[0] < 0.1
-    else:
-        assert share > 0.6  # this time it was quicker than the measured one
-    timer.join()
-
-
-def test_stopping_gives_the_memory_back():
-    vertices, triangles = meshes.icosphere(6)
-
-    def stopped_run():
-        watch = Watch()
-        timer = threading.Timer(0.15, watch.stop)
-        timer.start()
-        with pytest.raises(Stopped):
-            while True:
-                voxelize(vertices, triangles, 0.004, watch=watch)
-        timer.join()
-
-    def resident():
-        with open("/proc/self/statm") as file:
-            return int(file.read().split()[1]) * 4096
-
-    stopped_run()
-    before = resident()
-    for _ in range(8):
-        stopped_run()
-    assert resident() - before < 30e6  # one run alone holds some 60 MB
 
 
 # ---- beside others -----------------------------------------------------------------

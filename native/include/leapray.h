@@ -170,6 +170,16 @@ LR_API lr_status lr_voxelize_end(lr_voxelizer *voxelizer, const lr_watch *watch,
                                  lr_volume **volume, lr_error *error);
 LR_API void lr_voxelizer_free(lr_voxelizer *voxelizer); /* NULL is fine */
 
+/* Tell apart what one field cannot hold: parts of a mesh that cross, touch or
+ * meet. layer[n_triangles] is filled with 0..*n_layers-1 so that no two islands
+ * of one layer come nearer than margin, judged by their boxes. An island is
+ * connected through edges of two triangles of one winding; closed islands and
+ * open ones never share a layer, nor do closed ones of opposite winding, but for
+ * a cavity with the island around it. Where many islands overlap, the last layer
+ * takes the rest. ids are not read. */
+LR_API lr_status lr_mesh_layers(const lr_mesh *mesh, double margin, const lr_watch *watch,
+                                int32_t *layer, int32_t *n_layers, lr_error *error);
+
 /* ---- distance ---------------------------------------------------------- */
 
 typedef enum lr_metric {

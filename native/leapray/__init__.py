@@ -23,7 +23,7 @@ from .tracing import (
     variants,
 )
 from .volume import Volume, VolumeBuilder, VolumeInfo
-from .voxelization import MeshInfo, border_edges, voxelize
+from .voxelization import MeshInfo, border_edges, mesh_layers, voxelize
 
 __all__ = [
     "HIT_TESTS",
@@ -53,6 +53,7 @@ __all__ = [
     "border_edges",
     "build",
     "distance",
+    "mesh_layers",
     "trace",
     "trace_options",
     "traverser",

@@ -406,6 +406,14 @@ PROTOTYPES = {
     "lr_voxelizer_free": (None, (
         ctypes.POINTER(lr_voxelizer),
     )),
+    "lr_mesh_layers": (ctypes.c_int, (
+        ctypes.POINTER(lr_mesh),
+        ctypes.c_double,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(lr_error),
+    )),
     "lr_distance": (ctypes.c_int, (
         ctypes.POINTER(ctypes.c_uint8),
         ctypes.c_int32,

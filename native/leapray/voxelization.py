@@ -133,6 +133,25 @@ def border_edges(vertices: ArrayLike, triangles: ArrayLike) -> NDArray[np.float6
     return places[edges[count == 1]]
 
 
+def mesh_layers(
+    vertices: ArrayLike, triangles: ArrayLike, margin: float = 0.0, *, watch: Watch | None = None
+) -> NDArray[np.int32]:
+    """A layer number (m,) for every triangle: what one volume cannot hold is told apart.
+
+    Islands, connected through edges of two triangles of one winding, keep margin
+    between their boxes within a layer; open and closed ones never share one.
+    Layers are numbered from 0. Raises LeapRayError, as voxelize; Stopped.
+    """
+    points, corners, _ = _mesh_arrays(vertices, triangles, None)
+    mesh = _abi.lr_mesh(
+        pointer(points), len(points), pointer(corners, ctypes.c_int32), len(corners), None
+    )
+    layer, count = np.empty(max(len(corners), 1), np.int32), ctypes.c_int32()
+    outputs = (ctypes.c_int32.from_buffer(layer), count)
+    call(lib.lr_mesh_layers, ctypes.byref(mesh), float(margin), watch=watch, outputs=outputs)
+    return layer
+
+
 class _Progress:
     """The words of a watch for parts that run side by side.
 

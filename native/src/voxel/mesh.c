@@ -302,7 +302,7 @@ static lr_status add_normals(lr_topology *m, const lr_watch *watch, double *volu
     return LR_OK;
 }
 
-lr_status lr_topology_make(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
+lr_status lr_topology_link(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
                            lr_topology *m, lr_error *error)
 {
     *m = (lr_topology){.source = *mesh, .per_unit = 1.0 / voxel_size, .side = 1.0};
@@ -315,6 +315,13 @@ lr_status lr_topology_make(const lr_mesh *mesh, double voxel_size, const lr_watc
         status = weld(m, watch, error);
     if (status == LR_OK)
         status = link_edges(m, watch, error);
+    return status;
+}
+
+lr_status lr_topology_make(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
+                           lr_topology *m, lr_error *error)
+{
+    lr_status status = lr_topology_link(mesh, voxel_size, watch, m, error);
     if (status != LR_OK)
         return status;
     m->vertex_normal = calloc(mesh->n_vertices, sizeof *m->vertex_normal);
@@ -325,6 +332,16 @@ lr_status lr_topology_make(const lr_mesh *mesh, double voxel_size, const lr_watc
     if (status == LR_OK && m->closed && volume < 0.0)
         m->side = -1.0;
     return status;
+}
+
+bool lr_edge_closed(const lr_topology *m, uint32_t half_edge)
+{
+    uint32_t other = m->ring[half_edge], a[2], b[2];
+    if (other == half_edge || m->ring[other] != half_edge)
+        return false;
+    ends(m, half_edge, a);
+    ends(m, other, b);
+    return a[0] == b[1];
 }
 
 void lr_topology_free(lr_topology *m)

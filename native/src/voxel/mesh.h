@@ -26,12 +26,18 @@ typedef struct lr_topology {
     bool closed;                /* every edge has two triangles of one winding */
 } lr_topology;
 
-/* Check the mesh and fill everything but origin, which is left 0: coordinates
+/* Check the mesh and fill all but origin, which is left 0: coordinates
  * are voxels from the object's origin until the caller sets it. What was built
  * is freed by lr_topology_free, after an error too. */
 lr_status lr_topology_make(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
                            lr_topology *topology, lr_error *error);
+/* The same without normals and side. */
+lr_status lr_topology_link(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
+                           lr_topology *topology, lr_error *error);
 void lr_topology_free(lr_topology *topology);
+
+/* Has the half-edge one partner, of its own winding? */
+bool lr_edge_closed(const lr_topology *topology, uint32_t half_edge);
 
 LR_INLINE void lr_vertex(const lr_topology *m, int64_t v, double p[3])
 {

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Claims about voxelization as a long call: threads, progress, stopping."""
+
+import threading
+import time
+
+import meshes
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from leapray import Stopped, Watch
+from leapray.voxelization import voxelize
+
+
+@pytest.mark.parametrize("mesh", [meshes.spiky(2, levels=3), meshes.leaf()], ids=["solid", "sheet"])
+def test_the_number_of_threads_does_not_matter(mesh):
+    vertices, triangles = mesh
+    ids = np.arange(len(triangles)) % 7
+    one, *others = (
+        voxelize(vertices, triangles, 0.03, ids=ids, threads=n, dtype="f32") for n in (1, 2, 7)
+    )
+    for other in others:
+        assert_array_equal(other.read(), one.read())
+        assert_array_equal(other.read_ids(), one.read_ids())
+        assert_array_equal(other.read_surface(), one.read_surface())
+
+
+def test_progress_rises_to_one():
+    watch = Watch()
+    seen = []
+    done = threading.Event()
+
+    def look():
+        while not done.wait(0.001):
+            seen.append(watch.progress)
+
+    looker = threading.Thread(target=look)
+    looker.start()
+    voxelize(*meshes.icosphere(5), 0.01, watch=watch, threads=2)
+    done.set()
+    looker.join()
+    assert watch.progress == 1.0
+    assert len(set(seen)) > 5 and seen == sorted(seen)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.7, 0.95])
+def test_stopping_ends_within_100_ms(share):
+    vertices, triangles = meshes.icosphere(6)  # 81,920 triangles
+    watch = Watch()
+    begun = time.perf_counter()
+    voxelize(vertices, triangles, 0.004)
+    whole = time.perf_counter() - begun
+    told = []
+
+    def stop():
+        told.append(time.perf_counter())
+        watch.stop()
+
+    timer = threading.Timer(share * whole, stop)
+    timer.start()
+    try:
+        voxelize(vertices, triangles, 0.004, watch=watch)
+    except Stopped:
+        assert time.perf_counter() - told[0] < 0.1
+    else:
+        assert share > 0.6  # this time it was quicker than the measured one
+    timer.join()
+
+
+def test_stopping_gives_the_memory_back():
+    vertices, triangles = meshes.icosphere(6)
+
+    def stopped_run():
+        watch = Watch()
+        timer = threading.Timer(0.15, watch.stop)
+        timer.start()
+        with pytest.raises(Stopped):
+            while True:
+                voxelize(vertices, triangles, 0.004, watch=watch)
+        timer.join()
+
+    def resident():
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * 4096
+
+    stopped_run()
+    before = resident()
+    for _ in range(8):
+        stopped_run()
+    assert resident() - before < 30e6  # one run alone holds some 60 MB
