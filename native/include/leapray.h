@@ -383,7 +383,8 @@ typedef struct lr_passes {
     float *object_index; /* [height][width] */
 } lr_passes;
 
-/* Bytes of working memory that lr_render_tile wants for a tile of that size. */
+/* Bytes of working memory that lr_render_tile wants for a tile of that size. The
+ * passes of a tile that was stopped are undefined. */
 LR_API uint64_t lr_render_nbytes(const lr_scene *scene, int32_t width, int32_t height);
 LR_API lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile,
                                 const lr_passes *passes, void *workspace, uint64_t nbytes,

@@ -8,8 +8,7 @@
 
 /* The ray o + t d through film point (x, y), in pixels from the lower left
  * corner of the image; t is the depth along the camera's axis. */
-LR_INLINE void lr_camera_ray(const lr_camera *camera, double x, double y, double o[3],
-                             double d[3])
+LR_INLINE void lr_camera_ray(const lr_camera *camera, double x, double y, double o[3], double d[3])
 {
     for (int a = 0; a < 3; a++) {
         const double film = camera->corner[a] + x * camera->dx[a] + y * camera->dy[a];

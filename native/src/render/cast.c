@@ -107,8 +107,7 @@ static void scatter(const lr_caster *c, const lr_pair *pairs, uint32_t n)
     for (uint32_t k = 0; k < n; k++) {
         const uint32_t i = pairs[k].ray, instance = pairs[k].instance;
         const double t = from->t[k];
-        if (!(t < INFINITY) || t > wave->t[i] ||
-            (t == wave->t[i] && instance > wave->instance[i]))
+        if (!(t < INFINITY) || t > wave->t[i] || (t == wave->t[i] && instance > wave->instance[i]))
             continue;
         wave->instance[i] = instance;
         if (c->options->any)
@@ -132,8 +131,12 @@ static lr_status trace_group(const lr_caster *c, const lr_pair *pairs, uint32_t 
     const lr_batch *b = &c->w->batch;
     const bool leaves = gather(c, pairs, n);
     const lr_rays rays = {
-        .ox = b->ray.ox, .oy = b->ray.oy, .oz = b->ray.oz,
-        .dx = b->ray.dx, .dy = b->ray.dy, .dz = b->ray.dz,
+        .ox = b->ray.ox,
+        .oy = b->ray.oy,
+        .oz = b->ray.oz,
+        .dx = b->ray.dx,
+        .dy = b->ray.dy,
+        .dz = b->ray.dz,
         .t_min = c->options->t_min != 0 ? b->t_min : NULL,
         .t_max = b->t_max,
         .start = leaves ? b->start : NULL,

@@ -8,10 +8,10 @@
 #include "render/workspace.h"
 
 typedef struct lr_cast_options {
-    uint32_t visibility;  /* instances with this flag count */
+    uint32_t visibility; /* instances with this flag count */
     double t_min, t_max;
-    bool any;             /* whether something is hit, not what is first */
-    bool leaving;         /* wave->from and wave->start are set */
+    bool any;     /* whether something is hit, not what is first */
+    bool leaving; /* wave->from and wave->start are set */
     lr_trace_options trace;
 } lr_cast_options;
 

@@ -164,8 +164,9 @@ static void adopt(lr_builder *b, uint32_t node, int c, uint32_t *order, uint32_t
         b->out->nodes[node].bound[0][a][c] = round_down(box.lo[a]);
         b->out->nodes[node].bound[1][a][c] = round_up(box.hi[a]);
     }
-    b->out->nodes[node].child[c] =
-        n > 1 ? build(b, order, n, level) : n == 1 ? order[0] | LR_LEAF : LR_NOWHERE;
+    b->out->nodes[node].child[c] = n > 1    ? build(b, order, n, level)
+                                   : n == 1 ? order[0] | LR_LEAF
+                                            : LR_NOWHERE;
 }
 
 /* A node over n instances. Only the root can have fewer than two. */

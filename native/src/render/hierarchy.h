@@ -14,7 +14,7 @@
 #include "base.h"
 
 #define LR_NOWHERE UINT32_MAX
-#define LR_LEAF 0x80000000u /* flag of a child that is an instance, not a node */
+#define LR_LEAF    0x80000000u /* flag of a child that is an instance, not a node */
 
 typedef struct lr_box {
     double lo[3], hi[3]; /* lo > hi: empty */
@@ -32,7 +32,7 @@ typedef struct lr_branch {
 } lr_branch;
 
 typedef struct lr_hierarchy {
-    lr_node *nodes; /* the first is the root */
+    lr_node *nodes;   /* the first is the root */
     uint32_t n_nodes; /* 0: nothing to hit */
     uint32_t height;  /* branches that a walk's stack needs */
 } lr_hierarchy;

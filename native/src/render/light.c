@@ -67,8 +67,7 @@ static lr_status cast(const lr_job *job, uint32_t n, uint32_t visibility, double
         .leaving = true,
         .trace = job->trace,
     };
-    return lr_cast(job->scene, job->workspace, n, &options, job->counters, job->watch,
-                   job->error);
+    return lr_cast(job->scene, job->workspace, n, &options, job->counters, job->watch, job->error);
 }
 
 static lr_status light_by(const lr_job *job, const lr_light *light, uint32_t n)

@@ -30,9 +30,8 @@ static bool is_color(const double c[3])
 static lr_status check_camera(const lr_camera *c, lr_error *error)
 {
     if (c->projection != LR_PERSPECTIVE && c->projection != LR_ORTHOGRAPHIC)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "the camera's projection must be %d or %d, it is %d", LR_PERSPECTIVE,
-                       LR_ORTHOGRAPHIC, c->projection);
+        return lr_fail(error, LR_E_ARGUMENT, "the camera's projection must be %d or %d, it is %d",
+                       LR_PERSPECTIVE, LR_ORTHOGRAPHIC, c->projection);
     if (!all_finite(c->eye, 3) || !all_finite(c->forward, 3) || !all_finite(c->corner, 3) ||
         !all_finite(c->dx, 3) || !all_finite(c->dy, 3))
         return lr_fail(error, LR_E_ARGUMENT, "the camera's vectors must be finite, one is not");
@@ -98,10 +97,9 @@ static lr_status check_materials(const lr_scene_desc *desc, lr_error *error)
     }
     for (uint64_t i = 0; i < desc->n_slots; i++)
         if (desc->slots[i] >= desc->n_materials)
-            return lr_fail(error, LR_E_ARGUMENT,
-                           "slot %llu holds material %u, there are %llu materials",
-                           (unsigned long long)i, desc->slots[i],
-                           (unsigned long long)desc->n_materials);
+            return lr_fail(
+                error, LR_E_ARGUMENT, "slot %llu holds material %u, there are %llu materials",
+                (unsigned long long)i, desc->slots[i], (unsigned long long)desc->n_materials);
     return LR_OK;
 }
 
@@ -147,8 +145,8 @@ static void bound(const lr_instance *instance, lr_box *box)
     for (int corner = 0; corner < 8; corner++) {
         double p[3], q[3];
         for (int a = 0; a < 3; a++)
-            p[a] = corner >> a & 1 ? info.surface_hi[a] + (1 + MARGIN)
-                                   : info.surface_lo[a] - MARGIN;
+            p[a] =
+                corner >> a & 1 ? info.surface_hi[a] + (1 + MARGIN) : info.surface_lo[a] - MARGIN;
         lr_map_point(m, p, q);
         for (int a = 0; a < 3; a++) {
             box->lo[a] = fmin(box->lo[a], q[a]);
@@ -217,7 +215,8 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     scene->slots = copy(desc->slots, desc->n_slots, sizeof *scene->slots);
     if (desc->slot_objects != NULL)
         scene->slot_objects = copy(desc->slot_objects, desc->n_slots, sizeof *scene->slot_objects);
-    if ((desc->slot_objects != NULL && !scene->slot_objects) || !scene->instances || !scene->lights || !scene->materials || !scene->slots)
+    if ((desc->slot_objects != NULL && !scene->slot_objects) || !scene->instances ||
+        !scene->lights || !scene->materials || !scene->slots)
         return lr_fail_memory(error, desc->n_instances * sizeof *scene->instances, "the scene");
     for (uint64_t i = 0; i < desc->n_lights; i++) {
         double *d = scene->lights[i].direction;
@@ -231,7 +230,8 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
 lr_status lr_scene_new(const lr_scene_desc *desc, lr_scene **scene, lr_error *error)
 {
     if (desc == NULL || scene == NULL)
-        return lr_fail(error, LR_E_ARGUMENT, "a scene needs a description and a place, one is NULL");
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "a scene needs a description and a place, one is NULL");
     lr_status status = check(desc, error);
     if (status != LR_OK)
         return status;

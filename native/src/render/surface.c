@@ -83,8 +83,8 @@ static bool rise(const lr_placed *placed, const lr_surfel *s, double offset[3])
     const double slope = sqrt(lr_dot(g, g));
     lr_map_gradient(v->storage_from_object, g, g_object);
     lr_map_gradient(placed->object_from_world, g_object, g_world);
-    const double share = lr_clamp(left_out, -RISE_MAX * slope, RISE_MAX * slope) /
-                         lr_dot(g_world, g_world);
+    const double share =
+        lr_clamp(left_out, -RISE_MAX * slope, RISE_MAX * slope) / lr_dot(g_world, g_world);
     for (int a = 0; a < 3; a++)
         offset[a] = -share * g_world[a];
     return fabs(left_out) > RISE_MIN * slope && lr_dot(offset, s->normal) > 0;

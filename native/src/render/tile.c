@@ -13,8 +13,8 @@
 #include "render/surface.h"
 
 enum {
-    SIDE_MAX = 1 << 16,    /* pixels of a tile's side and */
-    PLACE_MAX = 1 << 24,   /* of its place in the image: f64 film points stay exact */
+    SIDE_MAX = 1 << 16,   /* pixels of a tile's side and */
+    PLACE_MAX = 1 << 24,  /* of its place in the image: f64 film points stay exact */
     SAMPLES_MAX = 1 << 20 /* sums of f64 keep more than 30 bits */
 };
 
@@ -38,9 +38,8 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
         return lr_fail(error, LR_E_ARGUMENT, "samples per pixel must be 1 to %d, they are %d",
                        SAMPLES_MAX, tile->samples);
     if (tile->trace.mode != LR_MODE_SURFACE)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "rendering needs surface mode (%d), the mode is %d", LR_MODE_SURFACE,
-                       tile->trace.mode);
+        return lr_fail(error, LR_E_ARGUMENT, "rendering needs surface mode (%d), the mode is %d",
+                       LR_MODE_SURFACE, tile->trace.mode);
     const uint64_t wanted = lr_render_nbytes(scene, tile->width, tile->height);
     if (workspace == NULL || nbytes < wanted)
         return lr_fail(error, LR_E_SIZE,
@@ -51,8 +50,7 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
 }
 
 /* Aim one sample of every pixel of the stretch that begins at pixel `first`. */
-static void aim(const lr_job *job, const lr_tile *tile, uint64_t first, uint32_t n,
-                uint32_t sample)
+static void aim(const lr_job *job, const lr_tile *tile, uint64_t first, uint32_t n, uint32_t sample)
 {
     lr_workspace *w = job->workspace;
     for (uint32_t i = 0; i < n; i++) {
@@ -137,8 +135,8 @@ static lr_status render_sample(const lr_job *job, const lr_tile *tile, const lr_
         .trace = job->trace,
     };
     aim(job, tile, first, n, sample);
-    const lr_status status = lr_cast(job->scene, job->workspace, n, &options, job->counters,
-                                     job->watch, job->error);
+    const lr_status status =
+        lr_cast(job->scene, job->workspace, n, &options, job->counters, job->watch, job->error);
     if (status != LR_OK)
         return status;
     const uint32_t n_surfels = see(job, n);
@@ -177,13 +175,15 @@ lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_pa
     lr_workspace_lay(workspace, n_pixels, scene->hierarchy.height, &w);
     const lr_job job = {scene, &w, tile->trace, counters, watch, error};
     for (uint64_t first = 0; first < n_pixels; first += LR_STRETCH) {
-        const uint32_t n = n_pixels - first < LR_STRETCH ? (uint32_t)(n_pixels - first) : LR_STRETCH;
+        const uint32_t n =
+            n_pixels - first < LR_STRETCH ? (uint32_t)(n_pixels - first) : LR_STRETCH;
         memset(w.sum, 0, n * sizeof *w.sum);
         for (int32_t sample = 0; sample < tile->samples; sample++) {
             status = render_sample(&job, tile, passes, first, n, (uint32_t)sample);
             if (status != LR_OK)
                 return status;
-            lr_progress(watch, ((double)first + n * (sample + 1.0) / tile->samples) / (double)n_pixels);
+            lr_progress(watch,
+                        ((double)first + n * (sample + 1.0) / tile->samples) / (double)n_pixels);
         }
         write_combined(&w, passes->combined + 4 * first, n, tile->samples);
     }

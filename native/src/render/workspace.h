@@ -54,19 +54,19 @@ typedef struct lr_surfel {
     uint32_t pixel;      /* of the stretch */
     uint32_t instance;
     int32_t object_index;
-    lr_start start;      /* of rays of light */
+    lr_start start; /* of rays of light */
 } lr_surfel;
 
 typedef struct lr_workspace {
     lr_wave wave;
     lr_batch batch;
     lr_pair *pairs, *pairs_sorted;
-    uint32_t *active;     /* rays whose walk goes on */
+    uint32_t *active; /* rays whose walk goes on */
     lr_surfel *surfels;
-    uint32_t *lit;        /* the surfel of each ray of a wave of light */
-    double *light;        /* what the ray brings: the cosine over the square of the distance */
-    double (*sum)[4];     /* per pixel, over its samples */
-    uint32_t *hash;       /* per pixel */
+    uint32_t *lit;    /* the surfel of each ray of a wave of light */
+    double *light;    /* what the ray brings: the cosine over the square of the distance */
+    double (*sum)[4]; /* per pixel, over its samples */
+    uint32_t *hash;   /* per pixel */
 } lr_workspace;
 
 /* Lay the arrays out from base, which may be NULL to ask for the size. Returns
