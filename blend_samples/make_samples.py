@@ -484,6 +484,7 @@ def make_thin() -> None:
         at=(0.75, 1.55, 0),
         turn=(0, 0, -14),
     )
+    screen.data.shade_flat()  # its wires are square
     wires = screen.modifiers.new("Wires", "WIREFRAME")
     wires.thickness, wires.use_even_offset, wires.use_boundary = 0.03, False, True
 

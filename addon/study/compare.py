@@ -374,17 +374,12 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
         ],
     }
     floor = next((name for name in shape["shadow_edges"] if name.lower() == "floor"), None)
-    extent = [bar("memory at peak, bytes", peak_nbytes(run["report"]), 256 * 2**20)]
     if floor:
         depth = shape["depth_error_footprints"][floor]["max"]
         steps = shape["shadow_edges"][floor]["worst_steps"]
-        extent += [
-            bar("floor, depth error, largest, footprints", depth, 1.0, floor),
-            bar("floor, shadow edges, worst distance in pixels", steps, 1, floor),
+        known["floor"] = [
+            bar("floor, depth error, largest, footprints", depth, 1.0),
+            bar("floor, shadow edges, worst distance in pixels", steps, 1),
+            bar("memory at peak, bytes", run["report"].get("bytes", {}).get("peak"), 256 * 2**20),
         ]
-    return known | {"extent": extent}
-
-
-def peak_nbytes(told: Json) -> int | None:
-    """Bytes that LeapRay held at its peak, as its report has them."""
-    return told.get("bytes", {}).get("peak")
+    return known

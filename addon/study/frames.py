@@ -38,7 +38,6 @@ class Frame:
 
     passes: dict[str, NDArray[np.float32]]  # (height, width) or (height, width, channels)
     seconds: float  # of the render call, with the writing of the file
-    seconds_saving: float  # of that, reading and writing apart from rendering; 0 if not known
     report: dict[str, object] = field(default_factory=dict)  # what LeapRay says of the frame
 
     @property
@@ -236,7 +235,8 @@ def render_cycles(scene: bpy.types.Scene, path: Path, samples: int, seed: int = 
     began = time.perf_counter()
     with session.quiet():
         bpy.ops.render.render(write_still=True, scene=scene.name)
-    return Frame(read(path), time.perf_counter() - began, 0.0)
+    seconds = time.perf_counter() - began
+    return Frame(read(path), seconds)
 
 
 def render_leapray(
@@ -255,9 +255,7 @@ def render_leapray(
     report = next(iter(reports.values()), {})
     if not path.exists():
         raise LeapRayError("LeapRay gave no picture")
-    inside = report.get("seconds", {})
-    rendering = sum(v for v in inside.values() if isinstance(v, int | float))
-    return Frame(read(path), seconds, max(0.0, seconds - rendering), dict(report))
+    return Frame(read(path), seconds, dict(report))
 
 
 def write_to(scene: bpy.types.Scene, path: Path) -> None:

@@ -25,8 +25,10 @@ th { color: var(--soft); font-weight: 500 }
 .wide { overflow-x: auto; border: 1px solid var(--line); border-radius: 8px; margin: 10px 0 }
 .wide table tr:last-child td { border-bottom: 0 }
 .good { color: var(--good) } .bad { color: var(--bad); font-weight: 600 }
-.two { display: grid; grid-template-columns: repeat(auto-fit, minmax(440px, 1fr)); gap: 18px }
-figure { margin: 0; background: var(--card); border: 1px solid var(--line); border-radius: 8px;
+.two figure { margin: 0 }
+.two { margin: 18px 0; display: grid; gap: 18px;
+  grid-template-columns: repeat(auto-fit, minmax(440px, 1fr)) }
+figure { margin: 18px 0; background: var(--card); border: 1px solid var(--line); border-radius: 8px;
   overflow: hidden }
 figure img { display: block; width: 100%; height: auto; cursor: zoom-in }
 figcaption { padding: 8px 12px; font-size: 13.5px; color: var(--soft) }

@@ -353,7 +353,7 @@ def draw(folder: Path, rows: list[Row], size: int) -> None:
                 axis.set_xlabel("surface-to-volume ratio, faces per voxel")
             axes[0, 0].set_ylabel(what)
             axes[0, 0].legend()
-    with charts.chart(folder / "setup") as (_, axes):
+    with charts.chart(folder / "setup", width=13.8, height=3.6) as (_, axes):
         axis = axes[0, 0]
         for k, (label, found) in enumerate(series(rows, views[0]).items()):
             x = [row.surface_to_volume for row in found]

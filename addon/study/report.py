@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from . import charts, metrics
-from .page import data, esc, figure, table, whole
+from .page import data, esc, table, whole
+from .page import figure as framed
 
 GAIN = 10  # of the difference of light in its picture
 NONE = "\N{EN DASH}"
@@ -149,7 +150,7 @@ def draw_charts(folder: Path, told: dict) -> list[list[str]]:
     names = list(dict.fromkeys(name for values in phases.values() for name in values))
     if names:
         height = 1.6 + 0.5 * len(phases)
-        with charts.chart(folder / "phases", height=height) as (_, axes):
+        with charts.chart(folder / "phases", width=10.8, height=height) as (figure, axes):
             axis = axes[0, 0]
             left = np.zeros(len(phases))
             for k, name in enumerate(names):
@@ -161,7 +162,7 @@ def draw_charts(folder: Path, told: dict) -> list[list[str]]:
             axis.grid(axis="y", visible=False)
             axis.set_xlabel("seconds")
             axis.set_title("Where LeapRay's time goes")
-            axis.legend(ncols=len(names), loc="upper center", bbox_to_anchor=(0.5, -0.28))
+            figure.legend(loc="outside right center")
         made.append(["phases.png", "Time by phase", "of the frame that is measured for light"])
     return made
 
@@ -224,7 +225,7 @@ def write(folder: Path, told: dict) -> None:
     def figures(files: list[str], known: dict) -> str:
         return (
             '<div class="two">'
-            + "".join(figure(folder, file, *known[file]) for file in files)
+            + "".join(framed(folder, file, *known[file]) for file in files)
             + "</div>"
         )
 
@@ -251,7 +252,8 @@ def write(folder: Path, told: dict) -> None:
         ),
         "<h2>Time and memory</h2>",
         time_table(told),
-        figures(list(drawn), drawn),
+        volume_table(told),
+        *(framed(folder, file, *drawn[file]) for file in drawn),
         "<h2>How it was measured</h2>",
         "<p>Geometry: Cycles with one sample, which goes through the pixel's centre, and LeapRay "
         "through the same points. Depth error is the difference along the ray times the cosine of "
@@ -262,7 +264,7 @@ def write(folder: Path, told: dict) -> None:
         "surface. Rims are neighbourhoods with mixed objects, or with lit and unlit pixels. FLIP "
         "is taken in the Standard view at 67 pixels per degree.</p>",
         *(
-            [f"<details><summary>{len(told['notes'])} changes to the scene</summary><ul>"]
+            [f"<details><summary>Changes to the scene: {len(told['notes'])}</summary><ul>"]
             + [f"<li>{esc(note)}</li>" for note in told["notes"]]
             + ["</ul></details>"]
             if told["notes"]
@@ -278,7 +280,7 @@ def light_table(told: dict) -> str:
     rows = []
     named = {f"LeapRay, {esc(run['label'])}": run["light"] for run in told["runs"].values()}
     for count, values in told["cycles"]["by_samples"].items():
-        named[f"Cycles, {count} samples"] = values
+        named[f"Cycles, samples: {count}"] = values
     for name, values in named.items():
         inner, every = values["but_rims"], values["all"]
         ratio = every["mean_ratio"]
@@ -362,8 +364,27 @@ def time_table(told: dict) -> str:
             ]
         )
     for count, values in told["cycles"]["by_samples"].items():
-        rows.append([f"Cycles, {count} samples", f"{values['seconds']:.2f}", NONE, NONE])
+        rows.append([f"Cycles, samples: {count}", f"{values['seconds']:.2f}", NONE, NONE])
     return table(["", "seconds", "by phase", "MB held"], rows)
+
+
+def volume_table(told: dict) -> str:
+    """What the scene was modelled by, folded away."""
+    volumes = next(iter(told["runs"].values()))["report"].get("volumes", [])
+    rows = [
+        [
+            esc(str(each.get("name"))),
+            esc(str(each.get("kind"))),
+            f" {TIMES} ".join(str(n) for n in each.get("size", ())),
+            number(each.get("voxel_size"), 4),
+            number(each.get("error_footprints")),
+            number(each.get("nbytes", 0) / 2**20, 2),
+            number(each.get("instances")),
+        ]
+        for each in volumes
+    ]
+    head = ["", "kind", "samples", "voxel size", "error, footprints", "MB", "instances"]
+    return f"<details><summary>The volumes: {len(rows)}</summary>{table(head, rows)}</details>"
 
 
 def warnings(told: dict) -> str:
