@@ -16,6 +16,7 @@ pytest.importorskip("matplotlib")
 import leapray
 
 ROOT = Path(__file__).resolve().parent.parent
+pytestmark = pytest.mark.slow
 
 
 def run(*words, cwd):
