@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import bpy
+import numpy as np
 
 import leapray
 
-from . import pipeline, properties, result, scene, tiles
+from . import model, pipeline, properties, result, scene, tiles
 
 # How the last render of each view layer went: what the JSON file holds, or why there is none.
 reports: dict[str, dict] = {}
@@ -63,6 +65,8 @@ class LeapRayEngine(bpy.types.RenderEngine):
             settings=self._settings(depsgraph),
             camera=self.camera_override,
         )
+        if self.is_preview:  # Blender lights these by area lights, which are not supported yet
+            job = replace(job, lights=(shoulder_light(job.camera),))
         n_tiles, n_done = len(tiles.split(job.width, job.height, job.settings.tile_size)), 0
 
         def progress(share: float, phase: str) -> None:
@@ -102,10 +106,20 @@ class LeapRayEngine(bpy.types.RenderEngine):
         return chosen
 
     def _cache(self, evaluated_scene) -> dict | None:
-        if evaluated_scene.render.use_persistent_data and not self.is_preview:
+        if self.is_preview:
+            return None
+        if evaluated_scene.render.use_persistent_data:
             return _volumes
         _volumes.clear()
         return None
+
+
+def shoulder_light(camera: model.Camera) -> model.Light:
+    """A sun from behind the camera, above its left shoulder, that lights white up to 1."""
+    up, right = (axis / np.linalg.norm(axis) for axis in (camera.dy, camera.dx))
+    towards = up - 0.7 * right - camera.forward
+    towards /= np.linalg.norm(towards)
+    return model.Light("Preview", "sun", (math.pi,) * 3, direction=tuple(towards.tolist()))
 
 
 def register() -> None:

@@ -130,7 +130,7 @@ class DATA_PT_leapray_light(_Panel, bpy.types.Panel):
         column.prop(light, "energy", text="Strength" if light.type == "SUN" else "Power")
         column.prop(light, "exposure")
         column.prop(light, "normalize")
-        column.prop(light, "use_shadow")
+        column.prop(light, "use_shadow", text="Shadow")
 
 
 class OBJECT_PT_leapray_visibility(_Panel, bpy.types.Panel):
