@@ -23,10 +23,7 @@ def surface_cells(samples, threshold):
     padded = np.pad(samples.astype(float), 1) >= threshold
     nz, ny, nx = (n + 1 for n in samples.shape)
     stacked = [
-        padded[z : z + nz, y : y + ny, x : x + nx]
-        for z in (0, 1)
-        for y in (0, 1)
-        for x in (0, 1)
+        padded[z : z + nz, y : y + ny, x : x + nx] for z in (0, 1) for y in (0, 1) for x in (0, 1)
     ]
     return np.any(stacked, axis=0) & ~np.all(stacked, axis=0)
 

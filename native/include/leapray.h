@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 3 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 4 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -231,17 +231,22 @@ typedef enum lr_mode {
 
 typedef enum lr_hit_test {
     LR_HIT_FACES = 0,  /* f on the cell's faces only: loses double roots */
-    LR_HIT_EXTREMA = 1 /* and at the extrema of the cubic between them */
+    LR_HIT_EXTREMA = 1, /* and at the extrema of the cubic between them */
+    LR_HIT_UNIFORM = 2  /* at equidistant points along the ray: loses what lies between; not for
+                           sheets; with the roots bisect and linear only */
 } lr_hit_test;
 
 typedef enum lr_root {
     LR_ROOT_NEWTON = 0, /* Newton's steps inside a bracket */
-    LR_ROOT_LINEAR = 1  /* one linear interpolation */
+    LR_ROOT_LINEAR = 1, /* one linear interpolation */
+    LR_ROOT_BISECT = 2, /* halving the bracket */
+    LR_ROOT_CUBIC = 3   /* the closed form, and one step of Newton */
 } lr_root;
 
 typedef enum lr_normal {
     LR_NORMAL_CENTRAL = 0, /* central differences at the corners, interpolated */
-    LR_NORMAL_ANALYTIC = 1 /* gradient of the trilinear field */
+    LR_NORMAL_ANALYTIC = 1, /* gradient of the trilinear field */
+    LR_NORMAL_SMOOTH = 2    /* analytic gradients of the eight cells around, blended */
 } lr_normal;
 
 typedef struct lr_trace_options {
@@ -249,6 +254,7 @@ typedef struct lr_trace_options {
     int32_t hit_test; /* lr_hit_test */
     int32_t root;     /* lr_root */
     int32_t normal;   /* lr_normal */
+    double step;      /* of the uniform hit test, in voxels, above 0 */
 } lr_trace_options;
 
 /* Where a secondary ray leaves a surface: the search in this cell takes the

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 3
+LR_ABI = 4
 
 
 class lr_status(IntEnum):
@@ -50,16 +50,20 @@ class lr_mode(IntEnum):
 class lr_hit_test(IntEnum):
     LR_HIT_FACES = 0
     LR_HIT_EXTREMA = 1
+    LR_HIT_UNIFORM = 2
 
 
 class lr_root(IntEnum):
     LR_ROOT_NEWTON = 0
     LR_ROOT_LINEAR = 1
+    LR_ROOT_BISECT = 2
+    LR_ROOT_CUBIC = 3
 
 
 class lr_normal(IntEnum):
     LR_NORMAL_CENTRAL = 0
     LR_NORMAL_ANALYTIC = 1
+    LR_NORMAL_SMOOTH = 2
 
 
 class lr_projection(IntEnum):
@@ -85,9 +89,9 @@ LR_KIND_AUTO, LR_KIND_SOLID, LR_KIND_SHEET = lr_kind
 (LR_METRIC_CHESSBOARD,) = lr_metric
 LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT = lr_traverser_flag
 LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
-LR_HIT_FACES, LR_HIT_EXTREMA = lr_hit_test
-LR_ROOT_NEWTON, LR_ROOT_LINEAR = lr_root
-LR_NORMAL_CENTRAL, LR_NORMAL_ANALYTIC = lr_normal
+LR_HIT_FACES, LR_HIT_EXTREMA, LR_HIT_UNIFORM = lr_hit_test
+LR_ROOT_NEWTON, LR_ROOT_LINEAR, LR_ROOT_BISECT, LR_ROOT_CUBIC = lr_root
+LR_NORMAL_CENTRAL, LR_NORMAL_ANALYTIC, LR_NORMAL_SMOOTH = lr_normal
 LR_PERSPECTIVE, LR_ORTHOGRAPHIC = lr_projection
 LR_LIGHT_SUN, LR_LIGHT_POINT = lr_light_kind
 LR_VISIBLE_CAMERA, LR_VISIBLE_SHADOW, LR_VISIBLE_DIFFUSE = lr_visibility
@@ -192,6 +196,7 @@ class lr_trace_options(ctypes.Structure):
         ("hit_test", ctypes.c_int32),
         ("root", ctypes.c_int32),
         ("normal", ctypes.c_int32),
+        ("step", ctypes.c_double),
     )
 
 

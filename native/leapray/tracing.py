@@ -20,9 +20,22 @@ from .volume import Volume
 PART = 65536  # rays that a thread takes at a time
 
 MODES = {"surface": _abi.LR_MODE_SURFACE, "binary": _abi.LR_MODE_BINARY}
-HIT_TESTS = {"extrema": _abi.LR_HIT_EXTREMA, "faces": _abi.LR_HIT_FACES}
-ROOTS = {"newton": _abi.LR_ROOT_NEWTON, "linear": _abi.LR_ROOT_LINEAR}
-NORMALS = {"central": _abi.LR_NORMAL_CENTRAL, "analytic": _abi.LR_NORMAL_ANALYTIC}
+HIT_TESTS = {
+    "extrema": _abi.LR_HIT_EXTREMA,
+    "faces": _abi.LR_HIT_FACES,
+    "uniform": _abi.LR_HIT_UNIFORM,
+}
+ROOTS = {
+    "newton": _abi.LR_ROOT_NEWTON,
+    "bisect": _abi.LR_ROOT_BISECT,
+    "cubic": _abi.LR_ROOT_CUBIC,
+    "linear": _abi.LR_ROOT_LINEAR,
+}
+NORMALS = {
+    "central": _abi.LR_NORMAL_CENTRAL,
+    "analytic": _abi.LR_NORMAL_ANALYTIC,
+    "smooth": _abi.LR_NORMAL_SMOOTH,
+}
 METRICS = {"chessboard": _abi.LR_METRIC_CHESSBOARD}
 
 
@@ -176,7 +189,7 @@ class Hits:
 
 
 def trace_options(
-    *, mode="surface", hit_test="extrema", root="newton", normal="central"
+    *, mode="surface", hit_test="extrema", root="newton", normal="central", step=1.0
 ) -> _abi.lr_trace_options:
     """The C options that these names stand for. Raises LeapRayError that lists the names."""
     return _abi.lr_trace_options(
@@ -184,6 +197,7 @@ def trace_options(
         hit_test=choice(HIT_TESTS, hit_test, "hit test"),
         root=choice(ROOTS, root, "root finder"),
         normal=choice(NORMALS, normal, "normal"),
+        step=float(step),
     )
 
 
@@ -198,6 +212,7 @@ def trace(
     hit_test: str = "extrema",
     root: str = "newton",
     normal: str = "central",
+    step: float = 1.0,
     start: tuple[ArrayLike, ArrayLike] | None = None,
     threads: int = 1,
     count: bool = True,
@@ -208,7 +223,8 @@ def trace(
     Directions need not be unit; rays without direction or with a NaN or an
     infinity miss. t_min (default 0) and t_max (default infinity): a number or
     one per ray. mode "surface" finds the first crossing of f = T in either
-    direction, "binary" the first object cell. start: cells (n, 3) and sides (n,)
+    direction, "binary" the first object cell. step: of the uniform hit test, in
+    voxels. start: cells (n, 3) and sides (n,)
     of rays that leave a surface: side -1 where f < T, +1 where f >= T, 0 unknown.
     count: fill counters. Raises LeapRayError for shapes and unknown names,
     Stopped when watch was told to stop.
@@ -217,7 +233,7 @@ def trace(
     if o.shape != d.shape:
         raise LeapRayError(f"there are {o.shape[1]} origins but {d.shape[1]} directions")
     n = o.shape[1]
-    chosen = trace_options(mode=mode, hit_test=hit_test, root=root, normal=normal)
+    chosen = trace_options(mode=mode, hit_test=hit_test, root=root, normal=normal, step=step)
     low, high = per_ray(t_min, n, "t_min"), per_ray(t_max, n, "t_max")
     starts = None if start is None else _starts(start, n)
     t, cell = np.empty(n), np.empty((3, n), np.int32)

@@ -15,6 +15,7 @@
 
 #include "trace/output.h"
 #include "trace/traverser.h"
+#include "trace/uniform.h"
 
 #define LR_JOIN_(a, b, c) a##b##c
 #define LR_JOIN(a, b, c)  LR_JOIN_(a, b, c)
@@ -101,10 +102,11 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
             break;
         }
         lr_found found;
-        double corner[8];
         n_tests++;
-        if (lr_hit_cell(v, &r, &u, side, options, &found, corner, &n_samples)) {
-            lr_put_surface(v, hits, i, u.c, &found, corner, d, options->normal);
+        if (options->hit_test == LR_HIT_UNIFORM
+                ? lr_hit_uniform(v, &r, &u, t_min, side, options, &found, &n_samples)
+                : lr_hit_cell(v, &r, &u, side, options, &found, &n_samples)) {
+            lr_put_surface(v, hits, i, &found, d, options->normal);
             hit = true;
             break;
         }

@@ -8,14 +8,15 @@
  * lost. The first interval with a change of sides holds the first root.
  *
  * Source: Sramek 1994, section 5 (faces, int); Marmitt, Kleer, Wald et al. 2004
- * (splitting at extrema). Departures: 1. coefficients are taken at the entry, not
- * at the ray's origin; 2. the root is bracketed always.
+ * (splitting at extrema). Departure: coefficients are taken at the entry, not at
+ * the ray's origin.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_HIT_H
 #define LR_HIT_H
 
 #include "trace/ray.h"
+#include "trace/root.h"
 #include "volume/field.h"
 
 /* A ray's way through one cell. */
@@ -29,7 +30,9 @@ typedef struct lr_chord {
 
 typedef struct lr_found {
     double t;
-    double p[3]; /* cell coordinates */
+    int32_t c[3]; /* storage cell */
+    double p[3];  /* cell coordinates */
+    double corner[8];
 } lr_found;
 
 /* f on the face where coordinate a is 0 or 1. */
@@ -80,11 +83,6 @@ LR_INLINE void lr_chord_cubic(lr_chord *h)
     h->c[3] = xyz * e[0] * e[1] * e[2];
 }
 
-LR_INLINE double lr_cubic(const double c[4], double x)
-{
-    return ((c[3] * x + c[2]) * x + c[1]) * x + c[0];
-}
-
 /* Ascending extrema of the cubic inside (0, 1); how many. */
 LR_INLINE int lr_cubic_extrema(const double c[4], double x[2])
 {
@@ -107,48 +105,10 @@ LR_INLINE int lr_cubic_extrema(const double c[4], double x[2])
     return n;
 }
 
-/* The root of cubic = level in [a, b], where the field lies on side `above` at a
- * and on the other one at b. Newton's steps, halved where they leave the bracket. */
-LR_INLINE double lr_root_newton(const double c[4], double level, double a, double b, bool above,
-                                uint64_t *n_samples)
-{
-    double fa = lr_cubic(c, a) - level, fb = lr_cubic(c, b) - level;
-    *n_samples += 2;
-    if ((fa >= 0.0) != above) /* rounding put the start on the other side already */
-        return a;
-    if ((fb >= 0.0) == above)
-        return b;
-    double x = a + (b - a) * fa / (fa - fb);
-    const double enough = 1e-13; /* of a chord of at most sqrt(3) voxels */
-    for (int step = 0; step < 60 && b - a > enough; step++) {
-        if (!(x > a && x < b))
-            x = 0.5 * (a + b);
-        double fx = lr_cubic(c, x) - level;
-        ++*n_samples;
-        if ((fx >= 0.0) == above)
-            a = x;
-        else
-            b = x;
-        double slope = (3.0 * c[3] * x + 2.0 * c[2]) * x + c[1];
-        double next = x - fx / slope; /* NaN and infinity are caught above */
-        if (fabs(next - x) <= enough)
-            return lr_clamp(next, a, b);
-        x = next;
-    }
-    return 0.5 * (a + b);
-}
-
-LR_INLINE double lr_root_linear(double level, double a, double fa, double b, double fb)
-{
-    double x = a + (b - a) * (level - fa) / (fb - fa);
-    return x >= a && x <= b ? x : a;
-}
-
 /* side: where the ray starts in this cell, -1 below T, +1 at or above, 0: as f
  * says. A ray that starts on the surface always looks at the extrema. */
 LR_INLINE bool lr_hit_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side,
-                           const lr_trace_options *options, lr_found *found, double corner[8],
-                           uint64_t *n_samples)
+                           const lr_trace_options *options, lr_found *found, uint64_t *n_samples)
 {
     lr_chord h;
     int axis_out;
@@ -163,32 +123,35 @@ LR_INLINE bool lr_hit_cell(const lr_volume *v, const lr_ray *r, const lr_cursor 
     if (!change && !extrema)
         return false;
     lr_chord_cubic(&h);
-    double a = 0.0, b = 1.0, fa = h.f_in, fb = h.f_out, x[2];
+    double x[2];
+    lr_bracket k = {0.0, 1.0, h.f_in, h.f_out, above};
     bool bracketed = change;
     int n = extrema ? lr_cubic_extrema(h.c, x) : 0;
     for (int i = 0; i < n; i++) {
         double f = lr_cubic(h.c, x[i]);
         ++*n_samples;
         if ((f >= level) != above) {
-            b = x[i];
-            fb = f;
+            k.b = x[i];
+            k.fb = f;
             bracketed = true;
             break;
         }
-        a = x[i];
-        fa = f;
+        k.a = x[i];
+        k.fa = f;
     }
     if (!bracketed)
         return false;
-    double at = options->root == LR_ROOT_LINEAR
-                    ? lr_root_linear(level, a, fa, b, fb)
-                    : lr_root_newton(h.c, level, a, b, above, n_samples);
+    double at = options->root == LR_ROOT_LINEAR   ? lr_root_linear(level, k)
+                : options->root == LR_ROOT_NEWTON ? lr_root_newton(h.c, level, k, n_samples)
+                : options->root == LR_ROOT_BISECT ? lr_root_bisect(h.c, level, k, n_samples)
+                                                  : lr_root_cubic(h.c, level, k, n_samples);
     found->t = h.t_in + at * (h.t_out - h.t_in);
     if (!(found->t <= r->t_max)) /* asked only now, so that t does not depend on it */
         return false;
     for (int i = 0; i < 3; i++)
         found->p[i] = h.in[i] + at * (h.out[i] - h.in[i]);
-    memcpy(corner, h.corner, sizeof h.corner);
+    memcpy(found->c, u->c, sizeof found->c);
+    memcpy(found->corner, h.corner, sizeof h.corner);
     return true;
 }
 

@@ -75,11 +75,12 @@ LR_INLINE int32_t lr_nearest_id(const lr_volume *v, const int32_t c[3], const do
     return id;
 }
 
-/* A surface hit in storage cell c; d is the ray's direction in object space. */
+/* A surface hit; d is the ray's direction in object space. */
 LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t i,
-                              const int32_t c[3], const lr_found *found, const double corner[8],
-                              const double d[3], int32_t normal_kind)
+                              const lr_found *found, const double d[3], int32_t normal_kind)
 {
+    const int32_t *c = found->c;
+    const double *corner = found->corner;
     hits->t[i] = found->t;
     lr_put_cell(hits, i, c);
     if (hits->id != NULL)
@@ -94,8 +95,11 @@ LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t 
     if (hits->nx == NULL)
         return;
     memcpy(central, field, sizeof central);
-    if (normal_kind == LR_NORMAL_CENTRAL) {
-        lr_central_gradient(v, c, found->p, g);
+    if (normal_kind != LR_NORMAL_ANALYTIC) {
+        if (normal_kind == LR_NORMAL_CENTRAL)
+            lr_central_gradient(v, c, found->p, g);
+        else
+            lr_smooth_gradient(v, c, found->p, g);
         if (!lr_outward(v, g, central))
             memcpy(central, field, sizeof central);
     }

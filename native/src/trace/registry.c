@@ -105,20 +105,34 @@ uint64_t lr_structure_nbytes(const lr_structure *s)
     return s->nbytes;
 }
 
-static lr_status check_options(const lr_trace_options *o, lr_error *error)
+static lr_status check_options(const lr_volume *volume, const lr_trace_options *o, lr_error *error)
 {
     if (o->mode < LR_MODE_SURFACE || o->mode > LR_MODE_BINARY)
         return lr_fail(error, LR_E_ARGUMENT, "mode %d is neither surface (0) nor binary (1)",
                        o->mode);
-    if (o->hit_test < LR_HIT_FACES || o->hit_test > LR_HIT_EXTREMA)
-        return lr_fail(error, LR_E_ARGUMENT, "hit test %d is neither faces (0) nor extrema (1)",
-                       o->hit_test);
-    if (o->root < LR_ROOT_NEWTON || o->root > LR_ROOT_LINEAR)
-        return lr_fail(error, LR_E_ARGUMENT, "root finder %d is neither newton (0) nor linear (1)",
+    if (o->hit_test < LR_HIT_FACES || o->hit_test > LR_HIT_UNIFORM)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "hit test %d is none of faces (0), extrema (1), uniform (2)", o->hit_test);
+    if (o->root < LR_ROOT_NEWTON || o->root > LR_ROOT_CUBIC)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "root finder %d is none of newton (0), linear (1), bisect (2), cubic (3)",
                        o->root);
-    if (o->normal < LR_NORMAL_CENTRAL || o->normal > LR_NORMAL_ANALYTIC)
-        return lr_fail(error, LR_E_ARGUMENT, "normal %d is neither central (0) nor analytic (1)",
-                       o->normal);
+    if (o->normal < LR_NORMAL_CENTRAL || o->normal > LR_NORMAL_SMOOTH)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "normal %d is none of central (0), analytic (1), smooth (2)", o->normal);
+    if (o->hit_test != LR_HIT_UNIFORM)
+        return LR_OK;
+    if (o->root == LR_ROOT_NEWTON || o->root == LR_ROOT_CUBIC)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the uniform hit test brackets across cells, where the field has no one "
+                       "cubic: its root finder must be bisect or linear");
+    if (!(o->step >= 1e-3 && o->step <= 1e3))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "step must lie between 0.001 and 1000 voxels; it is %g", o->step);
+    if (volume->desc.kind == LR_KIND_SHEET)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "a sheet's field holds only in the cells that it touches: the uniform hit "
+                       "test would look beside them");
     return LR_OK;
 }
 
@@ -126,7 +140,7 @@ lr_status lr_trace(const lr_structure *s, const lr_rays *rays, uint64_t n,
                    const lr_trace_options *options, const lr_hits *hits, lr_counters *counters,
                    const lr_watch *watch, lr_error *error)
 {
-    lr_status status = check_options(options, error);
+    lr_status status = check_options(s->volume, options, error);
     if (status != LR_OK)
         return status;
     return s->ops->trace(s->volume, s->data, rays, n, options, hits, counters, watch, error);

@@ -45,4 +45,36 @@ LR_INLINE void lr_central_gradient(const lr_volume *v, const int32_t c[3], const
     }
 }
 
+/* The analytic gradients of the 2^3 cells around the sample nearest to p, taken
+ * at p, made unit and blended: continuous across faces.
+ *
+ * Source: Hansson-Soderlund, Evans, Akenine-Moller 2022. */
+LR_INLINE void lr_smooth_gradient(const lr_volume *v, const int32_t c[3], const double p[3],
+                                  double g[3])
+{
+    double b[27], weight[3];
+    int32_t first[3];
+    for (int a = 0; a < 3; a++) {
+        const int32_t below = p[a] < 0.5;
+        first[a] = c[a] - below;
+        weight[a] = p[a] - 0.5 + below;
+    }
+    lr_block(v, first[0], first[1], first[2], 3, b);
+    memset(g, 0, 3 * sizeof *g);
+    for (int n = 0; n < 8; n++) {
+        const int o[3] = {n & 1, n >> 1 & 1, n >> 2};
+        double corner[8], q[3], slope[3], share = 1.0;
+        for (int m = 0; m < 8; m++)
+            corner[m] = b[o[0] + (m & 1) + 3 * (o[1] + (m >> 1 & 1)) + 9 * (o[2] + (m >> 2))];
+        for (int a = 0; a < 3; a++) {
+            q[a] = p[a] + (c[a] - first[a]) - o[a];
+            share *= o[a] ? weight[a] : 1.0 - weight[a];
+        }
+        lr_trilinear_gradient(corner, q, slope);
+        const double length = sqrt(lr_dot(slope, slope));
+        for (int a = 0; a < 3 && length > 0.0; a++)
+            g[a] += share * slope[a] / length;
+    }
+}
+
 #endif
