@@ -14,6 +14,7 @@ edge, and a corner that turns within two pixels looks sharp.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,7 @@ TOUCH = 1e-3  # voxels: a rim closer to a cell than this is taken as touching it
 QUANTILE = 0.99  # of the pixels keep the error
 MARGIN = 1.25  # what is measured at probes predicts that quantile within 20 %
 LOST_SHARE = 0.03  # of the pixels: wedges are always lost at their very edge
+ROUGH = 0.25  # of a voxel
 THIN = 0.25  # of a footprint: what such voxels do not find may be lost
 CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
 CREASE_VOXEL = 2.0  # footprints, the mean along creases
@@ -76,6 +78,23 @@ class Errors:
     def of_edges(self) -> float:
         """Against the bars of creases and rims; at most 1 is good enough."""
         return max(self.crease / CREASE_ERROR, self.blur / CREASE_VOXEL, self.rim / RIM_ERROR)
+
+    def levels(self, pixel_error: float) -> int:
+        """How many times the voxel must be halved at least, as far as these errors foretell it.
+
+        The error of a curved surface falls to a quarter when the voxel is halved,
+        that of an edge to half. What is more than ROUGH voxels off is no such
+        error yet: it may vanish at the next level.
+        """
+        if self.of_surface(pixel_error) > 1:
+            ratio = min(self.surface, ROUGH * self.voxel) / pixel_error
+            return max(1, math.floor(math.log2(max(ratio, 1.0)) / 2))
+        ratios = (
+            min(self.crease, ROUGH * self.blur) / CREASE_ERROR,
+            self.blur / CREASE_VOXEL,
+            self.rim / RIM_ERROR,
+        )
+        return max(1, math.floor(math.log2(max(ratios))))
 
     def sentence(self, pixel_error: float) -> str:
         """What is not good enough, or ""."""

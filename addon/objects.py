@@ -37,18 +37,23 @@ def wrong_with_mesh(mesh: model.Mesh) -> str:
         return f"its vertex {bad} has a coordinate that is not finite"
     if mesh.triangles.min() < 0 or mesh.triangles.max() >= len(mesh.vertices):
         return f"its triangles name vertices beyond its {len(mesh.vertices)}"
-    corners = mesh.vertices[mesh.triangles].astype(np.float64)
-    if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
-        return "none of its faces has an area"
     return ""
 
 
-def wrong_with_matrix(matrix: NDArray[np.float64]) -> str:
-    """Why nothing can be placed by the affine matrix (4, 4), or "". Scale does not matter."""
-    if not np.isfinite(matrix).all():
-        return "its matrix is not finite"
-    values = np.linalg.svd(matrix[:3, :3], compute_uv=False)
-    return "" if values[2] > 1e-9 * values[0] else "its matrix has no inverse (a scale of zero?)"
+def wrong_with_matrices(matrices: NDArray[np.float64]) -> list[str]:
+    """For each affine matrix (n, 4, 4) why nothing can be placed by it, or "".
+
+    Scale does not matter, only how flat it makes things.
+    """
+    finite = np.isfinite(matrices).all(axis=(1, 2))
+    linear = np.where(finite[:, None, None], matrices, 0.0)[:, :3, :3]
+    values = np.linalg.svd(linear, compute_uv=False)
+    good = values[:, 2] > 1e-9 * values[:, 0]
+    flat = "its matrix has no inverse (a scale of zero?)"
+    return [
+        "" if ok else flat if known else "its matrix is not finite"
+        for ok, known in zip(good.tolist(), finite.tolist(), strict=True)
+    ]
 
 
 def usable(scene: model.Scene, warnings: list[str]) -> list[model.Instance]:
@@ -56,15 +61,18 @@ def usable(scene: model.Scene, warnings: list[str]) -> list[model.Instance]:
 
     Raises SceneError where there were some and none is left.
     """
-    verdicts = {i: wrong_with_mesh(scene.meshes[i]) for i in {i.mesh for i in scene.instances}}
+    if not scene.instances:
+        return []
+    of_meshes = {i: wrong_with_mesh(scene.meshes[i]) for i in {i.mesh for i in scene.instances}}
+    placed = np.array([i.world_from_object for i in scene.instances], np.float64)
     good = []
-    for instance in scene.instances:
-        why = verdicts[instance.mesh] or wrong_with_matrix(np.asarray(instance.world_from_object))
+    for instance, of_matrix in zip(scene.instances, wrong_with_matrices(placed), strict=True):
+        why = of_meshes[instance.mesh] or of_matrix
         if why:
             warnings.append(f"{instance.name!r} is skipped: {why}.")
         else:
             good.append(instance)
-    if scene.instances and not good:
+    if not good:
         raise nothing_left(warnings)
     return good
 

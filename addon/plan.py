@@ -81,7 +81,8 @@ class Plan:
 def coarsest(mesh: model.Mesh) -> float:
     """The largest power of two that puts at least COARSEST / 2 voxels along the longest side."""
     used = mesh.vertices[np.unique(mesh.triangles)].astype(np.float64)
-    return 2.0 ** math.ceil(math.log2(np.ptp(used, axis=0).max() / COARSEST))
+    longest = np.ptp(used, axis=0).max()
+    return 2.0 ** math.ceil(math.log2(longest / COARSEST)) if longest > 0 else 1.0
 
 
 class Planner:
@@ -189,7 +190,7 @@ class Planner:
                 f"the level needs {measure.nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
             )
         self._drop(work)
-        work.measure, work.structure = measure, structure
+        work.measure, work.structure, work.stuck = measure, structure, ""
         if work.weights is None:
             work.weights = probes.weigh(self._probes(work), self.scene, work.matrices)
         work.errors = errors.seen(measure, work.weights)
@@ -239,7 +240,8 @@ class Planner:
         except leapray.Stopped:
             raise
         except leapray.LeapRayError as error:
-            self.warnings.append(f"{work.name!r} is skipped: {error}.")
+            who = f"A part of {work.name!r}" if work.part else repr(work.name)
+            self.warnings.append(f"{who} is skipped: {error}.")
             return
         self.works.append(work)
 
@@ -264,7 +266,7 @@ class Planner:
             self.advance(0.3 + 0.7 * (1.0 - left / total))
 
     def _refine_one(self, work: Work) -> bool:
-        """One level finer; False where that cannot be, and work.stuck says why."""
+        """Some levels finer; False where not even one can be, and work.stuck says why."""
         bar = self.settings.pixel_error
         room = self.budget - self.held()
         edges_only = work.needs(bar)[0] <= 1.0
@@ -273,21 +275,21 @@ class Planner:
         if len(work.history) > 3 and work.history[-1] > 0.9 * work.history[-4]:
             work.stuck = "halving the voxels three times did not help"
             return False
-        try:
-            self._enter(work, work.measure.voxel_size / 2, room)
-        except leapray.Stopped:
-            raise
-        except leapray.OutOfMemory:
-            work.stuck = (
-                f"its edges may take a {round(1 / EDGE_SHARE)}th of the memory budget"
-                if edges_only and room < self.budget - self.held()
-                else "the memory budget ends"
-            )
-            return False
-        except leapray.LeapRayError as error:
-            work.stuck = str(error)
-            return False
-        return True
+        for levels in range(work.errors.levels(bar), 0, -1):
+            try:
+                self._enter(work, work.measure.voxel_size / 2**levels, room)
+                return True
+            except leapray.Stopped:
+                raise
+            except leapray.OutOfMemory:
+                work.stuck = (
+                    f"its edges may take a {round(1 / EDGE_SHARE)}th of the memory budget"
+                    if edges_only and room < self.budget - self.held()
+                    else "the memory budget ends"
+                )
+            except leapray.LeapRayError as error:
+                work.stuck = str(error)
+        return False
 
     def finish(self, instances: list[model.Instance]) -> Plan:
         """Make what is still missing, and put the instances together."""

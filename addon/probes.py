@@ -98,51 +98,68 @@ def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes
     breathe is called every few hundred milliseconds per million triangles; it may raise.
     """
     random = np.random.default_rng(SEED)
-    corners = mesh.vertices.astype(np.float64)[mesh.triangles]  # (m, 3, 3)
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals, area = _unit(cross), 0.5 * np.linalg.norm(cross, axis=1)
+    vertices, triangles = mesh.vertices, mesh.triangles
+    longest = float(np.ptp(vertices, axis=0).max())  # the unit of what follows: f32 overflows
+    a, b, c = (vertices[triangles[:, k]] / np.float32(longest) for k in range(3))
+    cross = np.cross(b - a, c - a)
+    area = np.linalg.norm(cross, axis=1).astype(np.float64) * (longest * longest / 2)
 
     breathe()
     chosen, u = _spread(area, N_SURFACE, random)
     u, v = np.sqrt(u), random.random(N_SURFACE)
     weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
-    surface = np.einsum("nk,nkc->nc", weights, corners[chosen])
+    surface = np.einsum("nk,nkc->nc", weights, vertices[triangles[chosen]])
+
+    def normals(some: NDArray[np.int64]) -> Points:
+        """Of some triangles, given by any of their half-edges."""
+        return _unit(cross[some // 3].astype(np.float64))
+
+    def on_edges(some: NDArray[np.int64]) -> tuple[Points, Points, NDArray[np.int64], float]:
+        """Points on half-edges, the edges' vectors, which edges they are, and the whole length."""
+        start, along = _ends(mesh, some)
+        length = np.linalg.norm(along, axis=1)
+        if not length.sum() > 0:
+            return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64), 0.0
+        at, where = _spread(length, N_EDGE, random)
+        return start[at] + where[:, None] * along[at], along[at], at, float(length.sum())
 
     breathe()
-    order, bounds = _edges(weld(mesh.vertices)[mesh.triangles])
+    order, bounds = _edges(weld(vertices)[triangles])
     breathe()
     first, count = order[bounds[:-1]], np.diff(bounds)
     second = order[np.minimum(bounds[:-1] + 1, len(order) - 1)]
-    start = corners.reshape(-1, 3)
-    along = np.roll(corners, -1, axis=1).reshape(-1, 3) - start
-    cosine = np.einsum("nc,nc->n", normals[first // 3], normals[second // 3])
-
-    def on_edges(edges):
-        length = np.linalg.norm(along[edges], axis=1)
-        if not length.sum() > 0:
-            return np.zeros((0, 3)), np.zeros(0, np.int64), 0.0
-        chosen, where = _spread(length, N_EDGE, random)
-        points = start[edges[chosen]] + where[:, None] * along[edges[chosen]]
-        return points, chosen, float(length.sum())
-
-    sharp = (count >= 2) & (cosine < CREASE_COSINE)
-    creases, chosen_creases, crease_length = on_edges(first[sharp])
-    sides = np.stack([normals[first[sharp] // 3], normals[second[sharp] // 3]], axis=1)
-    border = first[count == 1]
-    rims, chosen_rims, rim_length = on_edges(border)
-    edges = border[chosen_rims]
+    sharp = (count >= 2) & _turns(cross, first, second)
+    breathe()
+    creases, _, at, crease_length = on_edges(first[sharp])
+    sides = np.stack([normals(first[sharp][at]), normals(second[sharp][at])], axis=1)
+    rims, along, at, rim_length = on_edges(first[count == 1])
+    rim_normals = normals(first[count == 1][at])
     return Probes(
         surface=surface,
-        surface_normals=normals[chosen],
+        surface_normals=normals(3 * chosen),
         creases=creases,
-        crease_normals=sides[chosen_creases],
+        crease_normals=sides,
         rims=rims,
-        rim_normals=normals[edges // 3],
-        rim_outward=_unit(np.cross(along[edges], normals[edges // 3])),
+        rim_normals=rim_normals,
+        rim_outward=_unit(np.cross(along, rim_normals)),
         area=float(area.sum()),
         crease_length=crease_length,
         rim_length=rim_length,
     )
+
+
+def _ends(mesh: model.Mesh, half_edges: NDArray[np.int64]) -> tuple[Points, Points]:
+    """Where half-edges start, and their vectors."""
+    triangle, corner = half_edges // 3, half_edges % 3
+    start = mesh.vertices[mesh.triangles[triangle, corner]].astype(np.float64)
+    return start, mesh.vertices[mesh.triangles[triangle, (corner + 1) % 3]] - start
+
+
+def _turns(cross: NDArray[np.float32], first: NDArray, second: NDArray) -> NDArray[np.bool_]:
+    """Whether the triangles of two half-edges meet at a crease; those without area never do."""
+    a, b = cross[first // 3], cross[second // 3]
+    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    return np.einsum("nc,nc->n", a, b) < CREASE_COSINE * lengths
 
 
 # ---- views ------------------------------------------------------------------

@@ -326,6 +326,18 @@ def test_tiny_and_mirrored_objects_are_no_bad_ones():
     assert len(made.instances) == 2 and made.warnings == []
 
 
+@pytest.mark.parametrize("unit", [1e-12, 1e12])
+def test_the_unit_of_a_mesh_does_not_matter(unit):
+    mesh = scenes.box(turn=0.4)
+    other = dataclasses.replace(mesh, vertices=mesh.vertices * np.float32(unit))
+    first = make(scenes.scene([mesh])).volumes[0]
+    made = make(scenes.scene([other], [scenes.place(0, scale=1 / unit)]))
+    assert made.warnings == []
+    row = made.volumes[0]
+    assert 0.5 <= row["voxel_size"] / unit / first["voxel_size"] <= 2  # powers of two
+    assert row["crease_footprints"] <= errors.CREASE_ERROR
+
+
 # ---- one volume for all -----------------------------------------------------------------------
 
 
