@@ -98,16 +98,11 @@ def make_diffuse() -> list[str]:
     """Replace materials by diffuse ones of their base colour; returns the names of what changed."""
     changed = []
     for material in bpy.data.materials:
-        tree = material.node_tree
-        if tree is None:
-            color, plain = material.diffuse_color[:], False
-        else:
-            color, plain = base_color(material)
+        color, plain = base_color(material)
         if plain:
             continue
         changed.append(material.name)
-        material.use_nodes = True
-        tree = material.node_tree
+        tree = node_tree(material)
         tree.nodes.clear()
         bsdf = tree.nodes.new("ShaderNodeBsdfDiffuse")
         bsdf.inputs["Color"].default_value = color
@@ -116,19 +111,24 @@ def make_diffuse() -> list[str]:
     return changed
 
 
+def node_tree(owner):
+    """The node tree of a material or a world; from Blender 5 on each has one."""
+    if bpy.app.version < (5, 0):
+        owner.use_nodes = True
+    return owner.node_tree
+
+
 def base_color(material: bpy.types.Material) -> tuple[tuple[float, ...], bool]:
     """The colour by which LeapRay draws a material, and whether it is diffuse already."""
-    output = material.node_tree.get_output_node("CYCLES") or material.node_tree.get_output_node(
-        "ALL"
-    )
+    tree = material.node_tree if bpy.app.version >= (5, 0) or material.use_nodes else None
+    output = tree and (tree.get_output_node("CYCLES") or tree.get_output_node("ALL"))
     if output is not None and output.inputs["Surface"].is_linked:
         shader = output.inputs["Surface"].links[0].from_node
-        if shader.type == "BSDF_PRINCIPLED":
-            return tuple(shader.inputs["Base Color"].default_value), False
-        if shader.type == "BSDF_DIFFUSE":
-            plain = not any(socket.is_linked for socket in shader.inputs)
+        name = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}.get(shader.type)
+        if name and not shader.inputs[name].is_linked:
+            plain = name == "Color" and not any(socket.is_linked for socket in shader.inputs)
             plain = plain and shader.inputs["Roughness"].default_value == 0
-            return tuple(shader.inputs["Color"].default_value), plain
+            return tuple(shader.inputs[name].default_value), plain
     return tuple(material.diffuse_color), False
 
 
@@ -136,8 +136,7 @@ def blacken_world(scene: bpy.types.Scene) -> None:
     """Let no light come from the surroundings."""
     scene.world = bpy.data.worlds.new("Black")
     scene.world.color = (0.0, 0.0, 0.0)
-    scene.world.use_nodes = True
-    scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0, 0, 0, 1)
+    node_tree(scene.world).nodes["Background"].inputs["Color"].default_value = (0, 0, 0, 1)
 
 
 def examine(scene: bpy.types.Scene, notes: list[str]) -> Subject:
@@ -149,7 +148,7 @@ def examine(scene: bpy.types.Scene, notes: list[str]) -> Subject:
     depsgraph = bpy.context.evaluated_depsgraph_get()
     starts, ends = border_edges(depsgraph)
     suns = [
-        thing.data.energy * max(thing.data.color)
+        thing.data.energy * 2.0**thing.data.exposure * max(thing.data.color)
         for thing in scene.objects
         if thing.type == "LIGHT" and thing.data.type == "SUN" and not thing.hide_render
     ]

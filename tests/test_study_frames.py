@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scenes made comparable: the view that metrics use is Cycles'; indices, rims and materials."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+bpy = pytest.importorskip("bpy")
+pytest.importorskip("flip_evaluator")
+pytest.importorskip("matplotlib")
+
+from addon import session  # noqa: E402
+from addon.study import compare, frames  # noqa: E402
+
+SAMPLES = Path(__file__).resolve().parent.parent / "blend_samples"
+
+
+def opened(name, percentage=10):
+    scene = session.open_scene(SAMPLES / f"{name}.blend")
+    scene.render.resolution_percentage = percentage
+    return scene
+
+
+@pytest.mark.parametrize("name", ["suzanne", "cad"])  # perspective, orthographic
+def test_cycles_sees_points_where_the_view_puts_them(name, tmp_path):
+    scene = opened(name)
+    scene.camera.data.shift_x, scene.camera.data.shift_y = 0.11, -0.07
+    subject = frames.examine(scene, frames.prepare(scene))
+    frame = frames.render_cycles(scene, tmp_path / "frame.exr", 1)
+    seen = frame.index > 0
+    assert 0.2 < seen.mean() <= 1
+    film, depth = subject.view.film(frame.passes["Position"][seen].astype(float))
+    rows, columns = np.nonzero(seen)
+    # Positions are f32: 1e-4 of a pixel or so; the floor's are large.
+    assert_allclose(film, np.stack([columns, rows], axis=1) + 0.5, atol=5e-3)
+    assert_allclose(depth, frame.passes["Depth"][seen], rtol=1e-4)
+    shown = {subject.names[k] for k in np.unique(frame.index[seen])}
+    assert shown == {"suzanne": {"Suzanne", "Floor"}, "cad": {"Bracket"}}[name]
+
+
+def test_rims_of_sheets_are_seen_and_closed_meshes_have_none(tmp_path):
+    scene = opened("thin", 20)
+    subject = frames.examine(scene, frames.prepare(scene))
+    paper = bpy.data.objects["Paper"]
+    corners = np.array([paper.matrix_world @ v.co for v in paper.data.vertices])
+    ends = np.concatenate([subject.rim_starts, subject.rim_ends])
+    on_paper = (np.abs(corners[:, None] - ends[None]).max(axis=2) < 1e-5).any(axis=1)
+    assert on_paper.sum() == 2 * (40 + 28)  # the rim of its 40 x 28 faces, once around
+    frame = frames.render_cycles(scene, tmp_path / "frame.exr", 1)
+    geometry = compare.Geometry(subject, frame, frame)
+    rims, index = geometry.sheet_rims, frame.index
+    names = {name: k for k, name in subject.names.items()}
+    inside = index == names["Wires"]
+    edge = compare.metrics.mixed(index)
+    leaf = edge & (index == names["Red leaf"])
+    assert (rims & leaf).sum() > 0.95 * leaf.sum()
+    assert (rims & inside).sum() < 0.05 * inside.sum()  # where a leaf is near
+    assert geometry.told()["index"]["all"]["n"] == 0
+    assert np.nanmax(geometry.depth_error) == 0
+
+
+def test_materials_become_diffuse_of_the_colour_that_leapray_draws():
+    scene = opened("sphere")
+    glossy = bpy.data.materials.new("Glossy")
+    if glossy.node_tree is None:  # before 5.0
+        glossy.use_nodes = True
+    glossy.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (
+        0.1,
+        0.6,
+        0.3,
+        1,
+    )
+    plain = bpy.data.materials.new("Plain")
+    plain.diffuse_color = (0.7, 0.2, 0.1, 1)
+    if plain.node_tree is not None:
+        plain.node_tree.nodes.clear()
+    notes = frames.prepare(scene)
+    assert [note.split()[0] for note in notes if "Coral" in note] == []  # is diffuse as it is
+    assert any("Glossy" in note for note in notes)
+    for material, color in ((glossy, (0.1, 0.6, 0.3)), (plain, (0.7, 0.2, 0.1))):
+        output = material.node_tree.get_output_node("CYCLES")
+        shader = output.inputs["Surface"].links[0].from_node
+        assert shader.type == "BSDF_DIFFUSE"
+        assert_allclose(shader.inputs["Color"].default_value[:3], color, rtol=1e-6)
+
+
+def test_white_is_what_a_lit_white_plane_shows(tmp_path):
+    scene = opened("sphere")
+    ball = bpy.data.objects["Ball"]
+    sun = next(each for each in scene.objects if each.type == "LIGHT")
+    ball.modifiers.clear()
+    bpy.data.materials["Coral"].node_tree.nodes["Diffuse BSDF"].inputs[0].default_value = (1,) * 4
+    scene.camera.matrix_world = sun.matrix_world
+    subject = frames.examine(scene, frames.prepare(scene))
+    frames.blacken_world(scene)
+    frame = frames.render_cycles(scene, tmp_path / "frame.exr", 1)
+    brightest = frame.passes["Combined"][..., :3].max()
+    assert brightest == pytest.approx(subject.white, rel=0.01)
