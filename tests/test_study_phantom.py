@@ -12,6 +12,7 @@ from numpy.testing import assert_array_equal
 pytest.importorskip("matplotlib")
 
 import leapray
+from addon import cli
 from addon.study import phantom
 
 
@@ -98,6 +99,13 @@ def test_a_quick_study_writes_what_it_promises(tmp_path, monkeypatch):
     text = (output / "phantom.html").read_text()
     assert "http" not in text.replace("http-equiv", "")
     assert text.count("data:image/png;base64,") == 3
+
+
+def test_the_command_line_offers_the_study(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(phantom, "main", lambda args: asked.append(args) or 0)
+    assert cli.main(["study", "phantom", "--quick", "--output", str(tmp_path / "made")]) == 0
+    assert asked[0].quick and asked[0].output == tmp_path / "made"
 
 
 def test_an_output_that_cannot_be_is_refused_before_any_work(tmp_path):

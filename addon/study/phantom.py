@@ -34,7 +34,7 @@ import leapray
 from . import charts, page
 from .folder import result_folder
 
-STUDY = True  # the command line offers it
+STUDY = True
 
 RADIUS = 40 / 128  # r1 by the cube's side
 IMAGE = 250  # pixels along each side
