@@ -8,14 +8,14 @@ do not need it can be used without.
 
 def register() -> None:
     """Make the engine, its settings, panels and command known to Blender."""
-    from . import cli, engine, properties, ui
+    from . import cli, engine, operators, properties, ui
 
-    for part in (properties, engine, ui, cli):
+    for part in (properties, engine, operators, ui, cli):
         part.register()
 
 
 def unregister() -> None:
-    from . import cli, engine, properties, ui
+    from . import cli, engine, operators, properties, ui
 
-    for part in (cli, ui, engine, properties):
+    for part in (cli, ui, operators, engine, properties):
         part.unregister()

@@ -4,10 +4,6 @@
 Everything is copied while it is read, so that nothing of Blender's is touched
 once `read` returns. What LeapRay cannot draw is left out with one warning per
 feature, and a bad object with one per reason; both name the objects.
-
-Light units are Blender's, as measured on a white diffuse plane in Cycles: a
-sun of strength S gives S watts per square metre on a plane that faces it, a
-point light of P watts a radiant intensity of P / 4 pi per steradian.
 """
 
 from __future__ import annotations
@@ -20,12 +16,10 @@ from numpy.typing import NDArray
 
 from leapray import LeapRayError
 
-from . import model
+from . import colors, model
 
 # A 4x4 of float32 whose axes lie in a plane still shows this much thickness.
 FLAT = 4 * np.finfo(np.float32).eps
-
-NO_MATERIAL = model.Material("", (0.8, 0.8, 0.8))  # what Cycles gives to an empty slot
 
 NO_FACES = "its mesh has no faces"
 
@@ -81,7 +75,7 @@ def read(
         materials=tuple(objects.materials),
         lights=tuple(objects.lights),
         camera=film,
-        world_color=_world_color(world, notes),
+        world_color=colors.of_world(world, notes),
         film_transparent=scene.render.film_transparent,
         width=border.width,
         height=border.height,
@@ -236,19 +230,16 @@ class _Objects:
 
     def _mesh(self, ob) -> int | str:
         """The index of the object's mesh, or what is wrong with it."""
-        edited = ob.mode == "EDIT"  # then ob.data may be a wrapper without arrays
         key = ob.data.as_pointer()
         if key not in self._mesh_at:
+            edited = ob.mode == "EDIT"  # then ob.data may be a wrapper without arrays
             try:
-                read = read_mesh(ob.to_mesh() if edited else ob.data, ob.data.name)
+                mesh = read_object_mesh(ob) if edited else read_mesh(ob.data, ob.data.name)
             except LeapRayError as error:
                 self._mesh_at[key] = str(error)
             else:
                 self._mesh_at[key] = len(self.meshes)
-                self.meshes.append(read)
-            finally:
-                if edited:
-                    ob.to_mesh_clear()
+                self.meshes.append(mesh)
         return self._mesh_at[key]
 
     def _slots(self, ob) -> tuple[int, ...]:
@@ -263,7 +254,7 @@ class _Objects:
         name = material.name_full if material else ""
         if name not in self._material_at:
             self._material_at[name] = len(self.materials)
-            self.materials.append(_read_material(material, self.notes) if material else NO_MATERIAL)
+            self.materials.append(colors.of_material(material, self.notes))
         return self._material_at[name]
 
     def _take_light(self, instance, ob) -> None:
@@ -274,7 +265,7 @@ class _Objects:
         if not np.isfinite(matrix).all() or not np.any(matrix[:3, 2]):
             self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
             return
-        color = _light_color(light, self.notes, ob.name)
+        color = colors.of_light(light, self.notes, ob.name)
         if not ob.visible_diffuse or not np.any(color):
             return
         self.lights.append(
@@ -287,6 +278,18 @@ class _Objects:
                 casts_shadow=light.use_shadow,
             )
         )
+
+
+def read_object_mesh(ob) -> model.Mesh:
+    """A copy of the mesh that an evaluated object of any type has. Raises as read_mesh does."""
+    try:
+        mesh = ob.to_mesh()
+    except RuntimeError:  # a light, an empty, ...
+        raise LeapRayError(NO_FACES) from None
+    try:
+        return read_mesh(mesh, ob.data.name)
+    finally:
+        ob.to_mesh_clear()
 
 
 def read_mesh(mesh, name: str) -> model.Mesh:
@@ -339,120 +342,6 @@ def _has_hair(ob) -> bool:
         and modifier.particle_system.settings.render_type == "PATH"
         for modifier in ob.modifiers
     )
-
-
-# ---- materials, lights, world --------------------------------------------
-
-
-def _read_material(material, notes: _Notes) -> model.Material:
-    """Base colour of Principled or Diffuse BSDF, else the viewport colour."""
-    viewport = tuple(material.diffuse_color[:3])
-    tree = _node_tree(material)
-    output = tree.get_output_node("CYCLES") if tree else None
-    if output is None:
-        return model.Material(material.name, viewport)
-    if _source(output.inputs["Displacement"]):
-        notes.unsupported("Displacement is", material.name)
-    if _source(output.inputs["Volume"]):
-        notes.unsupported("Volumes are", material.name)
-    socket = {
-        "ShaderNodeBsdfPrincipled": "Base Color",
-        "ShaderNodeBsdfDiffuse": "Color",
-    }
-    surface = _source(output.inputs["Surface"])
-    node = surface.node if surface else None
-    color = None
-    if node and node.bl_idname in socket:
-        color = _constant(node.inputs[socket[node.bl_idname]])
-    if color is None:
-        notes.replaced("viewport colour", material.name)
-        color = viewport
-    return model.Material(material.name, tuple(color[:3]))
-
-
-def _light_color(light, notes: _Notes, name: str) -> NDArray[np.float64]:
-    """Irradiance of a sun on a plane that faces it; radiant intensity of a point light."""
-    strength = light.energy * 2.0**light.exposure
-    if light.type == "SUN":
-        if not light.normalize and light.angle > 0:  # energy is then the disk's radiance
-            strength *= np.pi * np.sin(min(light.angle, np.pi) / 2) ** 2
-    elif light.normalize:
-        strength /= 4 * np.pi
-    else:  # energy / pi is then the radiance of a sphere of that size
-        strength *= light.shadow_soft_size**2 or 1 / np.pi
-    color = strength * np.array(light.color, np.float64)
-    if light.use_temperature:
-        color *= light.temperature_color
-    tree = _node_tree(light)
-    output = tree.get_output_node("CYCLES") if tree else None
-    if output:
-        emission = _emitted(output, "ShaderNodeEmission")
-        if emission is None:
-            notes.unsupported("Light nodes other than a plain Emission are", name)
-        else:
-            color *= emission
-    return color
-
-
-def _world_color(world, notes: _Notes) -> tuple[float, float, float]:
-    """Colour times strength of the Background node, else the world's own colour."""
-    if world is None:
-        return (0.0, 0.0, 0.0)
-    tree = _node_tree(world)
-    output = tree.get_output_node("CYCLES") if tree else None
-    if output is None:
-        return tuple(world.color)
-    if _source(output.inputs["Volume"]):
-        notes.unsupported("Volumes are", world.name)
-    color = _emitted(output, "ShaderNodeBackground")
-    if color is None:
-        notes.unsupported("Environment textures and other world shaders are", world.name)
-        return tuple(world.color)
-    return tuple(color.tolist())
-
-
-def _emitted(output, node_type: str) -> NDArray[np.float64] | None:
-    """Colour times strength of the emitting node at an output: 0 without a node, None where
-    it is another node or not constant."""
-    surface = _source(output.inputs["Surface"])
-    if surface is None:
-        return np.zeros(3)
-    if surface.node.bl_idname != node_type:
-        return None
-    color, strength = (_constant(surface.node.inputs[name]) for name in ("Color", "Strength"))
-    if color is None or strength is None:
-        return None
-    return np.array(color[:3], np.float64) * strength
-
-
-def _node_tree(block):
-    """The shader nodes of a material, light or world; None where it does not use them."""
-    import bpy
-
-    if bpy.app.version >= (5, 0) or block.use_nodes:  # from 5.0 on they are always used
-        return block.node_tree
-    return None
-
-
-def _source(socket):
-    """The output socket that feeds an input, through reroutes; None where nothing does."""
-    while True:
-        link = next((link for link in socket.links if link.is_valid and not link.is_muted), None)
-        if link is None:
-            return None
-        if link.from_node.bl_idname != "NodeReroute":
-            return link.from_socket
-        socket = link.from_node.inputs[0]
-
-
-def _constant(socket):
-    """The constant that an input has: its own, or that of an RGB or Value node; else None."""
-    source = _source(socket)
-    if source is None:
-        return socket.default_value
-    if source.node.bl_idname in ("ShaderNodeRGB", "ShaderNodeValue"):
-        return source.default_value
-    return None
 
 
 # ---- warnings ------------------------------------------------------------

@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 
 import addon
 import leapray
-from addon import engine, model, pipeline, properties, result, session, ui
+from addon import engine, model, pipeline, plan, properties, result, session, ui, volumes
 
 
 @pytest.fixture
@@ -218,3 +218,21 @@ def test_panels_join_and_leave():
     finally:
         addon.register()
     assert {panel.__name__ for panel in joined()} == names
+
+
+def test_an_objects_volume_is_exported_as_it_is_voxelized(scene, tmp_path):
+    cube = bpy.data.objects["Cube"]
+    cube.modifiers.new("Bevel", "BEVEL").width = 0.3
+    bpy.context.view_layer.objects.active = cube
+    path = tmp_path / "cube.vdb"
+    bpy.ops.object.leapray_export_vdb(filepath=str(path), resolution=40)
+    got = volumes.read(path)
+    (mine,) = (m for m in read().meshes if m.name == "Cube")
+    assert len(mine.triangles) > 12
+    want = leapray.voxelize(mine.vertices, mine.triangles, plan.fixed_size(mine, 40))
+    assert got.info.size == want.info.size and 38 <= max(got.info.size) <= 48
+    assert_array_equal(got.read((0, 0, 0), got.info.size), want.read((0, 0, 0), want.info.size))
+    for bad in (scene.camera, put("Empty", None)):
+        bpy.context.view_layer.objects.active = bad
+        with pytest.raises(RuntimeError, match=f"'{bad.name}' is not exported: its mesh has no"):
+            bpy.ops.object.leapray_export_vdb(filepath=str(path))

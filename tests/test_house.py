@@ -42,7 +42,7 @@ LAYERS = {
         "errors parts",
         "plan",
         "pipeline",
-        "scene result properties",
+        "colors scene result properties",
         "engine",
         "session",
         "study",
