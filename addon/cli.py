@@ -184,12 +184,12 @@ def render(args: argparse.Namespace) -> int:
 
 def compare(args: argparse.Namespace) -> int:
     """Hand on to the comparison with Cycles."""
-    return study_module("compare").main(args)
+    return hand_on("compare", args)
 
 
 def study(args: argparse.Namespace) -> int:
     """Hand on to one of the studies."""
-    return study_module(args.name).main(args)
+    return hand_on(args.name, args)
 
 
 def studies() -> list[str]:
@@ -200,10 +200,10 @@ def studies() -> list[str]:
     )
 
 
-def study_module(name: str):
-    """A module of addon/study; LeapRayError where it needs what this Python has not."""
+def hand_on(name: str, args: argparse.Namespace) -> int:
+    """Run a module of addon/study; LeapRayError where it needs what this Python has not."""
     try:
-        return importlib.import_module(f".study.{name}", __package__)
+        return importlib.import_module(f".study.{name}", __package__).main(args)
     except ModuleNotFoundError as error:
         raise LeapRayError(
             f"{name} needs {error.name}, which this Python has not; start it by build.py"

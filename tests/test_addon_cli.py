@@ -171,3 +171,11 @@ def test_help_names_what_there_is(capsys):
     for entry in leapray.traversers():
         assert entry.name in told
     assert cli.main(["dance"]) == 2
+
+
+def test_a_study_without_its_libraries_says_which(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for name in [name for name in sys.modules if name.startswith("addon.study")]:
+        monkeypatch.delitem(sys.modules, name)
+    assert cli.main(["compare", "any.blend"]) == 1
+    assert "compare needs matplotlib, which this Python has not" in capsys.readouterr().err
