@@ -207,7 +207,14 @@ class Planner:
             self._breathe()
             matrices = np.array([u.world_from_object for u in users], np.float64)
             several = any(len(u.materials) > 1 for u in users)
-            for part, (name, mesh) in enumerate(self._split(self.scene.meshes[index])):
+            try:
+                split = self._split(self.scene.meshes[index])
+            except leapray.Stopped:
+                raise
+            except leapray.LeapRayError as error:
+                self.warnings.append(f"{users[0].name!r} is skipped: {error}.")
+                continue
+            for part, (name, mesh) in enumerate(split):
                 ids = several and mesh.slots is not None
                 self._start_one(Work(index, part, users[0].name, mesh, name, matrices, ids))
             self.advance(0.3 * (done + 1) / len(by_mesh))
@@ -215,14 +222,13 @@ class Planner:
     def _split(self, mesh: model.Mesh) -> list[tuple[str, model.Mesh]]:
         """The parts of the mesh that get volumes of their own, and names of their contents."""
         name = objects.digest(mesh)
-        key = "parts", name, self.settings.layout
+        if self.settings.layout == "scene":
+            return [(name, mesh)]
+        key = "parts", name
         if self._cached(key) is None:
-            split = (
-                parts.split(mesh, self._breathe) if self.settings.layout == "objects" else [mesh]
-            )
+            split = parts.split(mesh, self.watch)
             self.cache[key] = split if len(split) > 1 else []
-        split = self.cache[key]
-        return [(f"{name}/{k}", part) for k, part in enumerate(split)] or [(name, mesh)]
+        return [(f"{name}/{k}", part) for k, part in enumerate(self.cache[key])] or [(name, mesh)]
 
     def _start_one(self, work: Work) -> None:
         size = coarsest(work.mesh)

@@ -11,29 +11,13 @@ import leapray
 from addon import model, parts, plan
 
 
-def test_connected_parts_are_found():
-    rng = np.random.default_rng(3)
-    n, size = 40, 50
-    # 40 strips of triangles over 50 vertices each, their vertices and triangles shuffled
-    strips = np.arange(size - 2)[:, None] + np.arange(3) + size * np.arange(n)[:, None, None]
-    names = rng.permutation(n * size)
-    triangles = rng.permutation(names[strips.reshape(-1, 3)])
-    label = parts.connected(triangles, n * size)
-    own = label[names.reshape(n, size)]
-    assert (own == own[:, :1]).all() and len(np.unique(own)) == n
-
-
-def test_boxes_in_a_group_do_not_overlap():
-    rng = np.random.default_rng(4)
-    lo = rng.uniform(0, 3, (60, 3))
-    hi = lo + rng.uniform(0.1, 0.6, (60, 3))
-    group = parts.deal(lo, hi)
-    assert group.max() > 0
-    for g in range(parts.MOST_GROUPS - 1):  # the last one takes what is left
-        own = np.flatnonzero(group == g)
-        for a in own:
-            for b in own[own > a]:
-                assert (lo[a] > hi[b]).any() or (hi[a] < lo[b]).any()
+def test_there_are_never_too_many_parts():
+    """A thicket of spheres within one another: the last volume takes what is left."""
+    mesh = scenes.join(*((scenes.sphere(0.5 + k / 40, n=2), (k / 40, 0, 0)) for k in range(20)))
+    split = parts.split(mesh)
+    assert len(split) == parts.MOST_LAYERS
+    assert [len(part.triangles) for part in split[:-1]] == [48] * (parts.MOST_LAYERS - 1)
+    assert sum(len(part.triangles) for part in split) == len(mesh.triangles)
 
 
 def test_parts_keep_their_triangles_and_slots():
