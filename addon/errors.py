@@ -36,7 +36,8 @@ LOST_SHARE = 0.03  # of the pixels: wedges are always lost at their very edge
 ROUGH = 0.25  # of a voxel
 THIN = 0.25  # of a footprint: what such voxels do not find may be lost
 CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
-CREASE_VOXEL = 2.0  # footprints, the mean along creases
+CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
+SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
 RIM_ERROR = 1.0  # of a footprint, the mean that a sheet reaches too far
 
 

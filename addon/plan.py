@@ -17,6 +17,7 @@ hence no cracks; 2. the error is measured on the surface, in pixels.
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 import math
 import time
@@ -34,6 +35,7 @@ from .objects import SceneError
 COARSEST = 16  # voxels along the longest side at the start
 EDGE_SHARE = 1 / 16  # of the memory, at most, that a volume takes for its creases' and rims' sake
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
+SHARP_SHARE = 1 / 32  # of the memory, for sharper creases than asked for, in all volumes together
 MB = 1 << 20
 
 
@@ -297,6 +299,19 @@ class Planner:
                 work.stuck = str(error)
         return False
 
+    def sharpen(self) -> None:
+        """Spend a little memory on creases that are good enough, the most blurred first."""
+        left = self.budget * SHARP_SHARE
+        for work in sorted(self.works, key=lambda w: -w.errors.blur):
+            levels = math.ceil(math.log2(max(work.errors.blur / errors.SHARP_VOXEL, 1.0)))
+            if levels == 0 or work.stuck:
+                continue
+            before = work.measure.nbytes
+            with contextlib.suppress(leapray.OutOfMemory):
+                room = min(left + before, self.budget - self.held())
+                self._enter(work, work.measure.voxel_size / 2**levels, room)
+            left -= work.measure.nbytes - before
+
     def finish(self, instances: list[model.Instance]) -> Plan:
         """Make what is still missing, and put the instances together."""
         for work in self.works:
@@ -422,6 +437,7 @@ def make(
         raise objects.nothing_left(planner.warnings)
     if not scene.settings.resolution:
         planner.refine()
+        planner.sharpen()
     plan = planner.finish(instances)
     plan.slot_objects = slot_objects
     spent = time.perf_counter() - began

@@ -25,7 +25,7 @@ from . import model
 
 N_SURFACE = 8192
 N_EDGE = 2048
-CREASE_COSINE = np.cos(np.radians(25.0))  # duller edges belong to smooth surfaces
+CREASE_COSINE = np.cos(np.radians(15.0))  # duller edges are taken for smooth surfaces
 SEED = 1994
 N_INSTANCES = 32  # of one mesh that are looked at: those that ask for most
 UNSEEN = 4.0  # shadows and reflections of what the camera does not see may be this much coarser
