@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-import oracle
 import pytest
 
 import leapray
+from addon.study import oracle
 
 EXACT = [t.name for t in leapray.traversers() if t.exact]
 ALL = [t.name for t in leapray.traversers()]

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The integer oracle (oracle.c), compiled on first use, and the rays it can judge."""
+"""The integer oracle (oracle.c), compiled on first use, and the rays it can judge (no bpy)."""
 
 from __future__ import annotations
 
 import ctypes
 import functools
+import importlib.util
 import subprocess
 import sys
 import tempfile
@@ -12,21 +13,26 @@ from pathlib import Path
 
 import numpy as np
 
+from leapray import LeapRayError
+
 SHIFT = 16  # origins are multiples of 2^-16
 VERDICTS = ("sound", "missed", "late", "not wanted", "not touched")
 
 
 @functools.cache
 def library():
-    folder = Path(tempfile.mkdtemp(prefix="leapray-oracle-"))
-    target = folder / "oracle.so"
+    """The compiled oracle. Raises LeapRayError where this Python has no compiler."""
+    if importlib.util.find_spec("ziglang") is None:
+        raise LeapRayError("the oracle needs ziglang, which this Python has not; start by build.py")
     source = Path(__file__).with_name("oracle.c")
-    subprocess.run(
-        [sys.executable, "-m", "ziglang", "cc", "-O2", "-shared", "-fPIC", "-fno-sanitize=all",
-         str(source), "-o", str(target)],
-        check=True,
-    )  # fmt: skip
-    return ctypes.CDLL(str(target))
+    with tempfile.TemporaryDirectory(prefix="leapray-oracle-") as folder:
+        target = Path(folder) / "oracle.so"
+        flags = ["-O2", "-shared", "-fPIC", "-fno-sanitize=all"]
+        command = [sys.executable, "-m", "ziglang", "cc", *flags, str(source), "-o", str(target)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            raise LeapRayError(f"the oracle does not compile: {done.stderr.strip()[-500:]}")
+        return ctypes.CDLL(str(target))  # stays, once loaded
 
 
 def object_cells(samples, threshold):
