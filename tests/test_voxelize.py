@@ -253,6 +253,19 @@ def test_triangles_without_area_change_nothing():
     assert_array_equal(volume.read(), voxelize(vertices, triangles, 0.1).read())
 
 
+@pytest.mark.parametrize("turn", [False, True])
+@pytest.mark.parametrize("name", ["spiky", "leaf"])
+def test_triangles_that_are_there_twice_count_once(name, turn):
+    vertices, triangles = (CLOSED | OPEN)[name]
+    again = triangles[::-1, [2, 1, 0]] if turn else np.roll(triangles[::-1], 1, axis=1)
+    doubled = voxelize(vertices, np.concatenate([triangles, again]), 0.1)
+    single = voxelize(vertices, triangles, 0.1)
+    assert doubled.mesh_info.n_degenerate == len(triangles) + single.mesh_info.n_degenerate
+    assert doubled.info.kind == single.info.kind
+    assert_array_equal(doubled.read(), single.read())
+    assert_array_equal(doubled.read_surface(), single.read_surface())
+
+
 def test_interiors_and_cavities_are_flooded():
     """Bricks that no triangle comes near: inside the outer box, in the cavity, around."""
     inner_v, inner_t = meshes.box((-3, -3, -3), (3, 3, 3))

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Claims about voxelization as a long call: threads, progress, stopping."""
 
+import os
+import signal
 import threading
 import time
 
@@ -90,3 +92,21 @@ def test_stopping_gives_the_memory_back():
     for _ in range(8):
         stopped_run()
     assert resident() - before < 30e6  # one run alone holds some 60 MB
+
+
+def test_ctrl_c_ends_within_100_ms():
+    vertices, triangles = meshes.icosphere(6)
+    told = []
+
+    def interrupt():
+        told.append(time.perf_counter())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    timer = threading.Timer(0.3, interrupt)
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        while True:
+            voxelize(vertices, triangles, 0.004, threads=2)
+    assert time.perf_counter() - told[0] < 0.1
+    timer.join()
+    assert not [t for t in threading.enumerate() if t.name.startswith("leapray")]

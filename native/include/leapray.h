@@ -153,7 +153,7 @@ typedef struct lr_voxelizer_info {
     uint64_t nbytes;          /* memory of the finished volume, from above */
     uint64_t n_border_edges;  /* edges with one triangle */
     uint64_t n_bad_edges;     /* edges with more than two triangles, or two of opposite winding */
-    uint64_t n_degenerate;    /* triangles without area */
+    uint64_t n_degenerate;    /* triangles without area, or on the places of an earlier one */
     int32_t inverted;         /* nonzero: a closed mesh was wound inside out and was turned */
 } lr_voxelizer_info;
 

@@ -32,7 +32,7 @@ class MeshInfo:
     closed: bool  # every edge has two triangles of one winding
     n_border_edges: int  # edges with one triangle
     n_bad_edges: int  # edges with more than two triangles, or two of opposite winding
-    n_degenerate: int  # triangles without area
+    n_degenerate: int  # triangles without area, or on the places of an earlier one
     inverted: bool  # a closed mesh was wound inside out and was turned
 
 

@@ -55,7 +55,7 @@ static bool reach_of(const lr_topology *m, uint64_t t, const int32_t table_size[
 {
     double p[3][3], n[3];
     lr_triangle(m, t, p);
-    if (!lr_normal_of((const double(*)[3])p, n))
+    if (!lr_counts(m, t) || !lr_normal_of((const double(*)[3])p, n))
         return false;
     int64_t n_candidates = 1;
     for (int a = 0; a < 3; a++) {

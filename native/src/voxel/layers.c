@@ -18,7 +18,7 @@ enum {
 
 /* Pairs of boxes that are compared at most (a second or so); what is left then
  * goes into the last layer of its kind. */
-#define MOST_PAIRS 200000000u
+#define MOST_PAIRS 100000000u
 
 typedef enum kind { OPEN, OUTWARD, INWARD, KINDS } kind;
 
@@ -73,6 +73,8 @@ static bool find_islands(const lr_topology *m, uint32_t *parent, int32_t *number
         if (lr_edge_closed(m, h))
             join(parent, h / 3, m->ring[h] / 3);
     }
+    for (uint32_t t = 0; m->twin != NULL && t < n_triangles; t++)
+        join(parent, t, m->twin[t]);
     *n = 0;
     for (uint32_t t = 0; t < n_triangles; t++) {
         uint32_t root = root_of(parent, t);
@@ -86,7 +88,7 @@ static bool find_islands(const lr_topology *m, uint32_t *parent, int32_t *number
 static bool is_closed_at(const lr_topology *m, uint64_t t)
 {
     uint32_t a = lr_welded(m, t, 0), b = lr_welded(m, t, 1), c = lr_welded(m, t, 2);
-    if (a == b || b == c || c == a)
+    if (a == b || b == c || c == a || !lr_counts(m, t))
         return true; /* it has no edges */
     for (uint32_t e = 0; e < 3; e++)
         if (!lr_edge_closed(m, (uint32_t)(3 * t) + e))
@@ -116,11 +118,13 @@ static void measure(const lr_topology *m, const int32_t *island_of, island *isla
                 here->lo[a] = p[c][a] < here->lo[a] ? p[c][a] : here->lo[a];
                 here->hi[a] = p[c][a] > here->hi[a] ? p[c][a] : here->hi[a];
             }
+        if (!is_closed_at(m, t))
+            here->kind = OPEN;
+        if (!lr_counts(m, t))
+            continue;
         lr_cross(p[1], p[2], yz);
         here->volume += lr_dot(p[0], yz);
         here->has_area = here->has_area || lr_normal_of((const double(*)[3])p, n_of);
-        if (!is_closed_at(m, t))
-            here->kind = OPEN;
     }
     for (int32_t i = 0; i < n; i++)
         if (islands[i].kind != OPEN && islands[i].volume < 0.0)

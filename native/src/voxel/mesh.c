@@ -11,7 +11,8 @@
  * angle weighted pseudonormal.
  * Departures: 1. border edges and vertices have pseudonormals of the faces they
  * have, which gives a sheet its local sides; 2. a triangle without area keeps its
- * place among the edges, but has no normal and no distance of its own.
+ * place among the edges, but has no normal and no distance of its own; 3. of
+ * triangles on the same three places, wound either way, the first one counts.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxel/mesh.h"
@@ -206,6 +207,49 @@ static bool sort_by(const lr_topology *m, uint32_t (*key)(const lr_topology *, u
     return true;
 }
 
+/* The first half-edge of a run whose triangle has the same third place; the
+ * half-edge itself where there is none. Only the last of a long run are looked at. */
+static uint32_t first_twin(const lr_topology *m, const uint32_t *run, uint32_t n, uint32_t h)
+{
+    uint32_t third = lr_welded(m, h / 3, (int)((h + 2) % 3));
+    for (uint32_t i = n > 64 ? n - 64 : 0; i < n; i++)
+        if (lr_welded(m, run[i] / 3, (int)((run[i] + 2) % 3)) == third)
+            return run[i];
+    return h;
+}
+
+static bool mark_twin(lr_topology *m, uint32_t t, uint32_t first)
+{
+    if (m->twin == NULL) {
+        m->twin = malloc(m->source.n_triangles * sizeof *m->twin);
+        for (uint32_t i = 0; m->twin != NULL && i < m->source.n_triangles; i++)
+            m->twin[i] = i;
+    }
+    if (m->twin == NULL)
+        return false;
+    double p[3][3], n[3];
+    lr_triangle(m, t, p);
+    if (m->twin[t] == t && lr_normal_of((const double(*)[3])p, n))
+        m->n_degenerate++; /* those without area are counted before */
+    m->twin[t] = first;
+    return true;
+}
+
+/* Take the half-edges of triangles that are there twice out of a run. */
+static bool drop_twins(lr_topology *m, uint32_t *run, uint32_t *n)
+{
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < *n; i++) {
+        uint32_t twin = first_twin(m, run, kept, run[i]);
+        if (twin == run[i])
+            run[kept++] = run[i];
+        else if (!mark_twin(m, run[i] / 3, twin / 3))
+            return false;
+    }
+    *n = kept;
+    return true;
+}
+
 static void link_run(lr_topology *m, const uint32_t *run, uint32_t n)
 {
     for (uint32_t i = 0; i < n; i++)
@@ -220,18 +264,22 @@ static void link_run(lr_topology *m, const uint32_t *run, uint32_t n)
     m->n_bad_edges += n > 2 || a[0] == b[0];
 }
 
-static bool link_runs(lr_topology *m, const uint32_t *sorted, uint32_t n, const lr_watch *watch)
+static lr_status link_runs(lr_topology *m, uint32_t *sorted, uint32_t n, const lr_watch *watch,
+                           lr_error *error)
 {
     for (uint32_t first = 0, end; first < n; first = end) {
         if (lr_stopped(watch))
-            return false;
+            return lr_fail_stopped(error);
         uint32_t lo = lower(m, sorted[first]), hi = higher(m, sorted[first]);
         for (end = first + 1; end < n; end++)
             if (lower(m, sorted[end]) != lo || higher(m, sorted[end]) != hi)
                 break;
-        link_run(m, sorted + first, end - first);
+        uint32_t n_run = end - first;
+        if (!drop_twins(m, sorted + first, &n_run))
+            return lr_fail_memory(error, m->source.n_triangles * 4, "the mesh's double triangles");
+        link_run(m, sorted + first, n_run);
     }
-    return true;
+    return LR_OK;
 }
 
 static lr_status link_edges(lr_topology *m, const lr_watch *watch, lr_error *error)
@@ -250,8 +298,9 @@ static lr_status link_edges(lr_topology *m, const lr_watch *watch, lr_error *err
             if (!collapsed(m, h / 3))
                 a[n++] = h;
         }
-        if (!sort_by(m, higher, a, n, count, b, watch) ||
-            !sort_by(m, lower, b, n, count, a, watch) || !link_runs(m, a, n, watch))
+        if (sort_by(m, higher, a, n, count, b, watch) && sort_by(m, lower, b, n, count, a, watch))
+            status = link_runs(m, a, n, watch, error);
+        else
             status = lr_fail_stopped(error);
     }
     free(count);
@@ -285,7 +334,7 @@ static lr_status add_normals(lr_topology *m, const lr_watch *watch, double *volu
             return lr_fail_stopped(error);
         double p[3][3], n[3], x[3], y[3], z[3], yz[3];
         lr_triangle(m, t, p);
-        if (!lr_normal_of((const double(*)[3])p, n))
+        if (!lr_counts(m, t) || !lr_normal_of((const double(*)[3])p, n))
             continue;
         for (int c = 0; c < 3; c++) {
             double angle = angle_at((const double(*)[3])p, c);
@@ -348,6 +397,7 @@ void lr_topology_free(lr_topology *m)
 {
     free(m->weld);
     free(m->ring);
+    free(m->twin);
     free(m->vertex_normal);
     *m = (lr_topology){0};
 }

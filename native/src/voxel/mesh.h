@@ -20,6 +20,8 @@ typedef struct lr_topology {
     double lo[3], hi[3];        /* bounds of the triangles with area, object space */
     uint32_t *weld;             /* [n_vertices]: the first vertex at the same place; NULL: itself */
     uint32_t *ring;             /* [3 n_triangles]: the next half-edge on the same edge, in a circle */
+    uint32_t *twin;             /* [n_triangles]: the first triangle on the same places, the others
+                                   count for nothing; NULL: all differ */
     double (*vertex_normal)[3]; /* [n_vertices], of those that weld names; not unit */
     uint64_t n_border_edges, n_bad_edges, n_degenerate;
     double side;                /* -1 where the mesh is wound inside out, else 1 */
@@ -57,6 +59,11 @@ LR_INLINE uint32_t lr_welded(const lr_topology *m, uint64_t t, int corner)
 {
     uint32_t v = (uint32_t)m->source.triangles[3 * t + (uint64_t)corner];
     return m->weld != NULL ? m->weld[v] : v;
+}
+
+LR_INLINE bool lr_counts(const lr_topology *m, uint64_t t)
+{
+    return m->twin == NULL || m->twin[t] == t;
 }
 
 LR_INLINE void lr_sub(const double a[3], const double b[3], double out[3])
