@@ -48,6 +48,19 @@ def test_islands_apart_share_a_layer_and_crossing_ones_do_not():
     assert a != b and b != c and a == c
 
 
+def test_boxes_in_a_layer_keep_the_margin():
+    rng = np.random.default_rng(4)
+    lo = rng.uniform(0, 3, (60, 3))
+    hi = lo + rng.uniform(0.1, 0.6, (60, 3))
+    found = np.array(
+        layers_of(*(meshes.box(*corners) for corners in zip(lo, hi, strict=True)), margin=0.05)
+    )
+    assert found.max() > 0
+    for a, b in np.ndindex(60, 60):
+        if a != b and found[a] == found[b]:
+            assert (lo[a] > hi[b] + 0.05).any() or (hi[a] + 0.05 < lo[b]).any()
+
+
 def test_open_and_closed_islands_never_share_a_layer():
     a, b, c, d = layers_of(
         meshes.box(),
