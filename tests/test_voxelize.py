@@ -179,13 +179,33 @@ def test_a_sheet_is_the_signed_distance_to_its_local_side():
     h = 0.117
     volume = voxelize(vertices, triangles, h, dtype="f32")
     _, points, s = near_samples(volume, 2.5)
-    d, _ = brute_distance(points, vertices, triangles)
-    assert_allclose(np.abs(s), d / h, atol=1e-5, rtol=0)
     above = points[:, 2] > 3 * h  # away from the rim
+    d, _ = brute_distance(points[above], vertices, triangles)
+    assert_allclose(np.abs(s[above]), d / h, atol=1e-5, rtol=0)
     outside = np.linalg.norm(points, axis=1) > 1
     assert (above & outside).sum() > 100
     assert_array_equal(s[above & outside] < 0, True)
     assert_array_equal(s[above & (np.linalg.norm(points, axis=1) < 0.95)] > 0, True)
+
+
+@pytest.mark.parametrize("name", ["aligned", "tilted"])
+def test_the_field_of_a_plane_runs_on_straight_beyond_its_rim(name):
+    """So the gradient, and the normal, are right up to the rim."""
+    vertices, triangles = OPEN[name]
+    h = 0.1171875 / 2 if name == "aligned" else 0.05
+    volume = voxelize(vertices, triangles, h, dtype="f32")
+    normal = np.cross(*(vertices[triangles[0, [1, 2]]] - vertices[triangles[0, 0]]))
+    normal /= np.linalg.norm(normal)
+    points = positions(volume).reshape(-1, 3)
+    d, _ = brute_distance(points, vertices, triangles)
+    near = d < 2.44 * h
+    want = 0.5 - points[near] @ normal / h / 5
+    assert_allclose(volume.read().ravel()[near], want, atol=1e-6, rtol=0)
+    k, j, i = np.argwhere(volume.read_surface()).T
+    hit = np.stack([i, j, k], 1) * h + volume.info.object_from_index[:3, 3] + h / 2
+    _, gradient = volume.sample(hit)
+    gradient /= -np.linalg.norm(gradient, axis=1, keepdims=True)
+    assert_allclose(gradient, np.broadcast_to(normal, gradient.shape), atol=1e-5)
 
 
 def test_rims_reach_at_most_to_the_end_of_their_cell():
@@ -207,16 +227,14 @@ def test_stencils_of_a_sheet_are_exact_with_a_narrow_ramp():
     vertices, triangles = OPEN["tilted"]
     h = 0.117
     volume = voxelize(vertices, triangles, h, dtype="f32", half_width=2.0)
-    k, j, i = np.argwhere(volume.read_surface()).T
-    i, j, k = (
-        np.concatenate([np.stack([i + a, j + b, k + c]) for a, b, c in np.ndindex(4, 4, 4)], 1) - 1
-    )
+    z, y, x = np.argwhere(volume.read_surface()).T
+    reach = [np.stack([x + a, y + b, z + c]) - 1 for a, b, c in np.ndindex(4, 4, 4)]
+    i, j, k = np.concatenate(reach, axis=1)
     points = positions(volume)[k, j, i]
-    d, _ = brute_distance(points, vertices, triangles)
-    read = d < np.sqrt(6) * h
-    want = np.clip(0.5 + np.minimum(d / h, 2.0) / 4.0, 0, 1)
-    got = volume.read()[k, j, i]
-    assert_allclose(np.abs(got[read] - 0.5), np.abs(want[read] - 0.5), atol=1e-5, rtol=0)
+    read = brute_distance(points, vertices, triangles)[0] < np.sqrt(6) * h
+    normal = np.array([0, -np.sin(0.6), np.cos(0.6)])
+    want = np.clip(0.5 - points @ normal / h / 4, 0, 1)
+    assert_allclose(volume.read()[k, j, i][read], want[read], atol=1e-6, rtol=0)
 
 
 # ---- kinds, bad meshes, wrong inputs --------------------------------------------

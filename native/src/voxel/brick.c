@@ -1,7 +1,7 @@
 /* From nearest triangles to the samples of a brick.
  *
- * Samples in the band take the signed distance to their nearest triangle. The
- * others of a solid take the side of their neighbours: a link between two
+ * Samples in the band take the signed distance to their nearest triangle, those of
+ * a sheet the height over it, which runs on beyond its rim. The others of a solid take the side of their neighbours: a link between two
  * neighbours of which one is beyond the band (at least sqrt(6) voxels wide)
  * cannot cross the surface, so sides spread along the axes; that is done 64
  * samples at a time, one bit each. What lies outside the lattice is outside.
@@ -76,9 +76,9 @@ static void measure(const lr_voxel_job *job, const int32_t first[3], const uint3
         uint16_t id = mesh->source.ids != NULL ? mesh->source.ids[list[i]] : 0;
         for (; sample >= 0; sample = scratch->next[sample]) {
             const double p[3] = {sample & 7, sample >> 3 & 7, sample >> 6};
-            double s = mesh->side * lr_signed_distance(mesh, list[i], &frame, p);
+            double height, s = lr_signed_distance(mesh, list[i], &frame, p, &height);
             if (fabs(s) <= job->band + BAND_SLACK)
-                set_sample(job, sample, s, id, side, brick);
+                set_sample(job, sample, mesh->side * (job->sheet ? height : s), id, side, brick);
         }
     }
 }

@@ -46,10 +46,12 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
                    const lr_watch *watch, lr_scratch *scratch, lr_brick *brick);
 
 /* Signed distance, positive inside (behind the winding's front). The feature of
- * the triangle that is nearest gives the sign. */
+ * the triangle that is nearest gives the sign. *height is the same, but beyond the
+ * border of the mesh: there it is the height over the surface's continuation, so
+ * that the field of a sheet runs on straight beyond its rim. */
 struct lr_frame;
 double lr_signed_distance(const lr_topology *mesh, uint32_t t, const struct lr_frame *frame,
-                          const double p[3]);
+                          const double p[3], double *height);
 
 /* Mark the brick's cells that the triangle, in coordinates from the brick's
  * first sample, meets. */

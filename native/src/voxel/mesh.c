@@ -254,12 +254,13 @@ static void link_run(lr_topology *m, const uint32_t *run, uint32_t n)
 {
     for (uint32_t i = 0; i < n; i++)
         m->ring[run[i]] = run[(i + 1) % n];
-    if (n == 1) {
-        m->n_border_edges++;
-        return;
-    }
     uint32_t a[2], b[2];
     ends(m, run[0], a);
+    if (n == 1) {
+        m->n_border_edges++;
+        m->at_border[a[0]] = m->at_border[a[1]] = 1;
+        return;
+    }
     ends(m, run[1], b);
     m->n_bad_edges += n > 2 || a[0] == b[0];
 }
@@ -288,8 +289,9 @@ static lr_status link_edges(lr_topology *m, const lr_watch *watch, lr_error *err
     uint32_t *count = malloc(m->source.n_vertices * sizeof *count);
     uint32_t *a = malloc(room * sizeof *a), *b = malloc(room * sizeof *b);
     m->ring = malloc(room * sizeof *m->ring);
+    m->at_border = calloc(m->source.n_vertices, 1);
     lr_status status = LR_OK;
-    if (count == NULL || a == NULL || b == NULL || m->ring == NULL) {
+    if (count == NULL || a == NULL || b == NULL || m->ring == NULL || m->at_border == NULL) {
         status = lr_fail_memory(error, 3 * room * 4, "the mesh's edges");
     } else {
         uint32_t n = 0;
@@ -398,6 +400,7 @@ void lr_topology_free(lr_topology *m)
     free(m->weld);
     free(m->ring);
     free(m->twin);
+    free(m->at_border);
     free(m->vertex_normal);
     *m = (lr_topology){0};
 }

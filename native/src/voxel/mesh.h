@@ -22,6 +22,7 @@ typedef struct lr_topology {
     uint32_t *ring;             /* [3 n_triangles]: the next half-edge on the same edge, in a circle */
     uint32_t *twin;             /* [n_triangles]: the first triangle on the same places, the others
                                    count for nothing; NULL: all differ */
+    uint8_t *at_border;         /* [n_vertices]: does a border edge end there? */
     double (*vertex_normal)[3]; /* [n_vertices], of those that weld names; not unit */
     uint64_t n_border_edges, n_bad_edges, n_degenerate;
     double side;                /* -1 where the mesh is wound inside out, else 1 */

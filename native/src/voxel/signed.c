@@ -23,7 +23,7 @@ static void edge_normal(const lr_topology *mesh, uint32_t half_edge, double sum[
 }
 
 double lr_signed_distance(const lr_topology *mesh, uint32_t t, const lr_frame *f,
-                          const double p[3])
+                          const double p[3], double *height)
 {
     double from[3][3], excess[3], place[3];
     bool in_face = true;
@@ -34,6 +34,7 @@ double lr_signed_distance(const lr_topology *mesh, uint32_t t, const lr_frame *f
         in_face = in_face && excess[e] <= 0.0;
     }
     double h = lr_dot(f->n, from[0]);
+    *height = -h;
     if (in_face)
         return -h;
     int nearest = 0;
@@ -46,15 +47,26 @@ double lr_signed_distance(const lr_topology *mesh, uint32_t t, const lr_frame *f
             nearest = e;
         }
     }
-    double n[3], side;
+    double n[3], side, distance = sqrt(h * h + smallest);
+    bool border;
     if (place[nearest] > 0.0 && place[nearest] < f->length[nearest]) {
-        edge_normal(mesh, 3 * t + (uint32_t)nearest, n);
+        uint32_t half_edge = 3 * t + (uint32_t)nearest;
+        edge_normal(mesh, half_edge, n);
         side = h * lr_dot(n, f->n) + excess[nearest] * lr_dot(n, f->m[nearest]);
+        border = mesh->ring[half_edge] == half_edge; /* its only face is this one: height is set */
     } else {
         int corner = place[nearest] > 0.0 ? (nearest + 1) % 3 : nearest;
-        side = lr_dot(mesh->vertex_normal[lr_welded(mesh, t, corner)], from[corner]);
+        uint32_t v = lr_welded(mesh, t, corner);
+        const double *sum = mesh->vertex_normal[v];
+        side = lr_dot(sum, from[corner]);
+        border = mesh->at_border[v] && lr_dot(sum, sum) > 0.0;
+        if (border)
+            *height = -side / sqrt(lr_dot(sum, sum));
     }
     if (side == 0.0) /* normals that cancel: the face's own side */
         side = h;
-    return copysign(sqrt(h * h + smallest), -side);
+    distance = copysign(distance, -side);
+    if (!border)
+        *height = distance;
+    return distance;
 }
