@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 4 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 5 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -288,6 +288,7 @@ typedef struct lr_counters {
     uint64_t rays;
     uint64_t cells;   /* cells in which a ray stood */
     uint64_t jumps;   /* steps over more than one cell */
+    uint64_t nodes;   /* nodes of a tree that were looked at on the way down, up and past them */
     uint64_t tests;   /* cells in which the surface was searched */
     uint64_t samples; /* evaluations of f */
     uint64_t hits;

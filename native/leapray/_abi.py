@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 4
+LR_ABI = 5
 
 
 class lr_status(IntEnum):
@@ -242,6 +242,7 @@ class lr_counters(ctypes.Structure):
         ("rays", ctypes.c_uint64),
         ("cells", ctypes.c_uint64),
         ("jumps", ctypes.c_uint64),
+        ("nodes", ctypes.c_uint64),
         ("tests", ctypes.c_uint64),
         ("samples", ctypes.c_uint64),
         ("hits", ctypes.c_uint64),

@@ -185,7 +185,7 @@ class Hits:
     normal: NDArray[np.float64]  # (n, 3) unit, outward, object space; 0 on a miss
     field_normal: NDArray[np.float64]  # (n, 3) of the trilinear field itself
     id: NDArray[np.int32]  # (n,)
-    counters: dict[str, int]  # totals: rays, cells, jumps, tests, samples, hits; empty if not asked
+    counters: dict[str, int]  # totals: rays, cells, jumps, nodes, tests, ...; empty if not asked
 
 
 def trace_options(

@@ -1,8 +1,8 @@
 /* The batch template: set-up, walk, hit test and output of every traverser.
  *
  * A traverser's file defines LR_NAME (its name in the registry) and either
- *   LR_BOX   box(data, volume, ray, state, c, lo, hi): true where cell c is wanted,
- *            else an empty box lo..hi around it, or
+ *   LR_BOX   box(data, volume, ray, state, c, lo, hi, tally): true where cell c is
+ *            wanted, else an empty box lo..hi around it, or
  *   LR_WALK  walk(data, volume, ray, cursor, state, first, tally): leaves the cell
  *            it stands on, but on the first call, and goes on until the cursor
  *            stands on a wanted cell; false where the ray has ended,
@@ -34,7 +34,7 @@ LR_INLINE bool lr_walk_boxes(const void *data, const lr_volume *v, const lr_ray 
         return false;
     for (;;) {
         lr_count_cell(tally);
-        if (LR_BOX(data, v, r, state, u->c, lo, hi))
+        if (LR_BOX(data, v, r, state, u->c, lo, hi, tally))
             return true;
         const bool one = hi[0] - lo[0] + hi[1] - lo[1] + hi[2] - lo[2] == 0;
         lr_count_jump(tally, !one);
@@ -62,7 +62,7 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
     lr_ray r;
     lr_cursor u;
     LR_STATE state;
-    lr_tally tally = {0, 0};
+    lr_tally tally = {0};
     uint64_t n_samples = 0, n_tests = 0;
     const double o[3] = {rays->ox[i], rays->oy[i], rays->oz[i]};
     const double d[3] = {rays->dx[i], rays->dy[i], rays->dz[i]};
@@ -118,6 +118,7 @@ end:
         counters->rays++;
         counters->cells += tally.cells;
         counters->jumps += tally.jumps;
+        counters->nodes += tally.nodes;
         counters->tests += n_tests;
         counters->samples += n_samples;
         counters->hits += hit;
@@ -147,6 +148,7 @@ lr_status LR_JOIN(lr_, LR_NAME,
         counters->rays += sum.rays;
         counters->cells += sum.cells;
         counters->jumps += sum.jumps;
+        counters->nodes += sum.nodes;
         counters->tests += sum.tests;
         counters->samples += sum.samples;
         counters->hits += sum.hits;

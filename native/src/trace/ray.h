@@ -155,6 +155,52 @@ LR_INLINE bool lr_step(const lr_ray *r, lr_cursor *u)
     return z < x ? lr_cross(r, u, 2, z) : lr_cross(r, u, 0, x);
 }
 
+/* Go on to the box lo..hi of cells, cut to what lies ahead of the cursor; false: the
+ * ray passes it by, and the cursor stays. Nothing moves where u->c is in the box.
+ *
+ * A box counts as met where the last plane into it comes before the first plane
+ * out, both from lr_plane_t, whose rounding is monotonous in the plane: hence the
+ * cells that are met so are those that lr_step would visit, boxes of cells are met
+ * wherever one of their cells is, and none needs to be widened. */
+LR_INLINE bool lr_reach(const lr_ray *r, lr_cursor *u, const int32_t lo[3], const int32_t hi[3])
+{
+    int32_t near[3], far[3];
+    double in = -INFINITY, out = INFINITY;
+    int axis = -1;
+    for (int a = 0; a < 3; a++) {
+        const int32_t low = r->s[a] < 0 ? lo[a] : lr_max_i(lo[a], u->c[a]);
+        const int32_t high = r->s[a] > 0 ? hi[a] : lr_min_i(hi[a], u->c[a]);
+        if (low > high)
+            return false;
+        near[a] = r->s[a] < 0 ? high : low;
+        far[a] = r->s[a] < 0 ? low : high;
+        const double t_far = lr_plane_t(r, a, far[a] + (r->s[a] > 0));
+        out = t_far < out ? t_far : out;
+        if (near[a] == u->c[a])
+            continue;
+        const double t_near = lr_plane_t(r, a, near[a] + (r->s[a] < 0));
+        if (t_near >= in) {
+            in = t_near;
+            axis = a;
+        }
+    }
+    if (axis < 0)
+        return true;
+    if (!(in <= out && in <= r->t_max))
+        return false;
+    u->t = in > u->t ? in : u->t;
+    for (int a = 0; a < 3; a++) {
+        if (r->s[a] == 0)
+            continue;
+        const double q = lr_floor_along(r->o[a] + u->t * r->d[a], r->s[a]);
+        u->c[a] = a == axis ? near[a]
+                            : (int32_t)lr_clamp(q, r->s[a] > 0 ? near[a] : far[a],
+                                                r->s[a] > 0 ? far[a] : near[a]);
+    }
+    u->axis = axis;
+    return true;
+}
+
 /* Leave the box lo..hi around u->c; false: the ray has ended. */
 LR_INLINE bool lr_exit(const lr_ray *r, lr_cursor *u, const int32_t lo[3], const int32_t hi[3])
 {

@@ -33,4 +33,8 @@ LR_INLINE const lr_volume *lr_structure_volume(const lr_structure *structure)
 /* For a traverser that needs nothing beside the volume. */
 lr_status lr_build_nothing(void **data, uint64_t *nbytes);
 
+/* For one that only has to know its n choices: *data is a copy, as int32_t. */
+lr_status lr_build_choices(const int32_t *choices, int n, void **data, uint64_t *nbytes,
+                           lr_error *error);
+
 #endif

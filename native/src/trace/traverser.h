@@ -31,7 +31,7 @@ LR_INLINE void lr_cut_box(const lr_ray *r, int32_t lo[3], int32_t hi[3])
 
 /* What a walk counts; NULL where nobody asked. */
 typedef struct lr_tally {
-    uint64_t cells, jumps;
+    uint64_t cells, jumps, nodes;
 } lr_tally;
 
 LR_INLINE void lr_count_cell(lr_tally *tally)
@@ -44,6 +44,12 @@ LR_INLINE void lr_count_jump(lr_tally *tally, bool jump)
 {
     if (tally != NULL)
         tally->jumps += jump;
+}
+
+LR_INLINE void lr_count_node(lr_tally *tally)
+{
+    if (tally != NULL)
+        tally->nodes++;
 }
 
 #endif

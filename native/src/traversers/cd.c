@@ -175,9 +175,9 @@ lr_status lr_cd_build(const lr_volume *v, const int32_t *choices, const lr_watch
 }
 
 LR_INLINE bool empty_cube(const void *data, const lr_volume *v, const lr_ray *r, int *state,
-                          const int32_t c[3], int32_t lo[3], int32_t hi[3])
+                          const int32_t c[3], int32_t lo[3], int32_t hi[3], lr_tally *tally)
 {
-    (void)state;
+    (void)state, (void)tally;
     const distances *f = data;
     uint32_t at = f->bricks[lr_table_at(v, c[0] >> 3, c[1] >> 3, c[2] >> 3)];
     if (at & FAR_BRICK) {

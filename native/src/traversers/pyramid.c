@@ -131,14 +131,18 @@ LR_INLINE bool same_parent(const int32_t a[3], const int32_t b[3], int level)
 }
 
 LR_INLINE bool empty_node(const void *data, const lr_volume *v, const lr_ray *r, place *at,
-                          const int32_t c[3], int32_t lo[3], int32_t hi[3])
+                          const int32_t c[3], int32_t lo[3], int32_t hi[3], lr_tally *tally)
 {
     const pyramid *p = data;
     int level = at->level;
-    while (level < p->top && !same_parent(at->cell, c, level))
+    while (level < p->top && !same_parent(at->cell, c, level)) {
         level++;
-    while (node_set(p, v, level, c) && level > 0)
+        lr_count_node(tally);
+    }
+    while (node_set(p, v, level, c) && level > 0) {
         level--;
+        lr_count_node(tally);
+    }
     at->level = level;
     memcpy(at->cell, c, sizeof at->cell);
     if (level == 0 && node_set(p, v, 0, c))
