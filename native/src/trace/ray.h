@@ -129,14 +129,16 @@ LR_INLINE double lr_exit_t(const lr_ray *r, const int32_t lo[3], const int32_t h
 }
 
 /* Go through the face of one axis at t, whose plane next to u->c it is; false:
- * the ray has ended. */
+ * the ray has ended. An axis that is not moved along is chosen only where every t
+ * has overflowed, by directions of some 1e-300. */
 LR_INLINE bool lr_cross(const lr_ray *r, lr_cursor *u, int axis, double t)
 {
     t = t > u->t ? t : u->t;
     u->c[axis] += r->s[axis];
     u->axis = axis;
     u->t = t;
-    return t <= r->t_max && u->c[axis] >= r->lo[axis] && u->c[axis] <= r->hi[axis];
+    return r->s[axis] != 0 && t <= r->t_max && u->c[axis] >= r->lo[axis] &&
+           u->c[axis] <= r->hi[axis];
 }
 
 /* The plane of its cell that the ray goes towards. */
