@@ -35,6 +35,7 @@ MARGIN = 1.25  # what is measured at probes predicts that quantile within 20 %
 LOST_SHARE = 0.03  # of the pixels: wedges are always lost at their very edge
 ROUGH = 0.25  # of a voxel
 THIN = 0.25  # of a footprint: what such voxels do not find may be lost
+THIN_SHARE, THIN_VOXEL = 0.25, 4.0  # lost, of the pixels, to voxels below so many footprints
 CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
@@ -79,6 +80,15 @@ class Errors:
     def of_edges(self) -> float:
         """Against the bars of creases and rims; at most 1 is good enough."""
         return max(self.crease / CREASE_ERROR, self.blur / CREASE_VOXEL, self.rim / RIM_ERROR)
+
+    def progress(self, pixel_error: float) -> float:
+        """What falls with the voxel wherever finer voxels are of any use."""
+        lost = self.voxel if self.lost > LOST_SHARE else 0.0
+        return max(self.surface / pixel_error, lost, self.of_edges())
+
+    def thin_wall(self) -> bool:
+        """Whether much of the surface is lost to voxels that are already small."""
+        return self.lost > THIN_SHARE and self.voxel < THIN_VOXEL
 
     def levels(self, pixel_error: float) -> int:
         """How many times the voxel must be halved at least, as far as these errors foretell it.

@@ -17,7 +17,7 @@ hence no cracks; 2. the error is measured on the surface, in pixels.
 
 from __future__ import annotations
 
-import contextlib
+import dataclasses
 import heapq
 import math
 import time
@@ -55,6 +55,9 @@ class Work:
     errors: errors.Errors | None = None
     structure: leapray.Structure | None = None
     stuck: str = ""  # why it is no finer, where it should be
+    thin: bool = False  # a solid that may better be cut into its faces
+    whole: bool = False  # or has been asked that already
+    face: int = 0  # of a plate, from 1 on
     history: list[float] = field(default_factory=list)
 
     def needs(self, pixel_error: float) -> tuple[float, float]:
@@ -196,7 +199,7 @@ class Planner:
         if work.weights is None:
             work.weights = probes.weigh(self._probes(work), self.scene, work.matrices)
         work.errors = errors.seen(measure, work.weights)
-        work.history.append(max(work.needs(self.settings.pixel_error)))
+        work.history.append(work.errors.progress(self.settings.pixel_error))
 
     # -- the walk
 
@@ -262,12 +265,14 @@ class Planner:
             surface, edges = self.works[n].needs(bar)
             return -surface, -edges, n
 
-        queue = [ticket(n) for n in range(len(self.works))]
+        queue = [ticket(n) for n in range(len(self.works)) if not self.works[n].stuck]
         heapq.heapify(queue)
         total, left = 1e-9, 0.0
         while queue and queue[0][:2] < (-1.0, -1.0):
             *_, n = heapq.heappop(queue)
-            if self._refine_one(self.works[n]):
+            work = self.works[n]
+            work.thin = not work.whole and work.errors.thin_wall()
+            if not work.thin and self._refine_one(work):
                 heapq.heappush(queue, ticket(n))
             left = sum(math.log2(t[0] * t[1]) for t in queue)
             total = max(total, left)
@@ -284,20 +289,51 @@ class Planner:
             work.stuck = "halving the voxels three times did not help"
             return False
         for levels in range(work.errors.levels(bar), 0, -1):
-            try:
-                self._enter(work, work.measure.voxel_size / 2**levels, room)
+            work.stuck = self._refused(work, levels, room)
+            if not work.stuck:
                 return True
-            except leapray.Stopped:
-                raise
-            except leapray.OutOfMemory:
-                work.stuck = (
-                    f"its edges may take a {round(1 / EDGE_SHARE)}th of the memory budget"
-                    if edges_only and room < self.budget - self.held()
-                    else "the memory budget ends"
-                )
-            except leapray.LeapRayError as error:
-                work.stuck = str(error)
+        if edges_only and room < self.budget - self.held():
+            work.stuck = f"its edges may take a {round(1 / EDGE_SHARE)}th of the memory budget"
         return False
+
+    def _refused(self, work: Work, levels: int, room: float) -> str:
+        """Refine by so many levels; why that cannot be, or ""."""
+        try:
+            self._enter(work, work.measure.voxel_size / 2**levels, room)
+        except leapray.Stopped:
+            raise
+        except leapray.OutOfMemory:
+            return "the memory budget ends"
+        except leapray.LeapRayError as error:
+            return str(error)
+        return ""
+
+    def flatten(self) -> bool:
+        """Take plates that are thinner than their voxels for sheets; whether there were any."""
+        thin = [work for work in self.works if work.thin]
+        for work in thin:
+            work.thin, work.whole = False, True
+            key = "faces", work.digest, work.measure.voxel_size
+            if self._cached(key) is None:
+                self.cache[key] = parts.cut(work.mesh, work.measure.voxel_size, self.watch)
+            faces = self.cache[key]
+            if faces:
+                self._drop(work)
+                self.works.remove(work)
+            for k, mesh in enumerate(faces):
+                digest = f"{work.digest}/face {k}"
+                self._start_one(
+                    dataclasses.replace(
+                        work,
+                        mesh=mesh,
+                        digest=digest,
+                        face=k + 1,
+                        weights=None,
+                        history=[],
+                        measure=None,
+                    )
+                )
+        return bool(thin)
 
     def sharpen(self) -> None:
         """Spend a little memory on creases that are good enough, the most blurred first."""
@@ -307,9 +343,7 @@ class Planner:
             if levels == 0 or work.stuck:
                 continue
             before = work.measure.nbytes
-            with contextlib.suppress(leapray.OutOfMemory):
-                room = min(left + before, self.budget - self.held())
-                self._enter(work, work.measure.voxel_size / 2**levels, room)
+            self._refused(work, levels, min(left + before, self.budget - self.held()))
             left -= work.measure.nbytes - before
 
     def finish(self, instances: list[model.Instance]) -> Plan:
@@ -369,7 +403,9 @@ class Planner:
             "mesh": work.mesh.name,
             "part": work.part,
             "kind": m.kind,
-            "why": m.why,
+            "why": m.why
+            if not work.face
+            else f"a face of a plate thinner than its voxels; {m.why}",
             "size": list(m.shape),
             "voxel_size": m.voxel_size,
             "error_footprints": round(e.surface, 4),
@@ -437,6 +473,8 @@ def make(
         raise objects.nothing_left(planner.warnings)
     if not scene.settings.resolution:
         planner.refine()
+        if planner.flatten():
+            planner.refine()
         planner.sharpen()
     plan = planner.finish(instances)
     plan.slot_objects = slot_objects

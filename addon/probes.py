@@ -70,7 +70,7 @@ def weld(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
     return np.unique(key, return_inverse=True)[1]
 
 
-def _edges(places: NDArray[np.int64]) -> tuple[NDArray, NDArray]:
+def edges(places: NDArray[np.int64]) -> tuple[NDArray, NDArray]:
     """Half-edges grouped by edge.
 
     places: (m, 3), the corners of the triangles. Returns the half-edges in an
@@ -124,11 +124,11 @@ def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes
         return start[at] + where[:, None] * along[at], along[at], at, float(length.sum())
 
     breathe()
-    order, bounds = _edges(weld(vertices)[triangles])
+    order, bounds = edges(weld(vertices)[triangles])
     breathe()
     first, count = order[bounds[:-1]], np.diff(bounds)
     second = order[np.minimum(bounds[:-1] + 1, len(order) - 1)]
-    sharp = (count >= 2) & _turns(cross, first, second)
+    sharp = (count >= 2) & turns(cross, first, second)
     breathe()
     creases, _, at, crease_length = on_edges(first[sharp])
     sides = np.stack([normals(first[sharp][at]), normals(second[sharp][at])], axis=1)
@@ -155,11 +155,16 @@ def _ends(mesh: model.Mesh, half_edges: NDArray[np.int64]) -> tuple[Points, Poin
     return start, mesh.vertices[mesh.triangles[triangle, (corner + 1) % 3]] - start
 
 
-def _turns(cross: NDArray[np.float32], first: NDArray, second: NDArray) -> NDArray[np.bool_]:
-    """Whether the triangles of two half-edges meet at a crease; those without area never do."""
+def turns(
+    cross: NDArray[np.float32], first: NDArray, second: NDArray, cosine: float = CREASE_COSINE
+) -> NDArray[np.bool_]:
+    """Whether the triangles of two half-edges meet at a crease; those without area never do.
+
+    cross: (m, 3) cross products of the triangles' edges. cosine: of the least angle of a crease.
+    """
     a, b = cross[first // 3], cross[second // 3]
     lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    return np.einsum("nc,nc->n", a, b) < CREASE_COSINE * lengths
+    return np.einsum("nc,nc->n", a, b) < cosine * lengths
 
 
 # ---- views ------------------------------------------------------------------

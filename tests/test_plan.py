@@ -373,3 +373,52 @@ def test_corners_look_sharp():
     assert 0.5 < row["crease_voxel_footprints"] <= errors.SHARP_VOXEL  # since it costs little
     frugal = make(scenes.replace(scene, memory_mb=128)).volumes[0]
     assert errors.SHARP_VOXEL < frugal["crease_voxel_footprints"] <= errors.CREASE_VOXEL
+
+
+# ---- thin things --------------------------------------------------------------------------------
+
+
+def seen_from(view, made, width, height):
+    """Which pixels' centres hit any of the plan's instances (all in world space)."""
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    film = (view.corner + x[..., None] * view.dx + y[..., None] * view.dy).reshape(-1, 3)
+    eye = np.broadcast_to(view.eye, film.shape)
+    t = np.min([leapray.trace(i.structure, eye, film).t for i in made.instances], axis=0)
+    return np.isfinite(t).reshape(height, width), eye, film
+
+
+@pytest.mark.parametrize("thickness", [0.004, 1e-5])
+def test_paper_with_a_thickness_becomes_two_sheets(thickness):
+    """No voxel of the budget is fine enough for its inside, but its faces are simple."""
+    width, height = 320, 240
+    view = scenes.camera(eye=(0, -3.5, 2), width=width, height=height)
+    scene = scenes.scene(
+        [scenes.box((2, 2, thickness), turn=0.3)], view=view, width=width, height=height
+    )
+    made = make(scene)
+    assert [row["kind"] for row in made.volumes] == ["sheet", "sheet"]
+    assert all("plate" in row["why"] for row in made.volumes)
+    assert made.volume_nbytes + made.structure_nbytes < 8 << 20
+    hit, eye, film = seen_from(view, made, width, height)
+    corners = scene.meshes[0].vertices.astype(float)
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    t = ((corners[0] - eye) @ normal) / (film @ normal)
+    at = eye + t[:, None] * film - corners[:4].mean(axis=0)
+    sides = [corners[1] - corners[0], corners[2] - corners[0]]
+    reach = np.max([np.abs(at @ s) / (s @ s) for s in sides], axis=0).reshape(height, width)
+    assert hit[reach < 0.49].all() and (reach < 0.49).sum() > 5000
+    assert not hit[reach > 0.53].any()  # half a side, and two pixels of rim
+
+
+def test_a_thin_needle_is_found():
+    """Nothing flat about it: voxels must go down to its thickness, though nothing shows before."""
+    mesh = scenes.sphere(n=24)
+    needle = dataclasses.replace(mesh, vertices=mesh.vertices * np.float32([1, 0.012, 0.012]))
+    width, height = 480, 120
+    view = scenes.camera(eye=(0, -3.2, 0), width=width, height=height)
+    made = make(scenes.scene([needle], view=view, width=width, height=height))
+    (row,) = made.volumes
+    assert row["kind"] == "solid" and row["lost"] < errors.LOST_SHARE
+    hit, _, _ = seen_from(view, made, width, height)
+    columns = hit[:, 40:-40].sum(axis=0)
+    assert (columns >= 1).all() and columns.mean() > 2
