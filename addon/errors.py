@@ -40,6 +40,7 @@ CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
 RIM_ERROR = 1.0  # of a footprint, the mean that a sheet reaches too far
+SHARP_RIM = 0.5  # of a footprint, likewise: no steps along the rim
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,10 @@ class Errors:
             self.rim / RIM_ERROR,
         )
         return max(1, math.floor(math.log2(max(ratios))))
+
+    def softness(self) -> float:
+        """How many times creases and rims are too coarse to look their best; 1 is good enough."""
+        return max(self.blur / SHARP_VOXEL, self.rim / SHARP_RIM, 1.0)
 
     def sentence(self, pixel_error: float) -> str:
         """What is not good enough, or ""."""

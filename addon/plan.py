@@ -35,7 +35,7 @@ from .objects import SceneError
 COARSEST = 16  # voxels along the longest side at the start
 EDGE_SHARE = 1 / 16  # of the memory, at most, that a volume takes for its creases' and rims' sake
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
-SHARP_SHARE = 1 / 32  # of the memory, for sharper creases than asked for, in all volumes together
+SHARP_SHARE = 1 / 64  # of the memory, for finer edges than asked for, in all volumes together
 MB = 1 << 20
 
 
@@ -336,14 +336,15 @@ class Planner:
         return bool(thin)
 
     def sharpen(self) -> None:
-        """Spend a little memory on creases that are good enough, the most blurred first."""
+        """Spend a little memory on edges that are good enough, the cheapest first."""
         left = self.budget * SHARP_SHARE
-        for work in sorted(self.works, key=lambda w: -w.errors.blur):
-            levels = math.ceil(math.log2(max(work.errors.blur / errors.SHARP_VOXEL, 1.0)))
-            if levels == 0 or work.stuck:
-                continue
+        for work in sorted(self.works, key=lambda w: w.measure.nbytes):
             before = work.measure.nbytes
-            self._refused(work, levels, min(left + before, self.budget - self.held()))
+            wanted = 0 if work.stuck else math.ceil(math.log2(work.errors.softness()))
+            for levels in range(wanted, 0, -1):
+                room = min(left + before, self.budget - self.held())
+                if not self._refused(work, levels, room):
+                    break
             left -= work.measure.nbytes - before
 
     def finish(self, instances: list[model.Instance]) -> Plan:

@@ -398,7 +398,7 @@ def test_paper_with_a_thickness_becomes_two_sheets(thickness):
     made = make(scene)
     assert [row["kind"] for row in made.volumes] == ["sheet", "sheet"]
     assert all("plate" in row["why"] for row in made.volumes)
-    assert made.volume_nbytes + made.structure_nbytes < 8 << 20
+    assert made.volume_nbytes + made.structure_nbytes < 12 << 20
     hit, eye, film = seen_from(view, made, width, height)
     corners = scene.meshes[0].vertices.astype(float)
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
