@@ -48,8 +48,13 @@ STYLE = {
 
 
 def look(k: int) -> dict[str, str]:
-    """Colour and marker of the k-th series."""
-    return {"color": COLORS[k % len(COLORS)], "marker": MARKERS[k % len(MARKERS)]}
+    """Colour, marker and line of the k-th series; after a round the lines are dashed."""
+    rounds, place = divmod(k, len(COLORS))
+    return {
+        "color": COLORS[place],
+        "marker": MARKERS[(place + rounds) % len(MARKERS)],
+        "linestyle": ("-", "--", ":", "-.")[rounds % 4],
+    }
 
 
 @contextlib.contextmanager

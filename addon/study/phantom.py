@@ -254,7 +254,7 @@ def draw(folder: Path, rows: list[Row], size: int) -> None:
         ("seconds", f"milliseconds for {IMAGE} x {IMAGE} rays", lambda row: 1e3 * row.seconds),
         ("steps", "cells stood in, per ray", lambda row: row.steps_per_ray),
     ):
-        with charts.chart(folder / name, columns=len(views), width=4.6) as (_, axes):
+        with charts.chart(folder / name, columns=len(views), width=4.6) as (figure, axes):
             for axis, camera in zip(axes[0], views, strict=True):
                 for k, (label, found) in enumerate(series(rows, camera).items()):
                     x = [row.surface_to_volume for row in found]
@@ -268,8 +268,9 @@ def draw(folder: Path, rows: list[Row], size: int) -> None:
                 axis.set_ylim(bottom=0)
                 axis.set_xlabel("surface-to-volume ratio, faces per voxel")
             axes[0, 0].set_ylabel(what)
-            axes[0, 0].legend()
-    with charts.chart(folder / "setup", width=13.8, height=3.6) as (_, axes):
+            handles = axes[0, 0].get_legend_handles_labels()
+            figure.legend(*handles, loc="outside lower center", ncols=6)
+    with charts.chart(folder / "setup", width=13.8, height=3.6) as (figure, axes):
         axis = axes[0, 0]
         for k, (label, found) in enumerate(series(rows, views[0]).items()):
             x = [row.surface_to_volume for row in found]
@@ -278,13 +279,12 @@ def draw(folder: Path, rows: list[Row], size: int) -> None:
         axis.set_xlabel("surface-to-volume ratio, faces per voxel")
         axis.set_ylabel("milliseconds")
         axis.set_title(f"Building the structure, {size} samples a side")
-        axis.legend()
+        figure.legend(*axis.get_legend_handles_labels(), loc="outside right center")
 
 
 def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
     """phantom.html: the charts with what they say."""
     draw(folder, rows, told["size"])
-    labels = list(dict.fromkeys(row.label for row in rows))
     body = [
         "<h1>The first object cell</h1>",
         f'<p class="soft">{told["size"]}³ samples, N³ spheres of equal total volume for N = '
@@ -297,7 +297,7 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
         "<h2>Figures</h2>",
     ]
     for camera in dict.fromkeys(row.camera for row in rows):
-        body += [f"<h3>{camera} camera</h3>", camera_table(series(rows, camera), labels)]
+        body += [f"<h3>{camera} camera</h3>", *camera_tables(series(rows, camera))]
     wrong = sum(row.wrong for row in rows)
     body += [
         "<h2>What this is, and what it is not</h2>",
@@ -331,21 +331,17 @@ def sentences(rows: list[Row]) -> list[str]:
     return [page.esc(sentence) for sentence in said]
 
 
-def camera_table(found: dict[str, list[Row]], labels: list[str]) -> str:
-    """Milliseconds, steps and wrong cells of a camera, a line per phantom."""
-    head = ["N", "surface to volume"]
-    for label in labels:
-        head += [f"{page.esc(label)}, ms", "Mrays/s", "steps", "wrong"]
-    lines = []
-    for k, first in enumerate(found[labels[0]]):
-        cells = [str(first.n), f"{first.surface_to_volume:.2f}"]
-        for label in labels:
-            row = found[label][k]
-            cells += [
-                f"{1e3 * row.seconds:.2f}",
-                f"{row.mrays_per_second:.1f}",
-                f"{row.steps_per_ray:.1f}",
-                str(row.wrong),
-            ]
-        lines.append(cells)
-    return page.table(head, lines)
+def camera_tables(found: dict[str, list[Row]]) -> list[str]:
+    """Time, steps, wrong cells of a camera: a line per traverser, a column per phantom."""
+    first = next(iter(found.values()))
+    head = [f"N = {row.n}" for row in first]
+    made = []
+    for title, shown in (
+        ("milliseconds", lambda row: f"{1e3 * row.seconds:.2f}"),
+        ("million rays a second", lambda row: f"{row.mrays_per_second:.1f}"),
+        ("cells stood in, per ray", lambda row: f"{row.steps_per_ray:.1f}"),
+        ("wrong first cells", lambda row: str(row.wrong)),
+    ):
+        lines = [[page.esc(label), *map(shown, rows)] for label, rows in found.items()]
+        made.append(page.table([title, *head], lines))
+    return made

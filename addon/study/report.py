@@ -110,8 +110,8 @@ def draw_errors(axis, told: dict, which: str) -> None:
     for k, run in enumerate(told["runs"].values()):
         y = run["light"][which]["rmse"]
         ys.append(y)
-        label = f"LeapRay, {told['samples']} samples, {run['label']}"
-        style = {"linestyle": "none", "markersize": 9, **charts.look(k)}
+        label = f"LeapRay, {run['label']}"
+        style = {**charts.look(k), "linestyle": "none", "markersize": 9}
         axis.plot(run["seconds"], y, label=label, **style)
     axis.set_xscale("log")
     if all(y > 0 for y in ys):
@@ -123,20 +123,21 @@ def draw_errors(axis, told: dict, which: str) -> None:
 def draw_charts(folder: Path, told: dict) -> list[list[str]]:
     """Write the charts; returns [file, title, caption] of each."""
     made = []
-    with charts.chart(folder / "error_by_seconds", columns=2, width=5.4) as (_, axes):
+    with charts.chart(folder / "error_by_seconds", columns=2, width=5.4) as (figure, axes):
         for axis, which, what in zip(
             axes[0], ("all", "but_rims"), ("the whole image", "all but rims"), strict=True
         ):
             draw_errors(axis, told, which)
             axis.set_title(f"Error of light, {what}")
         axes[0, 0].set_ylabel("RMSE by a lit white surface")
-        axes[0, 0].legend()
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     made.append(
         [
             "error_by_seconds.png",
             "Error against time",
-            "one run each, on a machine that may have done other work; one sample of Cycles goes "
-            "through the pixel's centre, so away from rims it is good already",
+            f"LeapRay at {told['samples']} samples; one run each, on a machine that may have done "
+            "other work; one sample of Cycles goes through the pixel's centre, so away from rims it "
+            "is good already",
         ]
     )
     phases = {
