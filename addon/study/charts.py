@@ -66,7 +66,7 @@ def chart(
         figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
         yield figure, axes
-        figure.text(1.0, -0.02, machine(), ha="right", va="top", fontsize=8, color="#777777")
+        figure.text(1.0, -0.03, machine(), ha="right", va="top", fontsize=8, color="#777777")
         for ending in (".svg", ".png"):
             figure.savefig(
                 path.with_suffix(ending),

@@ -254,7 +254,10 @@ def draw(folder: Path, rows: list[Row], size: int) -> None:
         ("seconds", f"milliseconds for {IMAGE} x {IMAGE} rays", lambda row: 1e3 * row.seconds),
         ("steps", "cells stood in, per ray", lambda row: row.steps_per_ray),
     ):
-        with charts.chart(folder / name, columns=len(views), width=4.6) as (figure, axes):
+        with charts.chart(folder / name, columns=len(views), width=4.6, height=5.0) as (
+            figure,
+            axes,
+        ):
             for axis, camera in zip(axes[0], views, strict=True):
                 for k, (label, found) in enumerate(series(rows, camera).items()):
                     x = [row.surface_to_volume for row in found]

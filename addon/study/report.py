@@ -136,8 +136,8 @@ def draw_charts(folder: Path, told: dict) -> list[list[str]]:
             "error_by_seconds.png",
             "Error against time",
             f"LeapRay at {told['samples']} samples; one run each, on a machine that may have done "
-            "other work; one sample of Cycles goes through the pixel's centre, so away from rims it "
-            "is good already",
+            "other work; one sample of Cycles goes through the pixel's centre, so away from rims "
+            "it is good already",
         ]
     )
     phases = {
