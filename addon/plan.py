@@ -49,6 +49,7 @@ class Work:
     mesh: model.Mesh  # or the part of it
     digest: str
     matrices: NDArray[np.float64]  # (n, 4, 4) of its instances
+    shown: NDArray[np.bool_]  # (n,) whether the camera sees them
     with_ids: bool
     weights: probes.Weights | None = None
     measure: errors.Measure | None = None
@@ -197,7 +198,7 @@ class Planner:
         self._drop(work)
         work.measure, work.structure, work.stuck = measure, structure, ""
         if work.weights is None:
-            work.weights = probes.weigh(self._probes(work), self.scene, work.matrices)
+            work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)
         work.errors = errors.seen(measure, work.weights)
         work.history.append(work.errors.progress(self.settings.pixel_error))
 
@@ -211,6 +212,7 @@ class Planner:
         for done, (index, users) in enumerate(by_mesh.items()):
             self._breathe()
             matrices = np.array([u.world_from_object for u in users], np.float64)
+            shown = np.array([u.visible_camera for u in users])
             several = any(len(u.materials) > 1 for u in users)
             try:
                 split = self._split(self.scene.meshes[index])
@@ -221,7 +223,7 @@ class Planner:
                 continue
             for part, (name, mesh) in enumerate(split):
                 ids = several and mesh.slots is not None
-                self._start_one(Work(index, part, users[0].name, mesh, name, matrices, ids))
+                self._start_one(Work(index, part, users[0].name, mesh, name, matrices, shown, ids))
             self.advance(0.3 * (done + 1) / len(by_mesh))
 
     def _split(self, mesh: model.Mesh) -> list[tuple[str, model.Mesh]]:
@@ -462,7 +464,11 @@ def make(
     """
     began = time.perf_counter()
     warnings: list[str] = []
-    instances = objects.usable(scene, warnings)
+    instances = [
+        i
+        for i in objects.usable(scene, warnings)
+        if i.visible_camera or i.visible_shadow or i.visible_diffuse
+    ]
     slot_objects = None
     if scene.settings.layout == "scene" and instances:
         scene, slot_objects = objects.merge(scene, instances, warnings)

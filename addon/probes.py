@@ -30,6 +30,8 @@ SEED = 1994
 N_INSTANCES = 32  # of one mesh that are looked at: those that ask for most
 UNSEEN = 4.0  # shadows and reflections of what the camera does not see may be this much coarser
 
+NEAREST = 1e-6  # world units: what is nearer to the eye has a footprint all the same
+
 Points = NDArray[np.float64]  # (n, 3)
 
 
@@ -70,7 +72,9 @@ def weld(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
     return np.unique(key, return_inverse=True)[1]
 
 
-def edges(places: NDArray[np.int64]) -> tuple[NDArray, NDArray]:
+def edges(
+    places: NDArray[np.int64], breathe: Callable[[], None] = lambda: None
+) -> tuple[NDArray, NDArray]:
     """Half-edges grouped by edge.
 
     places: (m, 3), the corners of the triangles. Returns the half-edges in an
@@ -79,7 +83,9 @@ def edges(places: NDArray[np.int64]) -> tuple[NDArray, NDArray]:
     """
     a, b = places, np.roll(places, -1, axis=1)
     key = (np.minimum(a, b) * (places.max() + 1) + np.maximum(a, b)).ravel()
+    breathe()
     order = np.argsort(key)
+    breathe()
     order = order[(a != b).ravel()[order]]
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
     return order, np.append(first, len(order))
@@ -124,7 +130,7 @@ def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes
         return start[at] + where[:, None] * along[at], along[at], at, float(length.sum())
 
     breathe()
-    order, bounds = edges(weld(vertices)[triangles])
+    order, bounds = edges(weld(vertices)[triangles], breathe)
     breathe()
     first, count = order[bounds[:-1]], np.diff(bounds)
     second = order[np.minimum(bounds[:-1] + 1, len(order) - 1)]
@@ -199,7 +205,7 @@ def look(camera: model.Camera, points: Points, width: int, height: int):
     if perspective:
         film = v / np.where(depth > 0, depth, np.nan)[:, None] - camera.corner
         towards = _unit(v)
-        reach = np.maximum(np.linalg.norm(v, axis=1), camera.clip_start)
+        reach = np.maximum(np.linalg.norm(v, axis=1), max(camera.clip_start, NEAREST))
     else:
         film = v - depth[:, None] * camera.forward - camera.corner
         towards = np.broadcast_to(camera.forward, v.shape)
@@ -208,7 +214,8 @@ def look(camera: model.Camera, points: Points, width: int, height: int):
     y = film @ camera.dy / (camera.dy @ camera.dy)
     seen = (depth >= camera.clip_start) & (depth <= camera.clip_end)
     seen &= (x >= -1) & (x <= width + 1) & (y >= -1) & (y <= height + 1)
-    return pixel * np.where(seen, depth if perspective else reach, UNSEEN * reach), towards
+    scale = np.maximum(depth, NEAREST) if perspective else reach
+    return pixel * np.where(seen, scale, UNSEEN * reach), towards
 
 
 def _demanding(camera: model.Camera, box: NDArray, matrices: NDArray) -> NDArray[np.int64]:
@@ -227,8 +234,17 @@ def _demanding(camera: model.Camera, box: NDArray, matrices: NDArray) -> NDArray
     return np.argsort(nearest / stretch, kind="stable")[:N_INSTANCES]
 
 
-def weigh(probes: Probes, scene: model.Scene, matrices: NDArray[np.float64]) -> Weights:
-    """What the probes count in the scene's view, with the mesh placed by matrices (n, 4, 4)."""
+def weigh(
+    probes: Probes,
+    scene: model.Scene,
+    matrices: NDArray[np.float64],
+    shown: NDArray[np.bool_] | None = None,
+) -> Weights:
+    """What the probes count in the scene's view.
+
+    matrices: (n, 4, 4), of the mesh's instances. shown: (n,), whether the camera
+    sees them at all; None: it does.
+    """
     camera = scene.camera
     box = np.array([probes.surface.min(axis=0), probes.surface.max(axis=0)])
     best: dict[str, NDArray] = {}
@@ -241,8 +257,12 @@ def weigh(probes: Probes, scene: model.Scene, matrices: NDArray[np.float64]) -> 
         normal_matrix = np.linalg.inv(linear).T
         stretch = np.linalg.norm(linear, 2)
 
-        def seen(points, linear=linear, shift=shift):
-            return look(camera, points @ linear.T + shift, scene.width, scene.height)
+        hidden = UNSEEN if shown is not None and not shown[index] else 1.0
+
+        def seen(points, linear=linear, shift=shift, hidden=hidden):
+            at = points @ linear.T + shift
+            footprint, towards = look(camera, at, scene.width, scene.height)
+            return hidden * footprint, towards
 
         # a shift by e along the normal n moves the surface by e / |M^-T n| in the world
         footprint, _ = seen(probes.surface)

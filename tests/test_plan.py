@@ -104,6 +104,24 @@ def test_a_mesh_is_as_fine_as_its_nearest_instance_asks():
     assert both["instances"] == 41
 
 
+def test_what_no_ray_meets_is_not_modelled_and_what_only_shades_is_coarser():
+    hidden = {"visible_camera": False, "visible_diffuse": False}
+
+    def rows(**more):
+        scene = scenes.scene([scenes.sphere(n=32)], [scenes.place(**more)], pixel_error=0.02)
+        return make(scene).volumes
+
+    assert rows(**hidden, visible_shadow=False) == []
+    assert rows(**hidden)[0]["voxel_size"] > rows()[0]["voxel_size"]
+
+
+def test_an_eye_on_the_surface_gives_numbers():
+    view = scenes.camera(eye=(0, -1.0, 0))
+    view = dataclasses.replace(view, clip_start=0.0)
+    row = make(scenes.scene([scenes.sphere(n=8)], view=view, memory_mb=64)).volumes[0]
+    assert all(np.isfinite(v) for v in row.values() if isinstance(v, float))
+
+
 # ---- the error --------------------------------------------------------------------
 
 
