@@ -66,7 +66,7 @@ def chart(
         figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
         yield figure, axes
-        figure.text(1.0, -0.03, machine(), ha="right", va="top", fontsize=8, color="#777777")
+        figure.text(1.0, 1.01, machine(), ha="right", va="bottom", fontsize=8, color="#777777")
         for ending in (".svg", ".png"):
             figure.savefig(
                 path.with_suffix(ending),
@@ -86,7 +86,7 @@ def plain_ticks(axis) -> None:
 
 
 def machine() -> str:
-    """The processor and the system, for the foot of a chart."""
+    """The processor and the system, for a chart's corner."""
     name = platform.processor() or platform.machine()
     with contextlib.suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text().splitlines():
