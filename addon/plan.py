@@ -33,9 +33,10 @@ from . import errors, model, objects, parts, probes
 from .objects import SceneError
 
 COARSEST = 16  # voxels along the longest side at the start
-EDGE_SHARE = 1 / 16  # of the memory, at most, that a volume takes for its creases' and rims' sake
+# Shares of the memory, counted without structures, so that traversers see the same volumes:
+EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' and rims' sake
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
-SHARP_SHARE = 1 / 64  # of the memory, for finer edges than asked for, in all volumes together
+SHARP_SHARE = 1 / 100  # for finer edges than asked for, of all volumes together
 MB = 1 << 20
 
 
@@ -134,10 +135,13 @@ class Planner:
         """Bytes of all volumes and structures that are alive, as far as the plan has come."""
         return sum(w.measure.nbytes for w in self.works if w.measure)
 
-    def _voxelize(self, work: Work, voxel_size: float, room: float) -> leapray.Structure:
+    def _voxelize(
+        self, work: Work, voxel_size: float, room: float, volume_room: float = math.inf
+    ) -> leapray.Structure:
         """The structure of a level, which holds its volume.
 
-        room: bytes; OutOfMemory where that has no place for it. The structure's
+        room: bytes for both, volume_room: for the volume alone; OutOfMemory where
+        they do not suffice. The structure's
         share of them is foreseen from the level before.
         """
         key = self._key(work, "structure", voxel_size)
@@ -155,7 +159,7 @@ class Planner:
             dtype=self.settings.sample_type,
             threads=self.threads,
             watch=self.watch,
-            max_nbytes=max(1, int(room * share)),
+            max_nbytes=max(1, int(min(room * share, volume_room))),
         )
         middle = time.perf_counter()
         structure = leapray.build(
@@ -184,14 +188,16 @@ class Planner:
             self.cache[key] = probes.draw(work.mesh, self._breathe)
         return self.cache[key]
 
-    def _enter(self, work: Work, voxel_size: float, room: float) -> None:
+    def _enter(
+        self, work: Work, voxel_size: float, room: float, volume_room: float = math.inf
+    ) -> None:
         """Put the mesh on a level; OutOfMemory, and nothing changed, where it does not fit."""
         key = self._key(work, "measure", voxel_size)
         measure, structure = self._cached(key), None
         if measure is None:
-            structure = self._voxelize(work, voxel_size, room)
+            structure = self._voxelize(work, voxel_size, room, volume_room)
             measure = self.cache[key] = errors.measure(structure, self._probes(work), voxel_size)
-        elif measure.nbytes > room:
+        elif measure.nbytes > room or measure.volume_nbytes > volume_room:
             raise leapray.OutOfMemory(
                 f"the level needs {measure.nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
             )
@@ -285,23 +291,23 @@ class Planner:
         bar = self.settings.pixel_error
         room = self.budget - self.held()
         edges_only = work.needs(bar)[0] <= 1.0
-        if edges_only:
-            room = min(room, self.budget * EDGE_SHARE)
+        volume_room = self.budget * EDGE_SHARE if edges_only else math.inf
         if len(work.history) > 3 and work.history[-1] > 0.9 * work.history[-4]:
             work.stuck = "halving the voxels three times did not help"
             return False
         for levels in range(work.errors.levels(bar), 0, -1):
-            work.stuck = self._refused(work, levels, room)
+            work.stuck = self._refused(work, levels, volume_room)
             if not work.stuck:
                 return True
-        if edges_only and room < self.budget - self.held():
-            work.stuck = f"its edges may take a {round(1 / EDGE_SHARE)}th of the memory budget"
+        if edges_only and volume_room < room:
+            work.stuck = f"for edges a volume gets 1/{round(1 / EDGE_SHARE)} of the memory budget"
         return False
 
-    def _refused(self, work: Work, levels: int, room: float) -> str:
+    def _refused(self, work: Work, levels: int, volume_room: float) -> str:
         """Refine by so many levels; why that cannot be, or ""."""
         try:
-            self._enter(work, work.measure.voxel_size / 2**levels, room)
+            size, room = work.measure.voxel_size / 2**levels, self.budget - self.held()
+            self._enter(work, size, room, volume_room)
         except leapray.Stopped:
             raise
         except leapray.OutOfMemory:
@@ -341,13 +347,12 @@ class Planner:
         """Spend a little memory on edges that are good enough, the cheapest first."""
         left = self.budget * SHARP_SHARE
         for work in sorted(self.works, key=lambda w: w.measure.nbytes):
-            before = work.measure.nbytes
+            before = work.measure.volume_nbytes
             wanted = 0 if work.stuck else math.ceil(math.log2(work.errors.softness()))
             for levels in range(wanted, 0, -1):
-                room = min(left + before, self.budget - self.held())
-                if not self._refused(work, levels, room):
+                if not self._refused(work, levels, left + before):
                     break
-            left -= work.measure.nbytes - before
+            left -= work.measure.volume_nbytes - before
 
     def finish(self, instances: list[model.Instance]) -> Plan:
         """Make what is still missing, and put the instances together."""
