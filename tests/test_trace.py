@@ -177,6 +177,28 @@ def test_every_combination_finds_the_sphere(hit_test, root, normal):
     assert angle.mean() < (1.0 if normal == "analytic" else 0.02 + (root == "linear") * 0.01)
 
 
+@pytest.mark.parametrize("step", [0.5, 1.0, 4.0])
+def test_uniform_hits_between_the_first_neighbours_on_different_sides(step):
+    """A solid block: steps lead from the surface cells into plain ones on either side."""
+    samples = np.zeros((20, 20, 20), np.uint8)
+    samples[4:16, 4:16, 4:16] = 255
+    volume = leapray.Volume(samples)
+    rng = np.random.default_rng(12)
+    origins = rng.uniform(-5, 25, (2000, 3))
+    directions = rng.uniform(5, 15, (2000, 3)) - origins
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    t = step * np.arange(round(60 / step))
+    values, _ = volume.sample((origins[:, None] + t[:, None] * directions[:, None]).reshape(-1, 3))
+    above = values.reshape(len(origins), -1) >= 0.5
+    changes = above[:, 1:] != above[:, :-1]
+    rays = origins, directions
+    hits = leapray.trace(leapray.build(volume), *rays, hit_test="uniform", root="bisect", step=step)
+    found, before = changes.any(axis=1), t[changes.argmax(axis=1)]
+    np.testing.assert_array_equal(np.isfinite(hits.t), found)
+    late = (hits.t - before)[found]
+    assert found.mean() > 0.9 and late.min() > -1e-9 and late.max() < step + 1e-9
+
+
 def test_extrema_finds_the_thin_rod_that_faces_lose():
     n = 24
     _, y, x = np.mgrid[:n, :n, :n]

@@ -5,8 +5,8 @@
  * derivative jumps at every face in between, so that only bisection and linear
  * interpolation apply. Whatever begins and ends between two samples is lost.
  *
- * Only samples in surface cells are evaluated; between them the side cannot
- * change, and the sample before the first one in a cell is evaluated again.
+ * Only samples in surface cells and the ones before and after them are evaluated;
+ * beyond, the side cannot change.
  *
  * Source: Sramek 1994, section 5 (the way of RADC).
  *
@@ -44,11 +44,13 @@ LR_INLINE bool lr_hit_uniform(const lr_volume *v, const lr_ray *r, const lr_curs
     const bool above = side != 0 && ta == t_min ? side > 0 : fa >= level;
     for (double k = first > 0.0 ? first : 1.0;; k += 1.0) {
         double tb = t_min + k * step;
-        if (!(tb < t_out) || !(tb > ta))
+        if (!(tb > ta))
             return false;
         double fb = lr_sample_along(v, r, tb, found);
         ++*n_samples;
         if ((fb >= level) == above) {
+            if (!(tb < t_out))
+                return false;
             ta = tb;
             fa = fb;
             continue;
