@@ -15,7 +15,7 @@
 #define WIDEST_RAMP 32.0
 
 /* Central differences at the corners of a surface cell reach sqrt(6) from the
- * surface (METHODS: offsets 2, 1, 1); the rest is for rounding. */
+ * surface (samples at offsets 2, 1, 1); the rest is for rounding. */
 #define STENCIL 2.4495
 
 typedef struct part {
