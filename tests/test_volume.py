@@ -81,6 +81,9 @@ def test_blocks_put_in_any_order_make_the_same_volume():
     volume = builder.finish()
     np.testing.assert_array_equal(volume.read(), samples)
     assert volume.info.n_surface_cells == leapray.Volume(samples).info.n_surface_cells
+    for again in (builder.finish, lambda: builder.put((0, 0, 0), samples)):
+        with pytest.raises(leapray.LeapRayError, match="builder is spent"):
+            again()
 
 
 def test_the_field_is_trilinear_and_its_gradient_is_its_slope():

@@ -114,13 +114,16 @@ def call(function, *arguments, watch: Watch | None = None, outputs: tuple = ()) 
 
     worker = threading.Thread(target=work, name="leapray-call")
     worker.start()
-    try:
-        ended.wait()
-    except BaseException:
-        watch.stop()
-        raise
-    finally:
-        worker.join()
+    interrupt = None
+    while not ended.is_set():  # the arrays must live until C has let go of them
+        try:
+            ended.wait()
+        except BaseException as raised:
+            watch.stop()
+            interrupt = raised
+    worker.join()
+    if interrupt is not None:
+        raise interrupt
     if isinstance(outcome[0], ctypes.ArgumentError):
         raise outcome[0]
     check(outcome[0], error)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TypeVar
 
-from ._lib import Watch
+from ._lib import LeapRayError, Watch
 
 T = TypeVar("T")
 
@@ -16,6 +16,12 @@ T = TypeVar("T")
 def cores() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def check_threads(threads: int) -> None:
+    """Raise LeapRayError for a number that is none of threads."""
+    if threads < 0:
+        raise LeapRayError(f"threads must be 0 (all cores) or more; it is {threads}")
 
 
 def run_parts(

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import choice, columns, per_ray, pointer
-from .threads import run_parts
+from .threads import check_threads, run_parts
 from .volume import Volume
 
 PART = 65536  # rays that a thread takes at a time
@@ -229,6 +229,7 @@ def trace(
     count: fill counters. Raises LeapRayError for shapes and unknown names,
     Stopped when watch was told to stop.
     """
+    check_threads(threads)
     o, d = columns(origins, "origins"), columns(directions, "directions")
     if o.shape != d.shape:
         raise LeapRayError(f"there are {o.shape[1]} origins but {d.shape[1]} directions")

@@ -208,7 +208,7 @@ class VolumeBuilder:
             touched = _same_shape(touched, block.shape, np.uint8, "touched")
         error = _abi.lr_error()
         status = lib.lr_volume_put(
-            self._handle,
+            self._own(),
             triple(origin),
             triple(block.shape[::-1]),
             block.ctypes.data_as(ctypes.c_void_p),
@@ -220,8 +220,13 @@ class VolumeBuilder:
 
     def release(self):
         """Finish, and give the handle away."""
-        call(lib.lr_volume_finish, self._handle)
+        call(lib.lr_volume_finish, self._own())
         self._free.detach()
+        return self._handle
+
+    def _own(self):
+        if not self._free.alive:
+            raise LeapRayError("this builder is spent: it has made its volume")
         return self._handle
 
     def finish(self) -> Volume:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import ctypes
 import threading
-import weakref
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _abi
 from ._lib import LeapRayError, OutOfMemory, Watch, call, lib
 from .arrays import SAMPLE_TYPES, choice, pointer
-from .threads import run_parts
+from .threads import check_threads, run_parts
 from .volume import Volume
 
 FILTERS = {"ramp": _abi.LR_FILTER_RAMP}
@@ -78,8 +77,7 @@ def voxelize(
             {name: code for name, (code, _) in SAMPLE_TYPES.items()}, dtype, "dtype"
         ),
     )
-    if threads < 0:
-        raise LeapRayError(f"threads must be 0 (all cores) or more; it is {threads}")
+    check_threads(threads)
     _check_table(points, chosen.voxel_size, width, max_nbytes)
     mesh = _abi.lr_mesh(
         pointer(points),
@@ -95,14 +93,11 @@ def _run(mesh, chosen, threads: int, progress: _Progress, max_nbytes: int | None
     voxelizer = ctypes.POINTER(_abi.lr_voxelizer)()
     begin = (ctypes.byref(mesh), ctypes.byref(chosen))
     call(lib.lr_voxelize_begin, *begin, watch=progress, outputs=(voxelizer,))
-    free = weakref.finalize(
-        voxelizer, lib.lr_voxelizer_free, ctypes.cast(voxelizer, type(voxelizer))
-    )
     try:
         info = _abi.lr_voxelizer_info()
         lib.lr_voxelizer_get_info(voxelizer, ctypes.byref(info))
         _check_nbytes(info.nbytes, max_nbytes)
-        progress.write(BEGUN)
+        progress.add(BEGUN)
 
         def part(first: int, last: int) -> None:
             for index in range(first, last):
@@ -112,9 +107,9 @@ def _run(mesh, chosen, threads: int, progress: _Progress, max_nbytes: int | None
         run_parts(part, info.n_parts, 1, threads, progress)
         handle = ctypes.POINTER(_abi.lr_volume)()
         call(lib.lr_voxelize_end, voxelizer, watch=progress, outputs=(handle,))
-        progress.write(1.0)
+        progress.end()
     finally:
-        free()
+        lib.lr_voxelizer_free(voxelizer)
     return Volume.from_handle(handle, _mesh_info(info))
 
 
@@ -167,16 +162,18 @@ class _Progress:
         self.pointer = ctypes.pointer(self._words)
         self.stop = watch.stop
 
-    def write(self, share: float) -> None:
-        with self._lock:
-            self._share = share
-            if self._watch.pointer.contents.progress:
-                self._watch.pointer.contents.progress[0] = share
-
     def add(self, share: float) -> None:
         with self._lock:
-            total = self._share + share
-        self.write(total)
+            self._write(self._share + share)
+
+    def end(self) -> None:
+        with self._lock:
+            self._write(1.0)
+
+    def _write(self, share: float) -> None:
+        self._share = share
+        if self._watch.pointer.contents.progress:
+            self._watch.pointer.contents.progress[0] = share
 
 
 def _mesh_info(info: _abi.lr_voxelizer_info) -> MeshInfo:
