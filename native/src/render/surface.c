@@ -36,12 +36,6 @@ static void world_normal(const lr_placed *placed, const double gradient[3], cons
         n[a] /= length;
 }
 
-static void turn(double n[3])
-{
-    for (int a = 0; a < 3; a++)
-        n[a] = -n[a];
-}
-
 /* A sphere of one voxel's radius rises 1/4 voxel over its facets; nothing that
  * samples can tell is more curved. Below 2^-20 voxel rounding has a say. */
 static const double RISE_MAX = 0.25, RISE_MIN = 0x1p-20;
@@ -97,16 +91,16 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i, lr_
     const double o[3] = {wave->ray.ox[i], wave->ray.oy[i], wave->ray.oz[i]};
     const double d[3] = {wave->ray.dx[i], wave->ray.dy[i], wave->ray.dz[i]};
     const double normal[3] = {hit->nx[i], hit->ny[i], hit->nz[i]};
-    const double geometric[3] = {hit->gx[i], hit->gy[i], hit->gz[i]};
+    const double field_normal[3] = {hit->gx[i], hit->gy[i], hit->gz[i]};
+    double facing[3];
     for (int a = 0; a < 3; a++)
         surfel->position[a] = o[a] + wave->t[i] * d[a];
     world_normal(placed, normal, d, surfel->normal);
-    world_normal(placed, geometric, d, surfel->geometric);
-    const bool inside = lr_dot(d, surfel->geometric) > 0;
-    if (inside) {
-        turn(surfel->normal);
-        turn(surfel->geometric);
-    }
+    world_normal(placed, field_normal, d, facing);
+    const bool inside = lr_dot(d, facing) > 0;
+    if (inside)
+        for (int a = 0; a < 3; a++)
+            surfel->normal[a] = -surfel->normal[a];
     surfel->instance = wave->instance[i];
     surfel->start = (lr_start){{hit->ci[i], hit->cj[i], hit->ck[i]}, inside ? 1 : -1};
     double offset[3];

@@ -8,7 +8,7 @@
 
 /* The point that ray i of the wave has hit. Surfaces have two sides; the
  * direction of the ray against the field's own normal tells which one is seen,
- * and both normals are turned to it. */
+ * and the normal is turned to it. */
 void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i, lr_surfel *surfel);
 
 #endif

@@ -49,7 +49,6 @@ typedef struct lr_surfel {
     double position[3];
     double origin[3];    /* of rays of light */
     double normal[3];    /* unit, turned to the viewer's side */
-    double geometric[3]; /* normal of the field, likewise */
     double color[3];     /* reflectance */
     uint32_t pixel;      /* of the stretch */
     uint32_t instance;
