@@ -53,17 +53,28 @@ void lr_kdtree_free(void *data)
     free(t);
 }
 
-static void list_cells(const lr_volume *v, cell *list)
+static cell *list_brick(const lr_volume *v, int32_t x, int32_t y, int32_t z, cell *list)
 {
-    for (int32_t z = 0; z < 8 * v->table_size[2]; z++)
-        for (int32_t y = 0; y < 8 * v->table_size[1]; y++)
-            for (int32_t x = 0; x < 8 * v->table_size[0]; x++) {
-                const cell here = {{x, y, z}};
-                if ((lr_entry(v, x, y, z) & 0xff) == 0)
-                    x |= 7; /* the whole row of the brick */
-                else if (lr_wanted(v, here.c))
-                    *list++ = here;
-            }
+    for (int32_t n = 0; n < LR_BRICK_SAMPLES; n++) {
+        const cell here = {{8 * x + (n & 7), 8 * y + (n >> 3 & 7), 8 * z + (n >> 6)}};
+        if (lr_wanted(v, here.c))
+            *list++ = here;
+    }
+    return list;
+}
+
+/* False where stopped. */
+static bool list_cells(const lr_volume *v, cell *list, const lr_watch *watch)
+{
+    for (int32_t z = 0; z < v->table_size[2]; z++)
+        for (int32_t y = 0; y < v->table_size[1]; y++) {
+            if (lr_stopped(watch))
+                return false;
+            for (int32_t x = 0; x < v->table_size[0]; x++)
+                if ((v->table[lr_table_at(v, x, y, z)] & 0xff) != 0)
+                    list = list_brick(v, x, y, z, list);
+        }
+    return true;
 }
 
 static void bound(const cell *list, uint64_t n, node *box)
@@ -167,10 +178,10 @@ lr_status lr_kdtree_build(const lr_volume *v, const int32_t *choices, const lr_w
     lr_status status = LR_OK;
     if (t == NULL || list == NULL || j.layers == NULL)
         status = lr_fail_memory(error, n * sizeof *list, "a list of cells");
-    else if (n > 0) {
-        list_cells(v, list);
+    else if (!list_cells(v, list, watch))
+        status = lr_fail_stopped(error);
+    else if (n > 0)
         status = add_node(&j, list, n, 0);
-    }
     free(list);
     free(j.layers);
     if (status != LR_OK) {
