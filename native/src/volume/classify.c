@@ -47,11 +47,12 @@ static lr_status drop_constants(lr_volume *v, const lr_watch *watch, lr_error *e
     if (moved == NULL)
         return lr_fail_memory(error, (uint64_t)v->n_bricks * sizeof *moved, "a list of bricks");
     uint32_t next = LR_FIRST_STORED;
-    for (uint32_t b = LR_FIRST_STORED; b < v->n_bricks; b++) {
+    bool stopped = false;
+    for (uint32_t b = LR_FIRST_STORED; b < v->n_bricks && !stopped; b++) {
         uint32_t constant = constant_of(v, b);
         moved[b] = constant < 2 ? constant : next++;
+        stopped = lr_stopped(watch);
     }
-    bool stopped = lr_stopped(watch);
     if (!stopped) {
         for (uint32_t b = LR_FIRST_STORED; b < v->n_bricks; b++)
             if (moved[b] >= LR_FIRST_STORED && moved[b] != b)
