@@ -64,6 +64,7 @@ static lr_status check_choices(const lr_traverser *about, const int32_t *choices
     memset(chosen, 0, MAX_OPTIONS * sizeof *chosen);
     int option = 0;
     for (const char *c = about->options; choices != NULL && *c != 0; option++) {
+        assert(option < MAX_OPTIONS);
         int32_t count = 1;
         for (; *c != 0 && *c != ' '; c++)
             count += *c == '|';
