@@ -61,8 +61,8 @@ static bool reach_of(const lr_topology *m, uint64_t t, const int32_t table_size[
     for (int a = 0; a < 3; a++) {
         double lo = fmin(fmin(p[0][a], p[1][a]), p[2][a]) - band;
         double hi = fmax(fmax(p[0][a], p[1][a]), p[2][a]) + band;
-        r->lo[a] = lr_max_i((int32_t)ceil((lo - 2.0 * HALF) / 8.0), 0);
-        r->hi[a] = lr_min_i((int32_t)floor(hi / 8.0), table_size[a] - 1);
+        r->lo[a] = (int32_t)lr_clamp(ceil((lo - 2.0 * HALF) / 8.0), 0.0, table_size[a]);
+        r->hi[a] = (int32_t)lr_clamp(floor(hi / 8.0), -1.0, table_size[a] - 1);
         n_candidates *= lr_max_i(r->hi[a] - r->lo[a] + 1, 0);
     }
     r->n_planes = 0;

@@ -1,10 +1,11 @@
 /* From nearest triangles to the samples of a brick.
  *
  * Samples in the band take the signed distance to their nearest triangle, those of
- * a sheet the height over it, which runs on beyond its rim. The others of a solid take the side of their neighbours: a link between two
- * neighbours of which one is beyond the band (at least sqrt(6) voxels wide)
- * cannot cross the surface, so sides spread along the axes; that is done 64
- * samples at a time, one bit each. What lies outside the lattice is outside.
+ * a sheet the height over it, which runs on beyond its rim. The others of a solid
+ * take the side of their neighbours: a link between two neighbours of which one is
+ * beyond the band (at least sqrt(6) voxels wide) cannot cross the surface, so sides
+ * spread along the axes; that is done 64 samples at a time, one bit each. What lies
+ * outside the lattice is outside.
  * A brick without any sample in the band stays unknown and is decided among
  * bricks (voxelize.c).
  *
@@ -72,7 +73,8 @@ static void measure(const lr_voxel_job *job, const int32_t first[3], const uint3
         for (int c = 0; c < 3; c++)
             for (int a = 0; a < 3; a++)
                 frame.p[c][a] -= first[a];
-        lr_frame_make(&frame);
+        if (!lr_frame_make(&frame)) /* rounding took the area of a sliver */
+            continue;
         uint16_t id = mesh->source.ids != NULL ? mesh->source.ids[list[i]] : 0;
         for (; sample >= 0; sample = scratch->next[sample]) {
             const double p[3] = {sample & 7, sample >> 3 & 7, sample >> 6};

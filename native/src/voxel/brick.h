@@ -34,10 +34,10 @@ typedef struct lr_brick {
     int8_t face[6];                /* -x +x -y +y -z +z: samples inside less samples outside */
 } lr_brick;
 
-/* Per-thread memory: next[n] for the longest list. */
+/* Per-thread memory: the samples that each listed triangle won, as linked lists. */
 typedef struct lr_scratch {
     int32_t *first; /* [longest list]: -1 between bricks */
-    int32_t next[LR_BRICK_SAMPLES];
+    int32_t next[LR_BRICK_SAMPLES]; /* -1: last */
     lr_nearest nearest;
 } lr_scratch;
 

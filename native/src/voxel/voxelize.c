@@ -36,7 +36,8 @@ struct lr_voxelizer {
     lr_topology mesh;
     lr_bins bins;
     lr_voxel_job job;
-    lr_volume *volume;
+    lr_volume_desc desc; /* of the volume */
+    lr_volume *volume;   /* NULL once it is given away */
     part *parts;
     verdict *verdicts; /* [n_active] */
 };
@@ -65,10 +66,10 @@ static lr_status check_options(const lr_voxelize_options *o, lr_error *error)
 
 /* The lattice lies on multiples of the voxel size, with the band and one more
  * sample around the mesh. */
-static lr_status place_lattice(lr_voxelizer *v, const lr_voxelize_options *o,
-                               lr_volume_desc *desc, lr_error *error)
+static lr_status place_lattice(lr_voxelizer *v, const lr_voxelize_options *o, lr_error *error)
 {
     lr_topology *m = &v->mesh;
+    lr_volume_desc *desc = &v->desc;
     double margin = ceil(v->job.band) + 1.0, first[3], n[3], n_table = 1.0;
     for (int a = 0; a < 3; a++) {
         first[a] = floor(m->lo[a] * m->per_unit) - margin;
@@ -102,19 +103,18 @@ static lr_status place_lattice(lr_voxelizer *v, const lr_voxelize_options *o,
 static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_voxelize_options *o,
                          const lr_watch *watch, lr_error *error)
 {
-    lr_volume_desc desc;
     v->job = (lr_voxel_job){.mesh = &v->mesh,
                             .band = o->half_width > STENCIL ? o->half_width : STENCIL,
                             .half_width = o->half_width,
                             .sample_type = o->sample_type};
     lr_status status = lr_topology_make(mesh, o->voxel_size, watch, &v->mesh, error);
     if (status == LR_OK)
-        status = place_lattice(v, o, &desc, error);
+        status = place_lattice(v, o, error);
     if (status == LR_OK)
-        status = lr_volume_begin(&desc, &v->volume, error);
+        status = lr_volume_begin(&v->desc, &v->volume, error);
     if (status != LR_OK)
         return status;
-    v->job.sheet = desc.kind == LR_KIND_SHEET;
+    v->job.sheet = v->desc.kind == LR_KIND_SHEET;
     memcpy(v->job.table_size, v->volume->table_size, sizeof v->job.table_size);
     status = lr_bins_make(&v->mesh, v->job.table_size, v->job.band, watch, &v->bins, error);
     if (status != LR_OK)
@@ -146,7 +146,7 @@ lr_status lr_voxelize_begin(const lr_mesh *mesh, const lr_voxelize_options *opti
 
 void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
 {
-    const lr_volume_desc *d = &v->volume->desc;
+    const lr_volume_desc *d = &v->desc;
     const int32_t n[3] = {d->nx, d->ny, d->nz};
     *info = (lr_voxelizer_info){
         .desc = *d,
