@@ -117,7 +117,7 @@ class Errors:
         if self.surface > pixel_error:
             return f"an error of {self.surface:.2g} pixels instead of {pixel_error:g}"
         if self.of_surface(pixel_error) > 1:
-            return f"{100 * self.lost:.2g} % of its surface thinner than its voxels"
+            return f"{100 * self.lost:.0f} % of its surface thinner than its voxels"
         if self.crease > CREASE_ERROR:
             return f"creases that are {self.crease:.2g} pixels off"
         if self.blur > CREASE_VOXEL:
