@@ -305,15 +305,3 @@ def test_wrong_calls_are_answered_by_a_sentence():
     watch.stop()
     with pytest.raises(leapray.Stopped):
         leapray.trace(structure, *ray, watch=watch)
-
-
-def test_chessboard_distance_agrees_with_brute_force():
-    rng = np.random.default_rng(12)
-    for shape in ((32, 32, 32), (5, 40, 1), (1, 1, 7)):
-        cells = rng.random(shape) < 0.004
-        cells.flat[rng.integers(cells.size)] = True
-        where = np.argwhere(cells)
-        every = np.argwhere(np.ones(shape, bool))
-        want = np.abs(every[:, None] - where[None]).max(axis=2).min(axis=1).reshape(shape)
-        np.testing.assert_array_equal(leapray.distance(cells, "chessboard"), want)
-    assert (leapray.distance(np.zeros((3, 3, 3), bool), "chessboard") == 255).all()

@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 5 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 6 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -183,13 +183,18 @@ LR_API lr_status lr_mesh_layers(const lr_mesh *mesh, double margin, const lr_wat
 /* ---- distance ---------------------------------------------------------- */
 
 typedef enum lr_metric {
-    LR_METRIC_CHESSBOARD = 0
+    LR_METRIC_CHESSBOARD = 0, /* the largest of the three differences */
+    LR_METRIC_CITYBLOCK = 1,  /* their sum */
+    LR_METRIC_CHAMFER345 = 2, /* steps to a neighbour by face, edge, corner cost 3, 4, 5 */
+    LR_METRIC_EUCLID = 3
 } lr_metric;
 
-/* dist[nz][ny][nx]: distance in cells from every cell to the nearest one that
- * is nonzero in cells[nz][ny][nx]; 0 on those, capped at 255. */
+/* dist[nz][ny][nx]: distance from every cell to the nearest one that is nonzero in
+ * cells[nz][ny][nx]; 0 on those. By chessboard and city-block uint8_t, in cells; by
+ * chamfer uint8_t, in thirds of a cell; these are capped at 255. By Euclid float, in
+ * cells, infinity where no cell is nonzero; sides of at most 26754 cells. */
 LR_API lr_status lr_distance(const uint8_t *cells, int32_t nx, int32_t ny, int32_t nz,
-                             int32_t metric, uint8_t *dist, const lr_watch *watch,
+                             int32_t metric, void *dist, const lr_watch *watch,
                              lr_error *error);
 
 /* ---- traversers and structures ----------------------------------------- */

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 5
+LR_ABI = 6
 
 
 class lr_status(IntEnum):
@@ -35,6 +35,9 @@ class lr_filter(IntEnum):
 
 class lr_metric(IntEnum):
     LR_METRIC_CHESSBOARD = 0
+    LR_METRIC_CITYBLOCK = 1
+    LR_METRIC_CHAMFER345 = 2
+    LR_METRIC_EUCLID = 3
 
 
 class lr_traverser_flag(IntEnum):
@@ -86,7 +89,7 @@ LR_OK, LR_E_ARGUMENT, LR_E_SIZE, LR_E_MEMORY, LR_E_STOPPED = lr_status
 LR_U8, LR_U16, LR_F32 = lr_sample_type
 LR_KIND_AUTO, LR_KIND_SOLID, LR_KIND_SHEET = lr_kind
 (LR_FILTER_RAMP,) = lr_filter
-(LR_METRIC_CHESSBOARD,) = lr_metric
+LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK, LR_METRIC_CHAMFER345, LR_METRIC_EUCLID = lr_metric
 LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT = lr_traverser_flag
 LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
 LR_HIT_FACES, LR_HIT_EXTREMA, LR_HIT_UNIFORM = lr_hit_test
@@ -426,7 +429,7 @@ PROTOTYPES = {
         ctypes.c_int32,
         ctypes.c_int32,
         ctypes.c_int32,
-        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.c_void_p,
         ctypes.POINTER(lr_watch),
         ctypes.POINTER(lr_error),
     )),

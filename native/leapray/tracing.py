@@ -36,7 +36,12 @@ NORMALS = {
     "analytic": _abi.LR_NORMAL_ANALYTIC,
     "smooth": _abi.LR_NORMAL_SMOOTH,
 }
-METRICS = {"chessboard": _abi.LR_METRIC_CHESSBOARD}
+METRICS = {
+    "chessboard": _abi.LR_METRIC_CHESSBOARD,
+    "cityblock": _abi.LR_METRIC_CITYBLOCK,
+    "chamfer345": _abi.LR_METRIC_CHAMFER345,
+    "euclid": _abi.LR_METRIC_EUCLID,
+}
 
 
 @dataclass(frozen=True)
@@ -245,9 +250,7 @@ def trace(
         def at(array, c_type=ctypes.c_double):
             return None if array is None else pointer(array[first:last], c_type)
 
-        rays = _abi.lr_rays(
-            *map(at, o), *map(at, d), at(low), at(high), at(starts, _abi.lr_start)
-        )
+        rays = _abi.lr_rays(*map(at, o), *map(at, d), at(low), at(high), at(starts, _abi.lr_start))
         integers = [at(row, ctypes.c_int32) for row in cell]
         hits = _abi.lr_hits(
             at(t), *integers, *map(at, normals), *map(at, field), at(ids, ctypes.c_int32)
@@ -288,21 +291,23 @@ def _starts(start: tuple[ArrayLike, ArrayLike], n: int) -> NDArray:
     return table
 
 
-def distance(cells: ArrayLike, metric: str = "chessboard") -> NDArray[np.uint8]:
-    """Distance from every cell to the nearest one that is true, 0 on those, capped at 255.
+def distance(cells: ArrayLike, metric: str = "chessboard") -> NDArray[np.uint8 | np.float32]:
+    """Distance from every cell to the nearest one that is true, 0 on those.
 
-    cells: (nz, ny, nx); returns the same shape, in cells. Raises LeapRayError for
-    an unknown metric. Source: Borgefors 1986.
+    cells: (nz, ny, nx); returns the same shape. "chessboard" and "cityblock" count
+    cells, "chamfer345" thirds of a cell: uint8, capped at 255. "euclid" is exact, in
+    cells: float32, infinity where no cell is true. Raises LeapRayError for an unknown
+    metric. Sources: Borgefors 1986; Maurer, Qi and Raghavan 2003.
     """
     marked = np.ascontiguousarray(cells, dtype=bool).view(np.uint8)
     if marked.ndim != 3 or marked.size == 0:
         raise LeapRayError(f"cells must have the shape (nz, ny, nx); it is {marked.shape}")
-    dist = np.empty_like(marked)
+    dist = np.empty(marked.shape, np.float32 if metric == "euclid" else np.uint8)
     call(
         lib.lr_distance,
         pointer(marked, ctypes.c_uint8),
         *marked.shape[::-1],
         choice(METRICS, metric, "metric"),
-        pointer(dist, ctypes.c_uint8),
+        ctypes.c_void_p(dist.ctypes.data),
     )
     return dist

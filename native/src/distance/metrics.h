@@ -1,0 +1,42 @@
+/* The distance transforms behind lr_distance, one file each.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_METRICS_H
+#define LR_METRICS_H
+
+#include "base.h"
+
+enum { LR_DISTANCE_CAP = 255 };
+
+/* cells[n[2]][n[1]][n[0]] and dist of the same shape, as lr_distance says. */
+typedef lr_status lr_transform(const uint8_t *cells, const int32_t n[3], void *dist,
+                               const lr_watch *watch, lr_error *error);
+
+lr_transform lr_distance_chessboard, lr_distance_cityblock, lr_distance_chamfer, lr_distance_euclid;
+
+/* Distances along a row of n cells to the nearest that is nonzero. */
+LR_INLINE void lr_sweep_row(const uint8_t *cells, uint8_t *dist, int32_t n)
+{
+    int32_t d = LR_DISTANCE_CAP;
+    for (int32_t i = 0; i < n; i++) {
+        d = cells[i] != 0 ? 0 : lr_min_i(d + 1, LR_DISTANCE_CAP);
+        dist[i] = (uint8_t)d;
+    }
+    d = LR_DISTANCE_CAP;
+    for (int32_t i = n - 1; i >= 0; i--) {
+        d = lr_min_i(d + 1, dist[i]);
+        dist[i] = (uint8_t)d;
+    }
+}
+
+/* best[i] becomes at most from[i] + cost. */
+LR_INLINE void lr_relax_row(uint8_t *best, const uint8_t *from, int64_t n, uint8_t cost)
+{
+    for (int64_t i = 0; i < n; i++) {
+        const uint8_t most = (uint8_t)(LR_DISTANCE_CAP - cost);
+        const uint8_t d = (uint8_t)((from[i] < most ? from[i] : most) + cost);
+        best[i] = best[i] < d ? best[i] : d;
+    }
+}
+
+#endif
