@@ -32,8 +32,8 @@ OBJECTS = NATIVE / "build"
 TARGET = ("-target", "x86_64-linux-gnu.2.28", "-mcpu=x86_64_v2")
 PLATFORM = "manylinux_2_28_x86_64"  # the same, as a wheel says it
 FLAGS = (
-    *("-std=c17", "-O2", "-g", "-fPIC", "-fvisibility=hidden", "-fno-sanitize=undefined"),
-    *("-ffp-contract=off", "-fno-math-errno"),
+    *("-std=c17", "-O2", "-gline-tables-only", "-fPIC", "-fvisibility=hidden"),
+    *("-ffp-contract=off", "-fno-math-errno", "-fno-sanitize=undefined"),
     *("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wstrict-prototypes", "-Wvla", "-Werror"),
     *("-Iinclude", "-Isrc"),
 )

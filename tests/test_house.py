@@ -14,11 +14,13 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from functools import cache
 from pathlib import Path
 
 import pytest
 
+import build_core
 import leapray
 from leapray import _abi, _lib
 
@@ -324,6 +326,14 @@ def test_the_readme_is_right_about_the_library():
     hits = names["hits"]
     assert hits.t[0] == pytest.approx(10.0, abs=1e-6)  # the sphere's pole, on a lattice line
     assert hits.normal[0] == pytest.approx([0, 0, -1], abs=1e-6)
+
+
+def test_the_extension_has_the_version_and_the_wheel_of_the_core():
+    manifest = tomllib.loads((ROOT / "addon" / "blender_manifest.toml").read_text())
+    assert manifest["version"] == leapray.__version__
+    assert [Path(wheel).name for wheel in manifest["wheels"]] == [
+        f"leapray-{leapray.__version__}-py3-none-{build_core.PLATFORM}.whl"
+    ]
 
 
 def test_the_pins_name_what_is_installed():
