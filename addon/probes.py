@@ -272,8 +272,8 @@ def weigh(
             footprint, towards = seen(probes.creases)
             sides = probes.crease_normals @ normal_matrix.T
             facing = np.einsum("nkc,nc->nk", sides, towards) < 0
-            shown, outline = facing.any(axis=1), facing[:, 0] != facing[:, 1]
-            keep("crease", np.where(shown, footprint, UNSEEN * footprint) / stretch)
+            towards_us, outline = facing.any(axis=1), facing[:, 0] != facing[:, 1]
+            keep("crease", np.where(towards_us, footprint, UNSEEN * footprint) / stretch)
             keep("outline", np.where(outline, footprint, UNSEEN * footprint) / stretch)
         if len(probes.rims):
             footprint, towards = seen(probes.rims)

@@ -115,6 +115,20 @@ def test_what_no_ray_meets_is_not_modelled_and_what_only_shades_is_coarser():
     assert rows(**hidden)[0]["voxel_size"] > rows()[0]["voxel_size"]
 
 
+def test_each_instance_counts_as_it_is_shown():
+    drawn, scene = probes.draw(scenes.box()), scenes.scene([scenes.box()])
+    matrices = np.array([scenes.place(at=(x, 0, 0)).world_from_object for x in (-1, 0, 1)])
+    shown = np.array([True, False, False])
+
+    def footprints(which):
+        found = probes.weigh(drawn, scene, matrices[which], shown[which])
+        return found.surface_footprint, found.crease_footprint
+
+    each = [footprints([k]) for k in range(3)]
+    for kind, found in enumerate(footprints([0, 1, 2])):
+        np.testing.assert_array_equal(found, np.min([one[kind] for one in each], axis=0))
+
+
 def test_an_eye_on_the_surface_gives_numbers():
     view = scenes.camera(eye=(0, -1.0, 0))
     view = dataclasses.replace(view, clip_start=0.0)
