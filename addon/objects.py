@@ -13,6 +13,8 @@ import leapray
 
 from . import model
 
+FARTHEST = 1e18  # coordinates beyond leave no digits for areas; Blender's infinity is 3.4e38
+
 
 class SceneError(leapray.LeapRayError):
     """The scene cannot be modelled, for the reason that the sentence gives."""
@@ -35,6 +37,9 @@ def wrong_with_mesh(mesh: model.Mesh) -> str:
     if not np.isfinite(mesh.vertices).all():
         bad = int(np.flatnonzero(~np.isfinite(mesh.vertices).all(axis=1))[0])
         return f"its vertex {bad} has a coordinate that is not finite"
+    far = np.abs(mesh.vertices).max(axis=1) > FARTHEST
+    if far.any():
+        return f"its vertex {int(far.argmax())} has a coordinate beyond {FARTHEST:.0e}"
     if mesh.triangles.min() < 0 or mesh.triangles.max() >= len(mesh.vertices):
         return f"its triangles name vertices beyond its {len(mesh.vertices)}"
     return ""

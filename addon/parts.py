@@ -51,7 +51,7 @@ def cut(
     Patches between sharp edges that are narrower than a voxel are its rims.
     """
     vertices, triangles = mesh.vertices, mesh.triangles
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    a, b, c = (vertices[triangles[:, k]].astype(np.float64) for k in range(3))  # for its range
     cross = np.cross(b - a, c - a)
     order, bounds = probes.edges(probes.weld(vertices)[triangles])
     pair = bounds[:-1][np.diff(bounds) == 2]
