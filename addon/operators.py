@@ -34,9 +34,9 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
         return context.object is not None
 
     def execute(self, context) -> set[str]:
-        settings = properties.settings(context.scene)
         ob = context.object.evaluated_get(context.evaluated_depsgraph_get())
         try:
+            settings = properties.settings(context.scene)
             mesh = scene.read_object_mesh(ob)
             volume = leapray.voxelize(
                 mesh.vertices,

@@ -156,12 +156,23 @@ class LeapRaySettings(bpy.types.PropertyGroup):
 
 
 def settings(scene) -> model.Settings:
-    """The scene's settings as plain values."""
+    """The scene's settings as plain values.
+
+    Raises LeapRayError for a choice that this LeapRay does not know, as from the
+    file of a newer one: Blender reads it as an empty name.
+    """
     values = {
         field.name: getattr(scene.leapray, field.name)
         for field in fields(model.Settings)
         if field.name != "threads"
     }
+    for name, value in values.items():
+        if value == "":
+            label = scene.leapray.bl_rna.properties[name].name
+            raise leapray.LeapRayError(
+                f"The {label} stored in scene {scene.name} is unknown to LeapRay "
+                f"{leapray.__version__}; choose one in the Render properties"
+            )
     fixed = scene.render.threads_mode == "FIXED"
     return model.Settings(**values, threads=scene.render.threads if fixed else 0)
 
