@@ -8,3 +8,9 @@ ROOT = Path(__file__).resolve().parent.parent
 for folder in (ROOT, ROOT / "native", ROOT / "tests"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--blender", metavar="PATH", help="the Blender that tests/blender uses; default: Debian's"
+    )

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The extension's zip holds what it must; a real Blender takes it, and renders by command."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+from driver import pixels
+
+import build
+
+# ---- the zip ---------------------------------------------------------------
+
+
+def test_the_zip_holds_the_addon_the_core_and_the_licence(archive):
+    with zipfile.ZipFile(archive) as package:
+        assert package.testzip() is None
+        names = set(package.namelist())
+        (wheel,) = (name for name in names if name.endswith(".whl"))
+        assert f'"./{wheel}"' in package.read("blender_manifest.toml").decode()
+        with package.open(wheel) as file, zipfile.ZipFile(file) as core:
+            assert {"leapray/libleapray.so", "leapray/__init__.py"} <= set(core.namelist())
+    assert archive.name.endswith("-linux_x64.zip")
+    sources = build.ROOT / "addon"
+    assert {str(path.relative_to(sources)) for path in sources.rglob("*.py")} <= names
+    assert "LICENSE" in names
+    assert not any("__pycache__" in name for name in names)
+
+
+def test_blender_finds_the_zip_valid(blender, archive):
+    done = blender.run("-c", "extension", "validate", blender.inside(blender.bring(archive)))
+    assert done.returncode == 0, done.stdout
+    assert "Success" in done.stdout or "No warnings" in done.stdout, done.stdout
+
+
+def test_it_is_enabled_and_brings_its_own_core(installed):
+    done = installed.run(
+        *("-b", "--python-exit-code", "3", "--python-expr"),
+        "import bpy, leapray\n"
+        "bpy.context.scene.render.engine = 'LEAPRAY'\n"
+        "print('ENGINE', bpy.context.scene.render.engine)\n"
+        "print('CORE', leapray.__file__)",
+    )
+    assert done.returncode == 0, done.stdout
+    assert "ENGINE LEAPRAY" in done.stdout
+    (core,) = (line for line in done.stdout.splitlines() if line.startswith("CORE"))
+    assert core.startswith(f"CORE {installed.inside(installed.room)}/")
+
+
+# ---- commands ----------------------------------------------------------------
+
+
+def test_blenders_command_line_renders(picture):
+    said, path = picture
+    assert "Saved: " in said and "Rendered " in said
+    assert "Error" not in said and "Traceback" not in said, said
+    found = pixels(path)
+    assert found.std() > 20  # it shows something
+
+
+def test_the_extensions_command_renders_the_same(installed, scene, picture, report_of):
+    output = scene.with_name("command.png")
+    words = ["--output", installed.inside(output), "--frame", "1"]
+    done = installed.run("-c", "leapray", "render", installed.inside(scene), *words)
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.splitlines()[-1].startswith(installed.inside(output))
+    assert np.array_equal(pixels(output), pixels(picture[1]))
+    report = report_of(output)
+    assert report["rays"] > 0 and report["blender"] and not report["warnings"]
+
+
+def test_it_renders_as_blenders_module_does(scene, picture, tmp_path):
+    """Another Python, another Blender perhaps: one step of 255 for its colour management."""
+    output = tmp_path / "module.png"
+    words = ["-m", "addon.cli", "render", str(scene), "--output", str(output), "--frame", "1"]
+    done = subprocess.run([sys.executable, *words], cwd=build.ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert abs(pixels(output) - pixels(picture[1])).max() <= 1
+
+
+# ---- errors --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "words, culprit",
+    [
+        (["render", "SCENE", "--traverser", "nosuch"], "nosuch"),
+        (["render", "/no/such.blend"], "/no/such.blend"),
+        (["render", "SCENE", "--output", "/no/folder/out.png"], "/no/folder"),
+    ],
+)
+def test_the_extensions_command_names_the_culprit(installed, scene, words, culprit):
+    words = [installed.inside(scene) if word == "SCENE" else word for word in words]
+    done = installed.run("-c", "leapray", *words)
+    assert done.returncode != 0
+    (line,) = (line for line in done.stdout.splitlines() if line.startswith("leapray: "))
+    assert culprit in line and "Traceback" not in done.stdout
+
+
+def test_a_scene_without_a_camera_fails_by_a_sentence_and_an_exit_code(installed, scene):
+    strip = (
+        "import bpy; [bpy.data.objects.remove(o) for o in bpy.data.objects if o.type == 'CAMERA']"
+    )
+    words = ["-E", "LEAPRAY", "-o", "//blind_", "-f", "1"]
+    done = installed.run("-b", installed.inside(scene), "--python-expr", strip, *words)
+    assert done.returncode != 0
+    assert "camera" in done.stdout.lower() and "Traceback" not in done.stdout
