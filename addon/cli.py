@@ -106,7 +106,7 @@ def add_settings(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--hit-test", choices=list(leapray.HIT_TESTS))
     verb.add_argument("--root", choices=list(leapray.ROOTS))
     verb.add_argument("--normal", choices=list(leapray.NORMALS))
-    verb.add_argument("--layout", choices=["objects", "scene"])
+    verb.add_argument("--layout", choices=model.LAYOUTS)
     verb.add_argument(
         "--resolution",
         type=lambda word: 0 if word == "auto" else count(1)(word),

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
+from leapray.voxelization import HALF_WIDTHS
 
 from .probes import Probes, Weights
 
-HALF_WIDTH = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # of the ramp, in voxels
 SATURATED = 2.5  # voxels: where the ramp ends, more cannot be measured
 LEAST_SLOPE = 0.25  # of the ramp's: at creases the gradient can vanish though f is right
 INSIDE = (0.25, 0.5, 1.0, 2.0)  # voxels behind a point that is not lost, f reaches T somewhere
@@ -167,7 +167,7 @@ def measure_surface(
     threshold = volume.info.threshold
     most = SATURATED * voxel_size
     slope = np.linalg.norm(gradient, axis=1)
-    ramp = 1.0 / (2.0 * HALF_WIDTH[volume.info.dtype] * voxel_size)
+    ramp = 1.0 / (2.0 * HALF_WIDTHS[volume.info.dtype] * voxel_size)
     error = np.minimum(np.abs(value - threshold) / np.maximum(slope, LEAST_SLOPE * ramp), most)
     lost = np.zeros(len(points), np.bool_)
     if normals is not None:

@@ -67,6 +67,9 @@ class Camera:
     clip_end: float
 
 
+LAYOUTS = ("objects", "scene")  # what shares a volume: the instances of a mesh, or all
+
+
 @dataclass(frozen=True)
 class Settings:
     """What the user may choose, in the panel and on the command line alike."""
@@ -76,7 +79,7 @@ class Settings:
     hit_test: str = "extrema"
     root: str = "newton"
     normal: str = "central"
-    layout: str = "objects"  # "objects" | "scene"
+    layout: str = "objects"  # one of LAYOUTS
     resolution: int = 0  # samples along the longest side of each volume; 0: the plan decides
     pixel_error: float = 0.25  # of a pixel's footprint
     memory_mb: int = 1024  # for volumes and structures together

@@ -45,7 +45,7 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
                 ids=mesh.slots,
                 dtype=settings.sample_type,
                 threads=settings.threads,
-                max_nbytes=settings.memory_mb * 1_000_000,
+                max_nbytes=settings.memory_mb * plan.MB,
             )
             volumes.write(volume, self.filepath)
         except leapray.LeapRayError as error:

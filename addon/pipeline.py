@@ -9,7 +9,6 @@ One watch reaches every call into the core, so a stop ends whatever runs.
 from __future__ import annotations
 
 import collections
-import os
 import platform
 import queue
 import time
@@ -23,13 +22,12 @@ import numpy as np
 import leapray
 from leapray._abi import lr_counters
 from leapray.arrays import SAMPLE_TYPES
+from leapray.threads import cores
 
 from . import model, plan, tiles
 
 POLL = 0.03  # seconds between two looks at `stop`
 PLANNED = 0.3  # share of the progress bar that planning and voxelizing take
-LAYOUTS = ("objects", "scene")
-COUNTERS = ("rays", "cells", "jumps", "tests", "samples", "hits")
 
 
 def never() -> bool:
@@ -105,7 +103,7 @@ def check(settings: model.Settings) -> None:
             raise leapray.LeapRayError(f"{name} must be at least {least_value}, it is {value}")
     if not settings.pixel_error > 0:
         raise leapray.LeapRayError(f"pixel_error must be above 0, it is {settings.pixel_error}")
-    for name, known in {"layout": LAYOUTS, "sample_type": SAMPLE_TYPES}.items():
+    for name, known in {"layout": model.LAYOUTS, "sample_type": SAMPLE_TYPES}.items():
         value = getattr(settings, name)
         if value not in known:
             raise leapray.LeapRayError(f"{name} is one of {', '.join(known)}, not {value!r}")
@@ -245,18 +243,11 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
         if on_tile is not None:
             on_tile(*tile, parts)
     crew.progress(1.0, crew.phase)
-    counters = {name: sum(int(getattr(c, name)) for c in totals) for name in COUNTERS}
+    counters = {name: sum(getattr(c, name) for c in totals) for name, _ in lr_counters._fields_}
     return passes, counters, sum(sizes)
 
 
 # ---- where it ran --------------------------------------------------------------
-
-
-def cores() -> int:
-    """How many threads this process may run at once."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def cpu() -> str:

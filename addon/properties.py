@@ -13,6 +13,7 @@ from dataclasses import fields
 import bpy
 
 import leapray
+from leapray.arrays import SAMPLE_TYPES
 
 from . import model
 
@@ -102,7 +103,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
     layout: bpy.props.EnumProperty(
         name="Layout",
         description="What shares a volume",
-        items=menu(("objects", "scene")),
+        items=menu(model.LAYOUTS),
         default=DEFAULTS.layout,
     )
     resolution: bpy.props.IntProperty(
@@ -136,7 +137,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
     sample_type: bpy.props.EnumProperty(
         name="Sample Type",
         description="How the samples of volumes are stored",
-        items=menu(("u8", "u16", "f32")),
+        items=menu(SAMPLE_TYPES),
         default=DEFAULTS.sample_type,
     )
     seed: bpy.props.IntProperty(
