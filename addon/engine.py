@@ -28,9 +28,6 @@ class LeapRayEngine(bpy.types.RenderEngine):
     bl_use_shading_nodes_custom = False  # Blender's own shader nodes
     bl_use_eevee_viewport = True  # for the viewport's material preview
 
-    def __init__(self, *args, **kwargs) -> None:
-        super().__init__(*args, **kwargs)
-
     def update_render_passes(self, scene=None, renderlayer=None) -> None:
         result.register_passes(self, scene, renderlayer)
 
