@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import platform
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,8 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
+
+from .. import pipeline
 
 # Okabe and Ito's colours, told apart by the colour-blind too; black stays for references.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A800")
@@ -87,15 +90,8 @@ def plain_ticks(axis) -> None:
 
 def machine() -> str:
     """The processor and the system, for a chart's corner."""
-    name = platform.processor() or platform.machine()
-    with contextlib.suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                name = line.split(":", 1)[1].strip()
-                break
-    import os
-
-    return f"{name}, {os.cpu_count()} logical cores, {platform.system()} {platform.machine()}"
+    system = f"{platform.system()} {platform.machine()}"
+    return f"{pipeline.cpu()}, {os.cpu_count()} logical cores, {system}"
 
 
 # ---- pictures ------------------------------------------------------------

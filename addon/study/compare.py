@@ -32,21 +32,6 @@ LIT = 1e-4  # of white: what is darker in the first sample is not lit
 Json = dict[str, object]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command line's options."""
-    parser.add_argument("scene", type=Path, metavar="SCENE.blend")
-    parser.add_argument("--output", type=Path, metavar="DIR", help="default: SCENE-compare here")
-    parser.add_argument("--traversers", metavar="all|A,B,..", help="default: the default one")
-    parser.add_argument("--samples", type=int, default=16, metavar="N", help="per pixel, for both")
-    parser.add_argument("--reference", type=int, metavar="N", help="default: 8 times --samples")
-    parser.add_argument("--frame", type=int, metavar="N", help="default: the scene's current one")
-    parser.add_argument(
-        "--world", choices=["scene", "black"], default="scene", help="black: lamps alone give light"
-    )
-    parser.add_argument("--percentage", type=int, metavar="P", help="of the scene's resolution")
-    parser.add_argument("--threads", type=int, metavar="N", help="0: all cores")
-
-
 def main(args: argparse.Namespace) -> int:
     """Compare; writes the folder and returns the exit code."""
     from .. import session

@@ -40,14 +40,6 @@ IMAGE = 250  # pixels along each side
 SEED = 1994
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command line's options."""
-    parser.add_argument("--output", type=Path, metavar="DIR", help="default: phantom here")
-    parser.add_argument("--quick", action="store_true", help="five phantoms, three rounds")
-    parser.add_argument("--size", type=int, metavar="N", help="samples along the cube; 128")
-    parser.add_argument("--rounds", type=int, metavar="N", help="how often all is timed")
-
-
 def main(args: argparse.Namespace) -> int:
     """Measure; writes the folder and returns the exit code."""
     output = Path(args.output or "phantom")
