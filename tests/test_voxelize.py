@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import leapray
 from addon import volumes
 from leapray import LeapRayError, OutOfMemory, voxelization
-from leapray.voxelization import border_edges, voxelize
+from leapray.voxelization import voxelize
 
 CLOSED = {
     "icosphere": meshes.icosphere(2),
@@ -217,9 +217,6 @@ def test_rims_reach_at_most_to_the_end_of_their_cell():
     centres = (cells + 0.5) * h + m[:3, 3]
     d, _ = brute_distance(centres, vertices, triangles)
     assert d.max() <= (np.sqrt(3) / 2 + 2e-4) * h
-    rim = border_edges(vertices, triangles)
-    assert rim.shape == (12, 2, 3)
-    assert_allclose(np.linalg.norm(rim[:, 1] - rim[:, 0], axis=1).sum(), 4.0, rtol=1e-12)
 
 
 def test_stencils_of_a_sheet_are_exact_with_a_narrow_ramp():

@@ -23,7 +23,7 @@ from .tracing import (
     variants,
 )
 from .volume import Volume, VolumeBuilder, VolumeInfo
-from .voxelization import MeshInfo, border_edges, mesh_layers, voxelize
+from .voxelization import MeshInfo, mesh_layers, voxelize
 
 __all__ = [
     "HIT_TESTS",
@@ -50,7 +50,6 @@ __all__ = [
     "VolumeInfo",
     "Watch",
     "__version__",
-    "border_edges",
     "build",
     "distance",
     "mesh_layers",

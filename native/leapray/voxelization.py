@@ -113,21 +113,6 @@ def _run(mesh, chosen, threads: int, progress: _Progress, max_nbytes: int | None
     return Volume.from_handle(handle, _mesh_info(info))
 
 
-def border_edges(vertices: ArrayLike, triangles: ArrayLike) -> NDArray[np.float64]:
-    """The edges (n, 2, 3) of a mesh that belong to one triangle only: the rims of sheets.
-
-    Vertices at equal places are one vertex, as in voxelize.
-    """
-    points, corners, _ = _mesh_arrays(vertices, triangles, None)
-    places, welded = np.unique(points + 0.0, axis=0, return_inverse=True)
-    faces = welded.reshape(-1)[corners]
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
-    ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    edges, count = np.unique(ends, axis=0, return_counts=True)
-    return places[edges[count == 1]]
-
-
 def mesh_layers(
     vertices: ArrayLike, triangles: ArrayLike, margin: float = 0.0, *, watch: Watch | None = None
 ) -> NDArray[np.int32]:
