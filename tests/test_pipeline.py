@@ -35,7 +35,7 @@ def small(**settings):
 
 def heavy():
     """Enough triangles and voxels for a good second of planning, and many rays."""
-    meshes = [scenes.sphere(n=200), scenes.box((1.5, 1.5, 1.5), turn=0.4)]
+    meshes = [scenes.sphere(n=120), scenes.box((1.5, 1.5, 1.5), turn=0.4)]
     placed = [scenes.place(0, at=(-1, 0, 0)), scenes.place(1, at=(1, 0, 0))]
     view = scenes.camera(width=1280, height=720)
     return scenes.scene(
