@@ -12,8 +12,8 @@
  * any number of threads; calls that change it need it alone, but for
  * lr_voxelize_part, whose parts may run side by side. A function that returns
  * lr_status writes one sentence into *error when it fails (error may be NULL)
- * and leaves its outputs untouched. The header is kept plain: the ctypes
- * declarations in leapray/_abi.py are generated from it.
+ * and makes no handle; arrays that it was filling are then undefined. The header
+ * is kept plain: the ctypes declarations in leapray/_abi.py are generated from it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LEAPRAY_H
@@ -299,7 +299,7 @@ typedef struct lr_counters {
     uint64_t hits;
 } lr_counters;
 
-/* counters is added to; NULL costs nothing. LR_E_STOPPED leaves hits undefined. */
+/* counters is added to; NULL costs nothing. */
 LR_API lr_status lr_trace(const lr_structure *structure, const lr_rays *rays, uint64_t n,
                           const lr_trace_options *options, const lr_hits *hits,
                           lr_counters *counters, const lr_watch *watch, lr_error *error);

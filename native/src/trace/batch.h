@@ -81,11 +81,11 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
     }
     bool inside = lr_enter(&r, &u, v->surface_lo, v->surface_hi, t_min);
     if (side != 0) { /* leave a surface: stand on its cell, whatever rounding says */
-        for (int a = 0; a < 3; a++)
-            u.c[a] = start->cell[a] + LR_PAD;
         inside = true;
         for (int a = 0; a < 3; a++) {
-            inside = inside && u.c[a] >= v->surface_lo[a] && u.c[a] <= v->surface_hi[a];
+            inside = inside && start->cell[a] >= v->surface_lo[a] - LR_PAD &&
+                     start->cell[a] <= v->surface_hi[a] - LR_PAD;
+            u.c[a] = inside ? start->cell[a] + LR_PAD : 0; /* the caller's may be any int32 */
             r.lo[a] = v->surface_lo[a];
             r.hi[a] = v->surface_hi[a];
         }
