@@ -28,11 +28,11 @@ typedef struct lr_split {
 } lr_split;
 
 /* The bins along one axis. */
-typedef struct lr_bins {
+typedef struct lr_bin_row {
     double lo, scale;
     lr_box box[N_BINS];
     uint32_t n[N_BINS];
-} lr_bins;
+} lr_bin_row;
 
 static const lr_box EMPTY = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
 
@@ -58,13 +58,13 @@ static double centre(const lr_box *box, int axis)
     return 0.5 * box->lo[axis] + 0.5 * box->hi[axis];
 }
 
-static int bin_of(const lr_bins *bins, const lr_box *box, int axis)
+static int bin_of(const lr_bin_row *bins, const lr_box *box, int axis)
 {
     return (int)lr_clamp((centre(box, axis) - bins->lo) * bins->scale, 0, N_BINS - 1);
 }
 
 /* False where all centres coincide. */
-static bool lay_bins(lr_bins *bins, double lo, double hi)
+static bool lay_bins(lr_bin_row *bins, double lo, double hi)
 {
     bins->lo = lo;
     bins->scale = N_BINS / (hi - lo);
@@ -75,7 +75,7 @@ static bool lay_bins(lr_bins *bins, double lo, double hi)
     return hi > lo && isfinite(bins->scale);
 }
 
-static void best_of_axis(const lr_bins *bins, int axis, lr_split *best)
+static void best_of_axis(const lr_bin_row *bins, int axis, lr_split *best)
 {
     double cost_right[N_BINS];
     lr_box box = EMPTY;
@@ -108,7 +108,7 @@ static uint32_t log2_up(uint32_t n)
 static uint32_t partition(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level)
 {
     lr_split best = {INFINITY, 0, 0};
-    lr_bins bins[3];
+    lr_bin_row bins[3];
     lr_box centres = EMPTY;
     for (uint32_t i = 0; i < n; i++)
         for (int a = 0; a < 3; a++) {

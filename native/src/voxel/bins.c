@@ -39,7 +39,7 @@ static void add_edge_planes(reach *r, const double p[3][3], const double n[3], d
     for (int e = 0; e < 3; e++) {
         double along[3], out[3];
         lr_sub(p[(e + 1) % 3], p[e], along);
-        lr_cross(along, n, out);
+        lr_cross_product(along, n, out);
         double length = sqrt(lr_dot(out, out));
         if (!(length > 0.0))
             continue;

@@ -31,7 +31,7 @@ LR_INLINE bool lr_frame_make(lr_frame *f)
         f->length[e] = sqrt(lr_dot(f->u[e], f->u[e]));
         for (int a = 0; a < 3; a++)
             f->u[e][a] /= f->length[e];
-        lr_cross(f->u[e], f->n, f->m[e]);
+        lr_cross_product(f->u[e], f->n, f->m[e]);
     }
     return true;
 }

@@ -122,7 +122,7 @@ static void measure(const lr_topology *m, const int32_t *island_of, island *isla
             here->kind = OPEN;
         if (!lr_counts(m, t))
             continue;
-        lr_cross(p[1], p[2], yz);
+        lr_cross_product(p[1], p[2], yz);
         here->volume += lr_dot(p[0], yz);
         here->has_area = here->has_area || lr_normal_of((const double(*)[3])p, n_of);
     }

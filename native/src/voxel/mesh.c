@@ -319,7 +319,7 @@ static double angle_at(const double p[3][3], int c)
     double u[3], v[3], n[3];
     lr_sub(p[(c + 1) % 3], p[c], u);
     lr_sub(p[(c + 2) % 3], p[c], v);
-    lr_cross(u, v, n);
+    lr_cross_product(u, v, n);
     return atan2(sqrt(lr_dot(n, n)), lr_dot(u, v));
 }
 
@@ -347,7 +347,7 @@ static lr_status add_normals(lr_topology *m, const lr_watch *watch, double *volu
         lr_sub(p[0], centre, x);
         lr_sub(p[1], centre, y);
         lr_sub(p[2], centre, z);
-        lr_cross(y, z, yz);
+        lr_cross_product(y, z, yz);
         *volume += lr_dot(x, yz);
     }
     return LR_OK;

@@ -73,7 +73,7 @@ LR_INLINE void lr_sub(const double a[3], const double b[3], double out[3])
         out[i] = a[i] - b[i];
 }
 
-LR_INLINE void lr_cross(const double a[3], const double b[3], double out[3])
+LR_INLINE void lr_cross_product(const double a[3], const double b[3], double out[3])
 {
     out[0] = a[1] * b[2] - a[2] * b[1];
     out[1] = a[2] * b[0] - a[0] * b[2];
@@ -92,7 +92,7 @@ LR_INLINE bool lr_normal_of(const double p[3][3], double n[3])
     lr_sub(p[1], p[0], u);
     lr_sub(p[2], p[0], v);
     lr_sub(p[2], p[1], w);
-    lr_cross(u, v, n);
+    lr_cross_product(u, v, n);
     double uu = lr_dot(u, u), vv = lr_dot(v, v), ww = lr_dot(w, w);
     double longest = uu > vv ? uu : vv;
     longest = longest > ww ? longest : ww;

@@ -42,12 +42,12 @@ static int make_separators(const double p[3][3], separator s[10])
     double edge[3][3], normal[3];
     for (int e = 0; e < 3; e++)
         lr_sub(p[(e + 1) % 3], p[e], edge[e]);
-    lr_cross(edge[0], edge[1], normal);
+    lr_cross_product(edge[0], edge[1], normal);
     s[n++] = separate(normal, p);
     for (int e = 0; e < 3; e++)
         for (int a = 0; a < 3; a++) {
             double unit[3] = {a == 0, a == 1, a == 2}, axis[3];
-            lr_cross(unit, edge[e], axis);
+            lr_cross_product(unit, edge[e], axis);
             s[n++] = separate(axis, p);
         }
     return n;
