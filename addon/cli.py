@@ -159,7 +159,7 @@ def render(args: argparse.Namespace) -> int:
         scene.render.threads_mode = "FIXED" if args.threads else "AUTO"
         scene.render.threads = args.threads or scene.render.threads
 
-    with part_folder(output) as folder:
+    with part_folder(output) as folder, part_folder(report) as aside:
         picture = folder / f"picture{output.suffix.lower()}"
         set_format(scene, picture)
         reports = render_frame(scene)
@@ -174,7 +174,9 @@ def render(args: argparse.Namespace) -> int:
         }
         if len(reports) > 1:
             told["view_layers"] = reports
-        write_text(report, json.dumps(told, indent=2) + "\n")
+        figures = aside / "figures.json"
+        figures.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+        os.replace(figures, report)
         os.replace(picture, output)
     for warning in told.get("warnings", ()):
         say(f"warning: {warning}")
@@ -247,8 +249,8 @@ def check_folder(path: Path) -> None:
 def part_folder(output: Path) -> Iterator[Path]:
     """A folder beside output for what is not complete; gone afterwards.
 
-    It is locked while in use, so that those of killed processes can be told and
-    cleared away.
+    All that a killed process leaves lies in such folders. One is locked while in
+    use, so that those of killed processes can be told and cleared away.
     """
     parent, name = output.absolute().parent, f".{output.name}."
     for old in parent.glob(f"{glob.escape(name)}*.part"):
@@ -273,20 +275,6 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    with tempfile.NamedTemporaryFile("w", dir=path.absolute().parent, delete=False) as file:
-        beside = Path(file.name)
-        try:
-            file.write(text)
-            file.close()
-            beside.chmod(0o644)
-            beside.replace(path)
-        except BaseException:
-            beside.unlink(missing_ok=True)
-            raise
 
 
 # ---- blender -c ----------------------------------------------------------

@@ -145,7 +145,7 @@ def test_a_killed_render_leaves_no_picture_and_the_next_one_clears_up(blend, tmp
     time.sleep(0.3)
     slow.kill()
     slow.communicate()
-    assert [path.suffix for path in tmp_path.iterdir()] == [".part"]
+    assert {path.suffix for path in tmp_path.iterdir()} == {".part"}
     code, _, err = run("render", blend, cwd=tmp_path)
     assert code == 0, err
     assert sorted(os.listdir(tmp_path)) == ["cube.json", "cube.png"]
