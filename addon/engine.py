@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import bpy
 import numpy as np
 
 import leapray
 
-from . import model, pipeline, properties, result, scene, tiles
+from . import model, pipeline, properties, result, scene
 
 # How the last render of each view layer went: what the JSON file holds, or why there is none.
 reports: dict[str, dict] = {}
@@ -64,24 +65,16 @@ class LeapRayEngine(bpy.types.RenderEngine):
         )
         if self.is_preview:  # Blender lights these by area lights, which are not supported yet
             job = replace(job, lights=(shoulder_light(job.camera),))
-        n_tiles, n_done = len(tiles.split(job.width, job.height, job.settings.tile_size)), 0
 
         def progress(share: float, phase: str) -> None:
             self.update_progress(share)
-            if not n_done:
-                self.update_stats("", f"{status}{phase} {share:.0%}")
-
-        def on_tile(x, y, width, height, passes) -> None:
-            nonlocal n_done
-            n_done += 1
-            result.write_tile(self, layer, x, y, width, height, passes)
-            self.update_stats("", f"{status}Rendered {n_done}/{n_tiles} Tiles")
+            self.update_stats("", f"{status}{phase}, {share:.0%}")
 
         frame = pipeline.render(
             job,
             stop=self.test_break,
             progress=progress,
-            on_tile=on_tile,
+            on_tile=partial(result.write_tile, self, layer),
             cache=self._cache(depsgraph.scene_eval),
         )
         if self.is_preview:
