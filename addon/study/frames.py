@@ -238,15 +238,11 @@ def render_cycles(scene: bpy.types.Scene, path: Path, samples: int, seed: int = 
     return Frame(read(path), seconds)
 
 
-def render_leapray(
-    scene: bpy.types.Scene, path: Path, samples: int, traverser: str, seed: int = 0
-) -> Frame:
+def render_leapray(scene: bpy.types.Scene, path: Path, samples: int, traverser: str) -> Frame:
     """The frame by LeapRay through one traverser; the scene's other settings stay."""
     scene.render.engine = "LEAPRAY"
     scene.leapray.samples = samples
     scene.leapray.traverser = traverser
-    if hasattr(scene.leapray, "seed"):
-        scene.leapray.seed = seed
     write_to(scene, path)
     began = time.perf_counter()
     reports = session.render_frame(scene)
