@@ -25,10 +25,11 @@ import leapray
 from leapray import LeapRayError
 
 from . import model
-from .session import open_scene, render_frame, set_format
+from .session import check_file, open_scene, render_frame, set_format
 
 DEFAULTS = model.Settings()
 FORMATS = (".png", ".exr")
+MOST_THREADS, LAST_FRAME = 1024, 1048574  # of Blender, which would quietly clamp
 _command = None  # Blender's handle of the registered command
 
 
@@ -67,7 +68,12 @@ def parser() -> argparse.ArgumentParser:
         "--output", type=Path, help="OUT.png, or OUT.exr with all passes; default: SCENE.png here"
     )
     verb.add_argument("--json", type=Path, metavar="FILE", help="default: beside the picture")
-    verb.add_argument("--frame", type=int, metavar="N", help="default: the scene's current frame")
+    verb.add_argument(
+        "--frame",
+        type=frame_number,
+        metavar="N",
+        help="default: the scene's current frame",
+    )
     add_settings(verb)
 
     verb = verbs.add_parser("compare", help="the same frame by Cycles and by LeapRay")
@@ -77,7 +83,12 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--traversers", metavar="all|A,B,..", help="default: the default one")
     verb.add_argument("--samples", type=count(1), default=16, metavar="N", help="per pixel")
     verb.add_argument("--reference", type=count(1), metavar="N", help="default: 8 times --samples")
-    verb.add_argument("--frame", type=int, metavar="N", help="default: the scene's current one")
+    verb.add_argument(
+        "--frame",
+        type=frame_number,
+        metavar="N",
+        help="default: the scene's current one",
+    )
     verb.add_argument(
         "--world",
         choices=["scene", "black"],
@@ -85,7 +96,7 @@ def parser() -> argparse.ArgumentParser:
         help="black: the lights alone give light",
     )
     verb.add_argument("--percentage", type=count(1), metavar="P", help="of the resolution")
-    verb.add_argument("--threads", type=count(0), metavar="N", help="0: all cores")
+    verb.add_argument("--threads", type=count(0, MOST_THREADS), metavar="N", help="0: all cores")
 
     verb = verbs.add_parser("study", help="measure speed, accuracy, stability")
     verb.set_defaults(run=study)
@@ -109,7 +120,7 @@ def add_settings(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--layout", choices=model.LAYOUTS)
     verb.add_argument(
         "--resolution",
-        type=lambda word: 0 if word == "auto" else count(1)(word),
+        type=auto_or_count,
         metavar="auto|N",
         help="samples along the longest side of each volume",
     )
@@ -119,34 +130,50 @@ def add_settings(verb: argparse.ArgumentParser) -> None:
         metavar="X",
         help=f"of a pixel, for --resolution auto; {DEFAULTS.pixel_error} unless the scene says so",
     )
-    verb.add_argument("--threads", type=count(0), metavar="N", help="0: all cores")
+    verb.add_argument("--threads", type=count(0, MOST_THREADS), metavar="N", help="0: all cores")
 
 
-def count(least: int):
-    """A type for argparse: an integer from least on."""
+def count(least: int, most: int = 2**31 - 1):
+    """A type for argparse: an integer from least to most, as Blender can hold it."""
 
     def number(word: str) -> int:
         value = int(word)
         if value < least:
             raise argparse.ArgumentTypeError(f"must be at least {least}, not {value}")
+        if value > most:
+            raise argparse.ArgumentTypeError(f"must be at most {most}, not {value}")
         return value
 
     number.__name__ = "integer"  # argparse shows it
     return number
 
 
+def auto_or_count(word: str) -> int:
+    """A type for argparse: "auto", which is 0, or an integer from 1 on."""
+    return 0 if word == "auto" else count(1)(word)
+
+
+auto_or_count.__name__ = '"auto" or integer'
+frame_number = count(-LAST_FRAME, LAST_FRAME)
+
 # ---- verbs ---------------------------------------------------------------
 
 
 def render(args: argparse.Namespace) -> int:
     """Render a frame; writes the picture and the JSON beside it."""
-    output = Path(args.output or Path(args.scene.name).with_suffix(".png"))
+    check_file(args.scene)
+    output = Path(args.output or f"{args.scene.stem}.png")
     report = Path(args.json or output.with_suffix(".json"))
     if output.suffix.lower() not in FORMATS:
         raise LeapRayError(f"--output must end in {' or '.join(FORMATS)}, and is {output}")
     for path in (output, report):
         check_folder(path)
-    if args.traverser:
+    if len({path.resolve() for path in (args.scene, output, report)}) < 3:
+        raise LeapRayError(
+            f"The scene {args.scene}, the picture {output} and the figures {report} "
+            "must be three different files"
+        )
+    if args.traverser is not None:
         args.traverser = leapray.traverser(args.traverser).spec  # refuses an unknown one
 
     scene = open_scene(args.scene)

@@ -19,10 +19,15 @@ import leapray
 from leapray import LeapRayError
 
 
+def check_file(path: Path) -> None:
+    """Raise LeapRayError where there is no file to read."""
+    if not path.is_file():
+        raise LeapRayError(f"{path} is a folder" if path.is_dir() else f"There is no file {path}")
+
+
 def open_scene(path: Path):
     """Open a .blend, with LeapRay registered and chosen; returns its scene."""
-    if not path.is_file():
-        raise LeapRayError(f"There is no file {path}")
+    check_file(path)
     import bpy
 
     if not hasattr(bpy.types.Scene, "leapray"):

@@ -91,6 +91,10 @@ def test_options_replace_the_scenes_settings(blend, tmp_path):
 
 REFUSED = [
     (["missing.blend"], 1, "There is no file missing.blend"),
+    (["."], 1, ". is a folder"),
+    (["/"], 1, "/ is a folder"),
+    (["{blend}", "--json", "{blend}"], 1, "three different files"),
+    (["{blend}", "--output", "a.png", "--json", "./a.png"], 1, "three different files"),
     (["{blend}", "--output", "no/such/place/a.png"], 1, "no/such/place does not exist"),
     (["{blend}", "--output", "/proc/a.png"], 1, "/proc cannot be written to"),
     (["{blend}", "--json", "/proc/a.json"], 1, "/proc cannot be written to"),
@@ -101,6 +105,9 @@ REFUSED = [
     (["{blend}", "--samples", "1000000"], 1, "Samples must lie between"),
     (["{blend}", "--resolution", "0"], 2, "must be at least 1, not 0"),
     (["{blend}", "--samples", "0"], 2, "must be at least 1, not 0"),
+    (["{blend}", "--resolution", "x"], 2, """invalid "auto" or integer value: 'x'"""),
+    (["{blend}", "--threads", "1025"], 2, "must be at most 1024"),
+    (["{blend}", "--frame", "1048575"], 2, "must be at most 1048574"),
     (["{blend}", "--hit-test", "guess"], 2, "invalid choice"),
     ([], 2, "SCENE.blend"),
 ]
@@ -112,7 +119,9 @@ def test_what_cannot_be_done_is_refused_in_a_sentence(
 ):
     monkeypatch.chdir(tmp_path)
     words = [word.format(blend=blend) for word in words]
+    before = blend.read_bytes()
     assert cli.main(["render", *words]) == code
+    assert blend.read_bytes() == before
     out, err = capfd.readouterr()
     assert sentence in err and "Traceback" not in err and out == ""
     assert os.listdir(tmp_path) == []
