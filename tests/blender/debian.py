@@ -80,7 +80,8 @@ def mirror() -> str:
 
 def call(*command: str) -> str:
     """Run a command; returns what it printed, raises Unavailable with its last words."""
-    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+    path = os.environ.get("PATH", "") + ":/usr/sbin:/sbin"  # not every root has them
+    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive", "PATH": path}
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     if done.returncode:
         words = done.stderr.strip().splitlines()[-5:]

@@ -34,6 +34,10 @@ def pixels(path: Path) -> np.ndarray:
         return np.asarray(image.convert("RGB")).astype(int)
 
 
+# Not every root has the system's tools on its path.
+CHROOT = shutil.which("chroot") or "/usr/sbin/chroot"
+
+
 class Blender:
     """A Blender to test with: the executable as it is called under root, a folder to work in."""
 
@@ -57,7 +61,7 @@ class Blender:
 
     def command(self, *words: str) -> list[str]:
         """A command line that runs on Blender's side."""
-        chroot = [] if self.root == Path("/") else ["chroot", str(self.root)]
+        chroot = [] if self.root == Path("/") else [CHROOT, str(self.root)]
         return [*chroot, "env", "-i", *(f"{k}={v}" for k, v in self.environment.items()), *words]
 
     def lacks(self, tools: tuple[str, ...]) -> list[str]:
