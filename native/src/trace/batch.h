@@ -54,6 +54,23 @@ LR_INLINE bool lr_starts_inside(const lr_volume *v, const lr_ray *r, double t_mi
     return lr_enter(&copy, u, lo, hi, t_min) && u->axis < 0 && lr_object_cell(v, u->c);
 }
 
+/* Leave a surface: stand on its cell, whatever rounding says. */
+LR_INLINE bool lr_leave(const lr_volume *v, lr_ray *r, lr_cursor *u, const lr_start *start,
+                        double t_min)
+{
+    bool inside = true;
+    for (int a = 0; a < 3; a++) {
+        inside = inside && start->cell[a] >= v->surface_lo[a] - LR_PAD &&
+                 start->cell[a] <= v->surface_hi[a] - LR_PAD;
+        u->c[a] = inside ? start->cell[a] + LR_PAD : 0; /* the caller's may be any int32 */
+        r->lo[a] = v->surface_lo[a];
+        r->hi[a] = v->surface_hi[a];
+    }
+    u->axis = -1;
+    u->t = t_min;
+    return inside;
+}
+
 /* One ray; counted is a constant, so that counting costs nothing when out. */
 LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays *rays, uint64_t i,
                             const lr_trace_options *options, const lr_hits *hits, bool counted,
@@ -79,20 +96,8 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
         hit = true;
         goto end;
     }
-    bool inside = lr_enter(&r, &u, v->surface_lo, v->surface_hi, t_min);
-    if (side != 0) { /* leave a surface: stand on its cell, whatever rounding says */
-        inside = true;
-        for (int a = 0; a < 3; a++) {
-            inside = inside && start->cell[a] >= v->surface_lo[a] - LR_PAD &&
-                     start->cell[a] <= v->surface_hi[a] - LR_PAD;
-            u.c[a] = inside ? start->cell[a] + LR_PAD : 0; /* the caller's may be any int32 */
-            r.lo[a] = v->surface_lo[a];
-            r.hi[a] = v->surface_hi[a];
-        }
-        u.axis = -1;
-        u.t = t_min;
-    }
-    if (!inside)
+    if (!(side != 0 ? lr_leave(v, &r, &u, start, t_min)
+                    : lr_enter(&r, &u, v->surface_lo, v->surface_hi, t_min)))
         goto end;
     LR_START(data, v, &r, &u, &state);
     while (LR_WALK(data, v, &r, &u, &state, first, counted ? &tally : NULL)) {
