@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import replace
 from functools import partial
 
@@ -17,6 +18,7 @@ from . import model, pipeline, properties, result, scene
 # How the last render of each view layer went: what the JSON file holds, or why there is none.
 reports: dict[str, dict] = {}
 failures: dict[str, leapray.LeapRayError] = {}  # without tracebacks, which hold on to memory
+interrupt = threading.Event()  # set from outside to end the render, as Esc does
 _volumes: dict = {}  # kept between frames where the scene asks for persistent data
 
 
@@ -72,7 +74,7 @@ class LeapRayEngine(bpy.types.RenderEngine):
 
         frame = pipeline.render(
             job,
-            stop=self.test_break,
+            stop=lambda: interrupt.is_set() or self.test_break(),
             progress=progress,
             on_tile=partial(result.write_tile, self, layer),
             cache=self._cache(depsgraph.scene_eval),

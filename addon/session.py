@@ -10,7 +10,9 @@ from __future__ import annotations
 import atexit
 import contextlib
 import os
+import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -83,7 +85,7 @@ def render_frame(scene) -> dict[str, dict]:
     engine.failures.clear()
     refusal = None
     try:
-        with quiet():
+        with quiet(), interruptible(engine.interrupt):
             bpy.ops.render.render(write_still=True, scene=scene.name)
     except RuntimeError as error:
         refusal = LeapRayError(first_line(error))
@@ -122,6 +124,34 @@ def first_line(error: RuntimeError) -> str:
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     wanted = [line for line in lines if line.startswith("Error:")] or lines
     return wanted[0].removeprefix("Error:").strip() if wanted else "Blender does not say why"
+
+
+@contextlib.contextmanager
+def interruptible(event: threading.Event) -> Iterator[None]:
+    """Have the first Ctrl-C set event, which ends the work inside, then raise KeyboardInterrupt.
+
+    What is raised in a callback of Blender's, Blender prints and forgets. The
+    second Ctrl-C is raised at once. Where Python does not listen to Ctrl-C, and
+    on other threads, nothing changes.
+    """
+    event.clear()
+    on_main_thread = threading.current_thread() is threading.main_thread()
+    if not on_main_thread or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+
+    def heard(*_) -> None:
+        event.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    signal.signal(signal.SIGINT, heard)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if event.is_set():
+            event.clear()
+            raise KeyboardInterrupt
 
 
 @contextlib.contextmanager

@@ -174,6 +174,32 @@ def test_an_interrupt_ends_the_render_soon_and_cleanly(blend, tmp_path):
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.parametrize("moment", ["render_init", "render_pre", "render_stats"])
+def test_an_interrupt_is_heard_while_blender_swallows_exceptions(
+    blend, tmp_path, monkeypatch, capfd, moment
+):
+    monkeypatch.chdir(tmp_path)
+    heard = []
+
+    def press(*_):
+        if not heard:
+            heard.append(signal.getsignal(signal.SIGINT))
+            signal.raise_signal(signal.SIGINT)
+
+    def render(path):
+        scene = open_scene(path)
+        getattr(bpy.app.handlers, moment).append(press)
+        return scene
+
+    open_scene = cli.open_scene
+    monkeypatch.setattr(cli, "open_scene", render)
+    assert cli.main(["render", str(blend)]) == 130
+    assert len(heard) == 1 and capfd.readouterr().err.endswith("leapray: interrupted\n")
+    assert os.listdir(tmp_path) == []
+    monkeypatch.setattr(cli, "open_scene", open_scene)
+    assert cli.main(["render", str(blend)]) == 0  # and the next one is not
+
+
 def test_help_names_what_there_is(capsys):
     assert cli.main(["render", "--help"]) == 0
     told = capsys.readouterr().out
