@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What there is to be compared, as the core lists it, and how it is timed (no bpy)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+import leapray
+
+
+def hit_tests() -> list[tuple[str, str]]:
+    """Pairs (hit test, root finder) that the core does not refuse."""
+    structure = leapray.build(leapray.Volume(np.ones((1, 1, 1), np.uint8)))
+    found = []
+    for hit_test in leapray.HIT_TESTS:
+        for root in leapray.ROOTS:
+            try:
+                leapray.trace(structure, [(0, 0, -3)], [(0, 0, 1)], hit_test=hit_test, root=root)
+            except leapray.LeapRayError:
+                continue
+            found.append((hit_test, root))
+    return found
+
+
+def walks_cells(hit_test: str) -> bool:
+    """Whether a hit test looks at each cell by itself, so that every root finder goes with it."""
+    return {root for test, root in hit_tests() if test == hit_test} == set(leapray.ROOTS)
+
+
+def label(entry: leapray.Traverser) -> str:
+    """A traverser's label with those options that are not the default."""
+    _, _, options = entry.spec.partition(":")
+    return f"{entry.label}, {options.replace('=', ' ')}" if options else entry.label
+
+
+def seconds(jobs: list[Callable[[], object]], rounds: int) -> NDArray[np.float64]:
+    """(rounds, jobs) seconds of the process, all jobs in turn, so that a slow moment hits all."""
+    took = np.empty((rounds, len(jobs)))
+    for turn in range(rounds):
+        for k, job in enumerate(jobs):
+            began = time.process_time()
+            job()
+            took[turn, k] = time.process_time() - began
+    return took
