@@ -354,6 +354,14 @@ def test_buffers_workspace_and_counters_may_be_the_callers(crowd, whole):
     assert counters.cells > counters.tests > 0
 
 
+def test_a_buffer_that_may_not_be_written_is_refused(crowd):
+    buffer = np.zeros((8, 8, 1), np.float32)
+    buffer.flags.writeable = False
+    with pytest.raises(leapray.LeapRayError, match="Depth must be writeable"):
+        crowd.render_tile(0, 0, 8, 8, passes={"Depth": buffer})
+    assert not buffer.any()
+
+
 def test_the_seed_moves_samples_but_not_their_mean(crowd, whole):
     other = crowd.render_tile(0, 0, 100, 70, samples=3, seed=10)["Combined"]
     assert (other != whole["Combined"]).any(-1).mean() > 0.3

@@ -143,3 +143,10 @@ CUBE = np.zeros((2, 2, 2), np.float32)
 def test_wrong_volumes_are_refused_by_a_sentence(make, sentence):
     with pytest.raises(leapray.LeapRayError, match=sentence):
         make()
+
+
+@pytest.mark.parametrize("origin", [(2**40, 0, 0), (0, -(2**31) - 1, 0), (0, 0)])
+def test_a_place_that_no_32_bits_hold_is_refused_not_wrapped(origin):
+    volume = leapray.Volume(np.ones((3, 3, 3), np.float32))
+    with pytest.raises(leapray.LeapRayError, match="32 bits"):
+        volume.read(origin, (1, 1, 1))

@@ -24,8 +24,11 @@ def pointer(array: NDArray | None, c_type=ctypes.c_double):
 
 
 def triple(values, c_type=ctypes.c_int32):
-    """Three numbers as a C array."""
-    return (c_type * 3)(*values)
+    """Three numbers as a C array. Raises LeapRayError where ctypes would wrap one around."""
+    array = (c_type * 3)(*values)
+    if list(array) != list(values):
+        raise LeapRayError(f"three whole numbers of 32 bits are needed, not {tuple(values)}")
+    return array
 
 
 def matrix(values: ArrayLike | None, name: str):

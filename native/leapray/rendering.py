@@ -259,9 +259,10 @@ def _buffer(
     shape = (max(height, 0), max(width, 0), PASSES[name])
     if array is None:
         return np.empty(shape, np.float32)
-    if array.dtype != np.float32 or array.shape != shape or not array.flags.c_contiguous:
+    fits = array.dtype == np.float32 and array.shape == shape
+    if not (fits and array.flags.c_contiguous and array.flags.writeable):
         raise LeapRayError(
-            f"the buffer of pass {name} must be float32 {shape} in rows without gaps, "
+            f"the buffer of pass {name} must be writeable float32 {shape} in rows without gaps, "
             f"it is {array.dtype} {array.shape}"
         )
     return array
