@@ -190,6 +190,8 @@ def render(args: argparse.Namespace) -> int:
         picture = folder / f"picture{output.suffix.lower()}"
         set_format(scene, picture)
         reports = render_frame(scene)
+        if not reports:
+            raise LeapRayError(f"No view layer of scene '{scene.name}' is used for rendering")
         if not picture.exists():
             raise LeapRayError("Blender wrote no picture")
         told = {
@@ -197,7 +199,7 @@ def render(args: argparse.Namespace) -> int:
             "frame": frame,
             "picture": str(output),
             "blender": bpy.app.version_string,
-            **next(iter(reports.values()), {}),
+            **next(iter(reports.values())),
         }
         if len(reports) > 1:
             told["view_layers"] = reports
@@ -205,7 +207,7 @@ def render(args: argparse.Namespace) -> int:
         figures.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
         os.replace(figures, report)
         os.replace(picture, output)
-    for warning in told.get("warnings", ()):
+    for warning in dict.fromkeys(w for layer in reports.values() for w in layer["warnings"]):
         say(f"warning: {warning}")
     print(f"{output}, and its figures in {report}", flush=True)
     return 0

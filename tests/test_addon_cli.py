@@ -136,14 +136,19 @@ def test_broken_files_and_scenes_are_refused(blend, tmp_path, monkeypatch, capfd
 
     scene = fresh()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "empty.blend"))
+    scene.view_layers[0].use = False
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "unused.blend"))
     scene.camera = None
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "blind.blend"))
     capfd.readouterr()
     assert cli.main(["render", "empty.blend"]) == 1
     assert "shows no mesh" in capfd.readouterr().err
+    assert cli.main(["render", "unused.blend"]) == 1
+    assert "No view layer" in capfd.readouterr().err
     assert cli.main(["render", "blind.blend"]) == 1
     assert "camera" in capfd.readouterr().err
-    assert sorted(os.listdir(tmp_path)) == ["blind.blend", "broken.blend", "empty.blend"]
+    names = [f"{name}.blend" for name in ("blind", "broken", "empty", "unused")]
+    assert sorted(os.listdir(tmp_path)) == names
 
 
 def test_a_killed_render_leaves_no_picture_and_the_next_one_clears_up(blend, tmp_path):
