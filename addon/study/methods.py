@@ -34,7 +34,9 @@ def walks_cells(hit_test: str) -> bool:
 def label(entry: leapray.Traverser) -> str:
     """A traverser's label with those options that are not the default."""
     _, _, options = entry.spec.partition(":")
-    return f"{entry.label}, {options.replace('=', ' ')}" if options else entry.label
+    return (
+        f"{entry.label}, {options.replace('=', ' ').replace(',', ', ')}" if options else entry.label
+    )
 
 
 def seconds(jobs: list[Callable[[], object]], rounds: int) -> NDArray[np.float64]:

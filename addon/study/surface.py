@@ -2,9 +2,10 @@
 """The survey's second experiment: what the way to the surface, the hit test and the root cost.
 
 A voxelized sphere is magnified so that all rays hit it. Times are differences of runs: binary mode
-walks to the first object cell and no further (traversal); surface mode whose t_max ends a little
-before the crossing also tests and finds roots, but keeps no hit (the linear root, one division,
-counts as hit test alone); a whole run adds the normal. Then errors of point and normal against
+walks to the first object cell and no further (traversal); a whole run adds hit test, root and
+normal. The normal's share is what is saved where t_max ends a little before the crossing, so that
+the root is found but no hit is kept; of the rest, the linear root, one division, counts as hit
+test, and what other roots take beyond it is the root's. Then errors of point and normal against
 the sphere by angle of incidence, and against the field's own crossing.
 
 Source: Sramek 1994, section 5, figure 4. Departures: 1. each hit test goes with the default
@@ -156,6 +157,8 @@ def cost_of(volume, entry, pairs, origins, directions, rounds) -> list[Cost]:
     taken = np.maximum(taken - taken[0], 0.0)
     short = {(test, root): taken[2 + 2 * k] for k, (test, root, _) in enumerate(full)}
     whole = {(test, root): taken[3 + 2 * k] for k, (test, root, _) in enumerate(full)}
+    walking = [(test, root) for test, root, _ in full if methods.walks_cells(test)]
+    normal = max(float(np.median([whole[pair] - short[pair] for pair in walking])), 0.0)
     return [
         Cost(
             entry.spec,
@@ -166,9 +169,9 @@ def cost_of(volume, entry, pairs, origins, directions, rounds) -> list[Cost]:
             hits.counters["hits"],
             len(origins),
             taken[1],
-            max(short[test, "linear"] - taken[1], 0.0),
-            max(short[test, root] - short[test, "linear"], 0.0),
-            max(whole[test, root] - short[test, root], 0.0),
+            max(whole[test, "linear"] - normal - taken[1], 0.0),
+            max(whole[test, root] - whole[test, "linear"], 0.0),
+            normal,
             hits.counters["samples"] / len(origins),
             0.0,
         )
@@ -404,7 +407,7 @@ def write_page(folder: Path, told: dict, costs: list[Cost], errors: list[Error])
         ),
         "<h2>What this is, and what it is not</h2>",
         "<p>Parts of the time are differences of whole runs: a run in binary mode is the "
-        "traversal; a run whose rays end just before the surface adds test and root; the root "
+        "traversal; the normal is what is saved where rays end just before the surface; the root "
         "finders' part is what they take beyond the linear one, whose single division counts to "
         "the test, as do the cubic's coefficients, which they share. Normals are left out of the "
         "bars. Differences of noisy times are noisier; below zero they show as zero. The error "
