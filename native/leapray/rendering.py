@@ -262,7 +262,7 @@ def _buffer(
     fits = array.dtype == np.float32 and array.shape == shape
     if not (fits and array.flags.c_contiguous and array.flags.writeable):
         raise LeapRayError(
-            f"the buffer of pass {name} must be writeable float32 {shape} in rows without gaps, "
+            f"the buffer of pass {name} must be float32 {shape} without gaps, and writeable; "
             f"it is {array.dtype} {array.shape}"
         )
     return array
