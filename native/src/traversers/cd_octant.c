@@ -188,7 +188,7 @@ LR_INLINE bool empty_ahead(const void *data, const lr_volume *v, const lr_ray *r
     }
     for (int a = 0; a < 3; a++) {
         const int32_t first = c[a] >> block;
-        lo[a] = r->s[a] > 0 ? c[a] : (first - n + 1) << block;
+        lo[a] = r->s[a] > 0 ? c[a] : (first - n + 1) * (1 << block);
         hi[a] = r->s[a] > 0 ? ((first + n) << block) - 1 : c[a];
         if (r->s[a] == 0)
             lo[a] = hi[a] = c[a];
