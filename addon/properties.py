@@ -126,7 +126,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         precision=3,
     )
     memory_mb: bpy.props.IntProperty(
-        name="Memory",
+        name="Memory (MB)",
         description="Megabytes that volumes and their structures may take; what does not fit is "
         "modelled more coarsely, with a warning",
         default=DEFAULTS.memory_mb,

@@ -40,7 +40,9 @@ class RENDER_PT_leapray(_Panel, bpy.types.Panel):
     def draw(self, context) -> None:
         column, settings = self.columns(), context.scene.leapray
         column.prop(settings, "samples")
-        column.prop(settings, "pixel_error")
+        error = column.column()
+        error.active = settings.resolution == 0
+        error.prop(settings, "pixel_error")
         column.prop(settings, "traverser")
 
 
