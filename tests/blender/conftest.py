@@ -31,8 +31,12 @@ def pytest_collection_modifyitems(items) -> None:
             item.add_marker(pytest.mark.slow)
 
 
-def unavailable(reason: object) -> None:
-    """Skip, but not in CI, where everything has to be there."""
+def or_unavailable(make, *words):
+    """What make(*words) returns; where that is not to be had, skip, or fail where CI is set."""
+    try:
+        return make(*words)
+    except debian.Unavailable as error:
+        reason = str(error)
     if os.environ.get("CI", "").lower() in ("", "0", "false"):
         pytest.skip(f"not tested in a real Blender: {reason}")
     pytest.fail(f"no real Blender to test in: {reason}", pytrace=False)
@@ -48,10 +52,7 @@ def blender(request):
             pytest.fail(f"--blender names {named}, which cannot be run", pytrace=False)
         root, executable = Path("/"), str(Path(executable).absolute())
     else:
-        try:
-            root, executable = debian.install(), "/usr/bin/blender"
-        except debian.Unavailable as reason:
-            unavailable(reason)
+        root, executable = or_unavailable(debian.install), "/usr/bin/blender"
     with tempfile.TemporaryDirectory(prefix="leapray-", dir=root / "tmp") as folder:
         yield Blender(root, executable, Path(folder, "room"))
 
@@ -101,10 +102,7 @@ def picture(installed, scene):
 @pytest.fixture(scope="session")
 def window(installed):
     """A session with a window, in which the extension is enabled."""
-    try:
-        made = Window(installed)
-    except debian.Unavailable as reason:
-        unavailable(reason)
+    made = or_unavailable(Window, installed)
     yield made
     made.close()
 

@@ -62,6 +62,14 @@ def test_blenders_command_line_renders(picture):
     assert found.std() > 20  # it shows something
 
 
+def test_blenders_command_line_renders_an_animation(installed, scene):
+    words = ["-E", "LEAPRAY", "-o", "//film_", "-F", "PNG", "-s", "1", "-e", "2", "-a"]
+    done = installed.run("-b", installed.inside(scene), *words)
+    assert done.returncode == 0, done.stdout
+    first, second = (pixels(scene.with_name(f"film_000{frame}.png")) for frame in (1, 2))
+    assert first.std() > 20 and second.std() > 20
+
+
 def test_the_extensions_command_renders_the_same(installed, scene, picture, report_of):
     output = scene.with_name("command.png")
     words = ["--output", installed.inside(output), "--frame", "1"]

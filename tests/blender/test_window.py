@@ -21,9 +21,8 @@ CANCELS = 20
 STOPS_WITHIN = 0.5  # seconds
 # A busy machine that draws Blender's window without a graphics card may need longer now and then.
 LATE, LATEST = 2, 1.0  # cancels, seconds
-# Bytes that the second ten may add to the first, by the medians of five: the allocator's
-# arenas move by 30e6 from render to render, each of which holds some 40e6, so that leaks of a
-# tenth of a render would show.
+# Bytes that the second ten may add to the first, by the medians of five. The allocator's arenas
+# alone move by 30e6 from render to render; a leak of 8e6 in each was seen to fail.
 GROWTH = 40e6
 OURS = "[t.name for t in threading.enumerate() if t.name.startswith('leapray')]"
 TABS = ["RENDER", "OUTPUT", "VIEW_LAYER", "SCENE", "WORLD", "OBJECT", "DATA", "MATERIAL"]
