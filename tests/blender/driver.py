@@ -62,7 +62,8 @@ class Blender:
     def command(self, *words: str) -> list[str]:
         """A command line that runs on Blender's side."""
         chroot = [] if self.root == Path("/") else [CHROOT, str(self.root)]
-        return [*chroot, "env", "-i", *(f"{k}={v}" for k, v in self.environment.items()), *words]
+        environment = (f"{name}={value}" for name, value in self.environment.items())
+        return [*chroot, "/usr/bin/env", "-i", *environment, *words]
 
     def lacks(self, tools: tuple[str, ...]) -> list[str]:
         return [
