@@ -24,6 +24,7 @@ import hashlib
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -129,16 +130,20 @@ def locked(path):
 
 
 def run(command, lock, complaint):
-    """Run a command that inherits the lock; its output goes to stderr."""
-    child = subprocess.Popen(
-        [str(word) for word in command], stdout=sys.stderr, pass_fds=[lock.fileno()]
-    )
-    try:
-        status = child.wait()
-    except BaseException:
-        child.terminate()
-        child.wait()
-        raise
+    """Run a command that inherits the lock; its output goes to stderr.
+
+    It has a session of its own, out of reach of the terminal's Ctrl-C, at which
+    venv and what it calls would print tracebacks; all of them are ended here.
+    """
+    words = [str(word) for word in command]
+    with subprocess.Popen(
+        words, stdout=sys.stderr, pass_fds=[lock.fileno()], start_new_session=True
+    ) as child:
+        try:
+            status = child.wait()
+        except BaseException:
+            os.killpg(child.pid, signal.SIGTERM)
+            raise
     if status:
         raise Refusal(complaint + "; what pip or venv said stands above")
 
