@@ -171,25 +171,25 @@ LR_INLINE bool empty_ahead(const void *data, const lr_volume *v, const lr_ray *r
     const octants *f = data;
     const size_t at = lr_table_at(v, c[0] >> 3, c[1] >> 3, c[2] >> 3);
     const uint32_t number = f->bricks[at];
-    int32_t n, block; /* so many blocks of 2^block cells a side are empty, this one included */
+    int32_t n, side; /* so many blocks of so many cells are empty, this one included */
     if (number & LR_FAR_BRICK) {
         n = f->ahead[at][*octant];
-        block = 3;
+        side = 8;
     } else {
         const int cell = lr_cell_in_brick(c);
         n = f->near[number][*octant][cell >> 1] >> 4 * (cell & 1) & 15;
-        block = 0;
+        side = 1;
         if (n == 0)
             return true;
         if (f->ahead[at][*octant] > 1) {
             n = f->ahead[at][*octant];
-            block = 3;
+            side = 8;
         }
     }
     for (int a = 0; a < 3; a++) {
-        const int32_t first = c[a] >> block;
-        lo[a] = r->s[a] > 0 ? c[a] : (first - n + 1) * (1 << block);
-        hi[a] = r->s[a] > 0 ? ((first + n) << block) - 1 : c[a];
+        const int32_t first = c[a] / side;
+        lo[a] = r->s[a] > 0 ? c[a] : (first - n + 1) * side;
+        hi[a] = r->s[a] > 0 ? (first + n) * side - 1 : c[a];
         if (r->s[a] == 0)
             lo[a] = hi[a] = c[a];
     }
