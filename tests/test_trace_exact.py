@@ -163,3 +163,15 @@ def test_rays_from_a_million_voxels_away_are_sound(name):
     verdict, pierced = judge(samples, structure, origins, directions)
     assert pierced.mean() > 0.1
     assert unsound(verdict) == {}
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_no_ray_stands_in_more_cells_than_it_can_cross_planes(name):
+    rng = np.random.default_rng(23)
+    samples = sparse(rng, (12, 25, 18))
+    structure = leapray.build(leapray.Volume(samples), name)
+    size = samples.shape[::-1]
+    for make in (oracle.generic_rays, oracle.lattice_rays):
+        for o, d in zip(*make(rng, 100, size), strict=True):
+            hits = leapray.trace(structure, o[None], d[None], mode="surface", hit_test="faces")
+            assert hits.counters["cells"] <= sum(size) + 3  # cells -1..n-1 along each axis
