@@ -49,13 +49,24 @@ def test_hits_on_a_sphere_of_25_voxels_lie_within_a_hundredth_of_a_voxel(dtype, 
     assert angle.mean() <= 0.02 * slack
 
 
-@pytest.fixture(scope="module")
-def bundles():
+PLACEMENTS = {
+    "in place": np.eye(4),
+    "flat boxes, sheared": np.array(
+        [[1e-3, 0.3, 0, 5], [0, 1, -0.2, 0], [0, 0, 1, 7], [0, 0, 0, 1]]
+    ),
+}
+
+
+@pytest.fixture(scope="module", params=PLACEMENTS)
+def bundles(request):
     """Rays as a scene has them: from afar, from inside and cut short, leaving a surface."""
     rng = np.random.default_rng(2)
-    volume = leapray.Volume(ramp_sphere("u16"))
+    matrix = PLACEMENTS[request.param]
+    volume = leapray.Volume(ramp_sphere("u16"), object_from_index=matrix)
     default = leapray.build(volume)
     origins, directions = aimed_rays(rng, 10_000, spread=20)
+    origins = origins @ matrix[:3, :3].T + matrix[:3, 3]
+    directions = directions @ matrix[:3, :3].T
     far = leapray.trace(default, origins, directions)
     near = {"t_min": rng.uniform(60, 110, 10_000), "t_max": rng.uniform(90, 130, 10_000)}
     hit = np.isfinite(far.t)
