@@ -63,12 +63,13 @@ LR_INLINE uint8_t past_neighbours(const uint8_t *at, int octant, const int32_t p
     return (uint8_t)(least + 1);
 }
 
-/* All bricks, from the octant's far corner on. */
-static void brick_distances(const lr_volume *v, int octant, uint8_t (*ahead)[8])
+/* All bricks, from the octant's far corner on; given up where the caller stops. */
+static void brick_distances(const lr_volume *v, int octant, uint8_t (*ahead)[8],
+                            const lr_watch *watch)
 {
     const int32_t *n = v->table_size;
     const ptrdiff_t stride[3] = {8, 8 * (ptrdiff_t)n[0], 8 * (ptrdiff_t)n[0] * n[1]};
-    for (int32_t k = 0; k < n[2]; k++)
+    for (int32_t k = 0; k < n[2] && !lr_stopped(watch); k++)
         for (int32_t j = 0; j < n[1]; j++)
             for (int32_t i = 0; i < n[0]; i++) {
                 const int32_t p[3] = {octant & 1 ? n[0] - 1 - i : i, octant & 2 ? n[1] - 1 - j : j,
@@ -81,49 +82,66 @@ static void brick_distances(const lr_volume *v, int octant, uint8_t (*ahead)[8])
             }
 }
 
-/* The distances of one octant in the part of the window that it sees. Coordinates
- * count from the far corner, one layer of which nothing is known. */
-static void octant_distances(const uint32_t window[LR_WINDOW][LR_WINDOW], int octant,
-                             uint8_t out[256])
+/* A window in a frame of cells of which nothing is known, so that they count as full;
+ * window cell (x, y, z) is bit x + 1 of row [z + 1][y + 1]. */
+enum { FRAMED = LR_WINDOW + 2, OWN = LR_REACH + 1 };
+
+typedef uint32_t framed[FRAMED][FRAMED];
+
+static void frame(lr_window window, framed rows)
 {
-    enum { N = SEEN + 1 };
-    uint8_t s[N][N][N];
-    memset(s, 0, sizeof s);
-    for (int k = 1; k < N; k++)
-        for (int j = 1; j < N; j++) {
-            const int z = octant & 4 ? LR_WINDOW - k : k - 1;
-            const int y = octant & 2 ? LR_WINDOW - j : j - 1;
-            const uint32_t row = window[z][y];
-            uint8_t m[N];
-            for (int i = 0; i < N; i++) {
-                uint8_t a = s[k - 1][j][i], b = s[k][j - 1][i], c = s[k - 1][j - 1][i];
-                a = a < b ? a : b;
-                m[i] = a < c ? a : c;
-            }
-            for (int i = 1; i < N; i++) {
-                const int x = octant & 1 ? LR_WINDOW - i : i - 1;
-                uint8_t least = m[i] < m[i - 1] ? m[i] : m[i - 1];
-                least = least < s[k][j][i - 1] ? least : s[k][j][i - 1];
-                s[k][j][i] = row >> x & 1 ? 0 : (uint8_t)(least + 1);
-            }
+    memset(rows, 0xff, sizeof(framed));
+    for (int z = 0; z < LR_WINDOW; z++)
+        for (int y = 0; y < LR_WINDOW; y++)
+            rows[z + 1][y + 1] = window[z][y] << 1 | 1u << (LR_WINDOW + 1) | 1;
+}
+
+/* Grow the set by one cell against the octant, in what the brick sees: from near to
+ * far, so that what lies ahead has not grown yet. */
+static void grow_against(framed rows, int octant)
+{
+    const int up_z = sign_of(octant, 2), up_y = sign_of(octant, 1);
+    for (int k = 0; k < SEEN; k++) {
+        const int z = up_z > 0 ? OWN + k : OWN + 7 - k;
+        for (int j = 0; j < SEEN; j++) {
+            const int y = up_y > 0 ? OWN + j : OWN + 7 - j;
+            const uint32_t row =
+                rows[z][y] | rows[z][y + up_y] | rows[z + up_z][y] | rows[z + up_z][y + up_y];
+            rows[z][y] = row | (octant & 1 ? row >> 1 : row << 1);
         }
-    for (int n = 0; n < 512; n++) {
-        const int p[3] = {n & 7, n >> 3 & 7, n >> 6};
-        int q[3];
-        for (int a = 0; a < 3; a++) /* cell LR_REACH + p of the window */
-            q[a] = octant >> a & 1 ? LR_WINDOW - LR_REACH - p[a] : LR_REACH + p[a] + 1;
-        const int d = lr_min_i(s[q[2]][q[1]][q[0]], CAP);
-        out[n >> 1] = (uint8_t)(n & 1 ? out[n >> 1] | d << 4 : d);
     }
+}
+
+/* The distance of a cell is the number of growths that cover it. */
+static void octant_distances(framed rows, int octant, uint8_t out[256])
+{
+    uint8_t dist[512] = {0};
+    for (int step = 0; step < CAP; step++) {
+        uint32_t all = 0xff;
+        for (int row = 0; row < 64; row++) {
+            const uint32_t covered = rows[OWN + (row >> 3)][OWN + (row & 7)] >> OWN & 0xff;
+            all &= covered;
+            for (int x = 0; x < 8; x++)
+                dist[8 * row + x] += !(covered >> x & 1);
+        }
+        if (all == 0xff)
+            break;
+        grow_against(rows, octant);
+    }
+    for (int n = 0; n < 256; n++)
+        out[n] = (uint8_t)(dist[2 * n] | dist[2 * n + 1] << 4);
 }
 
 static void cell_distances(const lr_volume *v, const int32_t b[3], uint32_t number, void *context)
 {
     const octants *f = context;
     lr_window window;
+    framed rows;
     lr_window_fill(v, b, window);
-    for (int octant = 0; octant < 8; octant++)
-        octant_distances((const uint32_t (*)[LR_WINDOW])window, octant, f->near[number][octant]);
+    for (int octant = 0; octant < 8; octant++) {
+        frame(window, rows);
+        octant_distances(rows, octant, f->near[number][octant]);
+    }
 }
 
 lr_status lr_cd_octant_build(const lr_volume *v, const int32_t *choices, const lr_watch *watch,
@@ -144,7 +162,7 @@ lr_status lr_cd_octant_build(const lr_volume *v, const int32_t *choices, const l
             status = lr_fail_memory(error, *nbytes, "distances ahead");
     }
     for (int octant = 0; status == LR_OK && octant < 8; octant++) {
-        brick_distances(v, octant, f->ahead);
+        brick_distances(v, octant, f->ahead, watch);
         if (lr_stopped(watch))
             status = lr_fail_stopped(error);
     }
