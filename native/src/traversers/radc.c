@@ -26,7 +26,8 @@ enum { SAFE = 0, PAPER = 1 };
 
 enum {
     PER_VOXEL = 16, /* radii are counted in these */
-    WINDOW_CELLS = LR_WINDOW * LR_WINDOW * LR_WINDOW,
+    RUN = 8,
+    BLOCK_CELLS = (8 * RUN + 2 * LR_REACH) * LR_WINDOW * LR_WINDOW,
 };
 
 typedef struct radii {
@@ -78,34 +79,72 @@ static size_t entry_nbytes(const radii *f)
     return f->metric == LR_METRIC_EUCLID ? sizeof(float) : sizeof(uint8_t);
 }
 
-typedef struct job {
+/* Near bricks side by side along x, which share one transform of their windows. */
+typedef struct run {
     radii *made;
     lr_status status;
     lr_error *error;
-} job;
+    int n;
+    int32_t last[3];
+    uint32_t number; /* of the last */
+    lr_window window[RUN];
+    uint8_t cells[BLOCK_CELLS];
+    float dist[BLOCK_CELLS]; /* room for either type */
+} run;
 
-static void cell_radii(const lr_volume *v, const int32_t b[3], uint32_t number, void *context)
+/* The radii of the bricks in the run, which is empty then. */
+static void finish_run(run *j)
 {
-    job *j = context;
     const radii *f = j->made;
-    uint8_t cells[WINDOW_CELLS];
-    float dist[WINDOW_CELLS]; /* room for either type */
-    lr_window window;
-    if (j->status != LR_OK)
+    const int count = j->n, nx = 8 * count + 2 * LR_REACH;
+    j->n = 0;
+    if (count == 0 || j->status != LR_OK)
         return;
-    lr_window_fill(v, b, window);
-    if (f->step == SAFE)
-        lr_window_grow(window);
-    for (int i = 0; i < WINDOW_CELLS; i++)
-        cells[i] =
-            window[i / (LR_WINDOW * LR_WINDOW)][i / LR_WINDOW % LR_WINDOW] >> (i % LR_WINDOW) & 1;
-    j->status =
-        lr_distance(cells, LR_WINDOW, LR_WINDOW, LR_WINDOW, f->metric, dist, NULL, j->error);
-    for (int n = 0; n < 512; n++) {
-        const int x = LR_REACH + (n & 7), y = LR_REACH + (n >> 3 & 7), z = LR_REACH + (n >> 6);
-        const double length = length_of(f, dist, (size_t)((z * LR_WINDOW + y) * LR_WINDOW + x));
-        f->near[number][n] = (uint8_t)to_radius(length, LR_REACH * PER_VOXEL);
-    }
+    uint8_t *cell = j->cells;
+    for (int z = 0; z < LR_WINDOW; z++)
+        for (int y = 0; y < LR_WINDOW; y++)
+            for (int x = 0; x < nx; x++) {
+                const int k = lr_max_i(0, lr_min_i(x / 8 - 1, count - 1));
+                *cell++ = j->window[k][z][y] >> (x - 8 * k) & 1;
+            }
+    j->status = lr_distance(j->cells, nx, LR_WINDOW, LR_WINDOW, f->metric, j->dist, NULL, j->error);
+    for (int k = 0; k < count; k++)
+        for (int n = 0; n < 512; n++) {
+            const int x = LR_REACH + 8 * k + (n & 7), y = LR_REACH + (n >> 3 & 7);
+            const int z = LR_REACH + (n >> 6);
+            const double length = length_of(f, j->dist, (size_t)((z * LR_WINDOW + y) * nx + x));
+            const uint32_t number = j->number + 1 - (uint32_t)(count - k);
+            f->near[number][n] = (uint8_t)to_radius(length, LR_REACH * PER_VOXEL);
+        }
+}
+
+static void add_to_run(const lr_volume *v, const int32_t b[3], uint32_t number, void *context)
+{
+    run *j = context;
+    const bool next =
+        b[0] == j->last[0] + 1 && b[1] == j->last[1] && b[2] == j->last[2] && j->n < RUN;
+    if (!next)
+        finish_run(j);
+    lr_window_fill(v, b, j->window[j->n]);
+    if (j->made->step == SAFE)
+        lr_window_grow(j->window[j->n]);
+    memcpy(j->last, b, sizeof j->last);
+    j->number = number;
+    j->n++;
+}
+
+static lr_status cell_radii(radii *f, const lr_volume *v, const lr_watch *watch, lr_error *error)
+{
+    run *j = calloc(1, sizeof *j);
+    if (j == NULL)
+        return lr_fail_memory(error, sizeof *j, "radii");
+    j->made = f;
+    j->error = error;
+    lr_status status = lr_near_each(v, f->bricks, add_to_run, j, watch, error);
+    finish_run(j);
+    status = status == LR_OK ? j->status : status;
+    free(j);
+    return status;
 }
 
 /* Radii of the bricks that are not near the surface: of the near ones, which are just those
@@ -153,10 +192,8 @@ lr_status lr_radc_build(const lr_volume *v, const int32_t *choices, const lr_wat
         if (f->near == NULL)
             status = lr_fail_memory(error, n_near * sizeof *f->near, "radii");
     }
-    job j = {f, LR_OK, error};
     if (status == LR_OK)
-        status = lr_near_each(v, f->bricks, cell_radii, &j, watch, error);
-    status = status == LR_OK ? j.status : status;
+        status = cell_radii(f, v, watch, error);
     if (status != LR_OK) {
         lr_radc_free(f);
         return status;
