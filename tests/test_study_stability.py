@@ -17,7 +17,7 @@ from addon.study import oracle, stability
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     output = tmp_path_factory.mktemp("stability") / "made"
-    args = argparse.Namespace(output=output, quick=True, rays=250, alone=1, size=24)
+    args = argparse.Namespace(output=output, quick=True, rays=250, alone=1, size=24, cells=20_000)
     assert stability.main(args) == 0
     return output
 
@@ -70,6 +70,16 @@ def test_roots_between_extrema_are_the_first_and_others_say_how_far_off_they_are
     assert max(row["error_max"] for row in of("extrema", "linear")) > 0.01
     lost = {test: sum(row["missed"] for row in of(test, "bisect")) for test in leapray.HIT_TESTS}
     assert lost["uniform"] > lost["faces"] > lost["extrema"] == 0
+
+
+def test_random_cells_give_their_first_root_to_all_but_the_linear_one(made):
+    roots = {r["root"]: r for r in json.loads((made / "stability.json").read_text())["roots"]}
+    assert set(roots) == set(leapray.ROOTS)
+    for name, row in roots.items():
+        assert row["roots"] > 0.3 * row["cells"]
+        assert row["doubtful"] < 1e-3 * row["cells"]
+        assert row["missed"] == row["false"] == 0
+        assert (row["off"] == 0) == (name != "linear")
 
 
 @pytest.mark.parametrize("case", stability.CASES, ids=lambda case: case.name)

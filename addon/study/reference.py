@@ -68,24 +68,33 @@ def _part(field, mixed, size, o, d, threshold):
     above = _side_at_start(field, size, o, threshold)[ray]
     points = [o[ray] + (begin + x * (end - begin))[:, None] * d[ray] for x in (0, 1 / 3, 2 / 3, 1)]
     c = cubic(*(trilinear(field, cell, p - cell) - threshold for p in points))
-    x = np.column_stack([np.zeros(len(ray)), *extrema(c), np.ones(len(ray))])
-    f = polynomial(c[:, None], x)
-    changed = (f >= 0) != above[:, None]
-    hit = changed.any(axis=1)
+    x, least = first_root(c, above)
+    hit = np.isfinite(x)
     t = np.full(len(o), np.inf)
     rays, which = np.unique(ray[hit], return_index=True)
     which = np.flatnonzero(hit)[which]
-    last = changed[which].argmax(axis=1)
-    low, high = x[which, np.maximum(last - 1, 0)], x[which, last]
+    t[rays] = begin[which] + x[which] * (end[which] - begin[which])
+    doubt = np.zeros(len(o), bool)
+    doubt[ray[(least < NEAR) & (begin <= t[ray])]] = True
+    return t, doubt
+
+
+def first_root(c, above):
+    """The first x (n,) in 0..1 where cubics c (n, 4) leave their side of 0, infinity without one,
+    and the least |c| (n,) at ends and extrema, where a change of sides may come or go."""
+    x = np.column_stack([np.zeros(len(c)), *extrema(c), np.ones(len(c))])
+    f = polynomial(c[:, None], x)
+    changed = (f >= 0) != above[:, None]
+    hit = np.flatnonzero(changed.any(axis=1))
+    last = changed[hit].argmax(axis=1)
+    low, high = x[hit, np.maximum(last - 1, 0)], x[hit, last]
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        beyond = (polynomial(c[which], middle) >= 0) != above[which]
+        beyond = (polynomial(c[hit], middle) >= 0) != above[hit]
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-    t[rays] = begin[which] + high * (end[which] - begin[which])
-    doubt = np.zeros(len(o), bool)
-    close = (np.abs(f) < NEAR).any(axis=1) & (begin <= t[ray])
-    doubt[ray[close]] = True
-    return t, doubt
+    found = np.full(len(c), np.inf)
+    found[hit] = high
+    return found, np.abs(f).min(axis=1)
 
 
 def _side_at_start(field, size, o, threshold):

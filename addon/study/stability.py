@@ -37,13 +37,14 @@ def main(args: argparse.Namespace) -> int:
     """Measure; writes the folder and returns the exit code."""
     output = Path(args.output or "stability")
     quick = bool(getattr(args, "quick", False))
-    count = getattr(args, "rays", None) or (1000 if quick else 20_000)
+    count = getattr(args, "rays", None) or (1000 if quick else 60_000)
     alone = getattr(args, "alone", None) or (5 if quick else 100)
     drawn = getattr(args, "size", None) or (80 if quick else PICTURE)
     with result_folder(output, "stability.html") as folder:
         cells = [row for case in CASES for row in judge_cells(case, count, alone)]
         print("stability: traversers are judged", file=sys.stderr, flush=True)
         fields = [row for case in CASES for row in judge_fields(case, count)]
+        roots = judge_roots(getattr(args, "cells", None) or (50_000 if quick else 1_000_000))
         told = {
             "machine": charts.machine(),
             "leapray": leapray.__version__,
@@ -51,12 +52,13 @@ def main(args: argparse.Namespace) -> int:
             "alone": alone,
             "traversers": [asdict(row) for row in cells],
             "hit_tests": [asdict(row) for row in fields],
+            "roots": [asdict(row) for row in roots],
         }
         (folder / "stability.json").write_text(json.dumps(told, indent=2) + "\n")
         write_csv(folder / "stability.csv", cells)
         write_csv(folder / "stability-hit-tests.csv", fields)
         draw(folder, cells, fields, drawn)
-        write_page(folder, told, cells, fields)
+        write_page(folder, told, cells, fields, roots)
     print(f"{output / 'stability.html'}, and its figures in {output / 'stability.csv'}", flush=True)
     return 0
 
@@ -368,6 +370,66 @@ def judge_fields(case: Case, count: int) -> list[Crossing]:
     return rows
 
 
+# ---- roots ---------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Root:
+    """A root finder on chords of random cells, between the cubic's extrema."""
+
+    root: str
+    cells: int  # without the doubtful ones
+    doubtful: int
+    roots: int  # chords that have one
+    missed: int
+    false: int
+    off: int  # more than OFF voxels from the first root
+    error_99: float  # voxels
+    error_max: float
+
+
+def judge_roots(count: int) -> list[Root]:
+    """Every root finder, with the default hit test and traverser, on one cell per ray."""
+    rng = np.random.default_rng(SEED)
+    samples = rng.random((64, 64, 64)).astype(np.float32)
+    cell = rng.integers(0, 63, (count, 3))
+    ends = rng.integers(1, 2**16, (2, count, 3)) / 2.0**16
+    rows, axes = np.arange(count), rng.integers(0, 3, (2, count))
+    sides = rng.integers(0, 2, (2, count))
+    sides[1] = np.where(axes[0] == axes[1], 1 - sides[0], sides[1])
+    for k in (0, 1):  # from one face of the cell to another
+        ends[k][rows, axes[k]] = sides[k]
+    chord = ends[1] - ends[0]
+    length = np.linalg.norm(chord, axis=1)
+    values = [
+        reference.trilinear(samples.astype(float), cell, ends[0] + x * chord) - 0.5
+        for x in (0, 1 / 3, 2 / 3, 1)
+    ]
+    want, least = reference.first_root(reference.cubic(*values), values[0] >= 0)
+    sure = least >= reference.NEAR
+    has = np.isfinite(want) & sure
+    structure = leapray.build(leapray.Volume(samples))
+    found = []
+    for root in leapray.ROOTS:
+        t = leapray.trace(structure, cell + ends[0], chord, t_max=1.0, root=root).t
+        got = np.isfinite(t) & sure
+        near = np.abs(t[has & got] - want[has & got]) * length[has & got]
+        found.append(
+            Root(
+                root,
+                int(sure.sum()),
+                int((~sure).sum()),
+                int(has.sum()),
+                int((has & ~got).sum()),
+                int((got & ~has).sum()),
+                int((near > OFF).sum()),
+                float(np.percentile(near, 99)),
+                float(near.max()),
+            )
+        )
+    return found
+
+
 # ---- telling -------------------------------------------------------------
 
 
@@ -441,7 +503,9 @@ def pictures(cells: list[Claim], size: int) -> list[tuple[str, NDArray]]:
     return found
 
 
-def write_page(folder: Path, told: dict, cells: list[Claim], fields: list[Crossing]) -> None:
+def write_page(
+    folder: Path, told: dict, cells: list[Claim], fields: list[Crossing], roots: list[Root]
+) -> None:
     """stability.html: the tables with what they say."""
     body = [
         "<h1>Where methods fail</h1>",
@@ -455,6 +519,19 @@ def write_page(folder: Path, told: dict, cells: list[Claim], fields: list[Crossi
         page.table(
             ["traverser", "promises", "missed", "late", "wrong", "long walks"],
             [total_line(cells, label) for label in dict.fromkeys(row.label for row in cells)],
+        ),
+        f"<h2>Roots on {roots[0].cells} random cells</h2>",
+        page.table(
+            ["root", "roots", "doubtful", "missed", "false", "off", "99 %, voxels", "worst"],
+            [
+                [
+                    row.root,
+                    *map(str, (row.roots, row.doubtful, row.missed, row.false, row.off)),
+                    f"{row.error_99:.1e}",
+                    f"{row.error_max:.1e}",
+                ]
+                for row in roots
+            ],
         ),
         "<h2>What this is, and what it is not</h2>",
         "<p>At ties, through edges and corners, any object cell that the ray touches will do. "
