@@ -151,6 +151,7 @@ def test_broken_files_and_scenes_are_refused(blend, tmp_path, monkeypatch, capfd
     assert sorted(os.listdir(tmp_path)) == names
 
 
+@pytest.mark.slow
 def test_a_killed_render_leaves_no_picture_and_the_next_one_clears_up(blend, tmp_path):
     slow = start("render", blend, "--samples", 60000, cwd=tmp_path)
     deadline = time.monotonic() + 30

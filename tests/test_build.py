@@ -297,6 +297,7 @@ def test_two_builds_at_once_agree(core):
     assert sorted(told) == ["", "compiling 2 of 2 files of the core\n"]
 
 
+@pytest.mark.slow
 def test_a_killed_build_is_finished_by_the_next(core):
     visible = '__attribute__((visibility("default")))'
     body = "".join(f"{visible} int f{i}(int x) {{ return x * {i}; }}\n" for i in range(4000))

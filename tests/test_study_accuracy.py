@@ -14,6 +14,8 @@ pytest.importorskip("embreex")
 import leapray
 from addon.study import accuracy, shapes
 
+pytestmark = pytest.mark.slow  # the studies run
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):

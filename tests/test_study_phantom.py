@@ -52,6 +52,7 @@ def test_wrong_first_cells_are_counted(monkeypatch):
     assert all(0 < rows[k].wrong <= 5 for k in exact)
 
 
+@pytest.mark.slow
 def test_a_quick_study_writes_what_it_promises(tmp_path, monkeypatch):
     monkeypatch.setattr(phantom, "IMAGE", 100)
     output = tmp_path / "made"

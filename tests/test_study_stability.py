@@ -13,6 +13,8 @@ pytest.importorskip("matplotlib")
 import leapray
 from addon.study import oracle, stability
 
+pytestmark = pytest.mark.slow  # the studies run
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):

@@ -61,6 +61,7 @@ def test_first_crossings_are_those_of_fine_samples():
             assert abs(reference.trilinear(padded, cell, point - cell)[0] - 0.5) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_quick_study_says_what_the_methods_promise(tmp_path):
     output = tmp_path / "made"
     args = argparse.Namespace(output=output, quick=True, size=40, image=40, rounds=1)
