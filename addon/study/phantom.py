@@ -209,7 +209,7 @@ def measure(size: int, counts, rounds: int) -> tuple[list[Row], list[dict], floa
                         low,
                         high,
                         len(origins) / max(middle, 1e-9) / 1e6,
-                        hits.counters["cells"] / len(origins),
+                        (hits.counters["cells"] + hits.counters["nodes"]) / len(origins),
                         hits.counters["hits"],
                         int((verdict != 0).sum()),
                         setup[m],
@@ -244,7 +244,7 @@ def draw(folder: Path, rows: list[Row], size: int) -> None:
     views = list(dict.fromkeys(row.camera for row in rows))
     for name, what, value in (
         ("seconds", f"milliseconds for {IMAGE} x {IMAGE} rays", lambda row: 1e3 * row.seconds),
-        ("steps", "cells stood in, per ray", lambda row: row.steps_per_ray),
+        ("steps", "cells and nodes looked at, per ray", lambda row: row.steps_per_ray),
     ):
         with charts.chart(folder / name, columns=len(views), width=4.6, height=5.0) as (
             figure,
@@ -334,7 +334,7 @@ def camera_tables(found: dict[str, list[Row]]) -> list[str]:
     for title, shown in (
         ("milliseconds", lambda row: f"{1e3 * row.seconds:.2f}"),
         ("million rays a second", lambda row: f"{row.mrays_per_second:.1f}"),
-        ("cells stood in, per ray", lambda row: f"{row.steps_per_ray:.1f}"),
+        ("cells and nodes looked at, per ray", lambda row: f"{row.steps_per_ray:.1f}"),
         ("wrong first cells", lambda row: str(row.wrong)),
     ):
         lines = [[page.esc(label), *map(shown, rows)] for label, rows in found.items()]
