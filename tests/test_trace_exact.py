@@ -90,7 +90,7 @@ def test_first_cells_are_sound_at_512(name, large):
     samples, volume, wanted = large
     rng = np.random.default_rng(13)
     structure = leapray.build(volume, name)
-    for make, n in ((oracle.generic_rays, 10_000), (oracle.lattice_rays, 5_000)):
+    for make, n in ((oracle.generic_rays, 100_000), (oracle.lattice_rays, 50_000)):
         origins, directions = make(rng, n, samples.shape[::-1])
         hits = leapray.trace(structure, origins, directions, mode="binary", threads=0)
         hit = np.isfinite(hits.t)
