@@ -4,6 +4,8 @@
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parent.parent
 for folder in (ROOT, ROOT / "native", ROOT / "tests"):
     if str(folder) not in sys.path:
@@ -14,3 +16,23 @@ def pytest_addoption(parser):
     parser.addoption(
         "--blender", metavar="PATH", help="the Blender that tests/blender uses; default: Debian's"
     )
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    """The structure of stage's ball."""
+    from stage import ball
+
+    import leapray
+
+    return leapray.build(ball())
+
+
+@pytest.fixture(scope="module")
+def floor():
+    """The structure of stage's slab."""
+    from stage import slab
+
+    import leapray
+
+    return leapray.build(slab())

@@ -23,23 +23,11 @@ from stage import (
     meet_sphere,
     one,
     render,
-    slab,
     unit,
 )
 
 import leapray
 from leapray import _abi
-
-
-@pytest.fixture(scope="module")
-def sphere():
-    return leapray.build(ball())
-
-
-@pytest.fixture(scope="module")
-def floor():
-    return leapray.build(slab())
-
 
 # ---- geometry ----------------------------------------------------------------------------------
 

@@ -19,21 +19,10 @@ from stage import (
     meet_sphere,
     one,
     render,
-    slab,
     unit,
 )
 
 import leapray
-
-
-@pytest.fixture(scope="module")
-def sphere():
-    return leapray.build(ball())
-
-
-@pytest.fixture(scope="module")
-def floor():
-    return leapray.build(slab())
 
 
 @pytest.mark.parametrize(("radius", "slack"), [(VOXELS, 0.002), (8.0, 0.01), (4.0, 0.04)])
