@@ -17,6 +17,19 @@ class Mesh:
     vertices: NDArray[np.float32]  # (n, 3)
     triangles: NDArray[np.int32]  # (m, 3)
     slots: NDArray[np.uint16] | None = None  # (m,) material slot of each triangle; None: all 0
+    corner_normals: NDArray[np.float32] | None = None  # (m, 3, 3) unit; None: flat throughout
+    corner_colors: NDArray[np.float32] | None = None  # (m, 3, 3) linear RGB of the vertex colours
+    corner_uvs: NDArray[np.float32] | None = None  # (m, 3, 2)
+
+
+@dataclass(frozen=True)
+class Image:
+    """A texture. A texel's centre lies at u = (x + 0.5) / width, v = (y + 0.5) / height."""
+
+    name: str
+    pixels: NDArray[np.float32]  # (height, width, 3) linear RGB, rows from below
+    interpolation: str = "linear"  # "linear" | "closest"
+    extension: str = "repeat"  # "repeat" | "extend" | "clip" (black outside) | "mirror"
 
 
 @dataclass(frozen=True)
