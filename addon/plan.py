@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import errors, model, objects, parts, probes
+from . import errors, model, objects, parts, probes, reach
 from .objects import SceneError
 
 COARSEST = 16  # voxels along the longest side at the start
@@ -469,11 +469,9 @@ def make(
     """
     began = time.perf_counter()
     warnings: list[str] = []
-    instances = [
-        i
-        for i in objects.usable(scene, warnings)
-        if i.visible_camera or i.visible_shadow or i.visible_diffuse
-    ]
+    instances = objects.usable(scene, warnings)
+    met = reach.reached(scene, instances)
+    instances = [i for i, is_met in zip(instances, met.tolist(), strict=True) if is_met]
     slot_objects = None
     if scene.settings.layout == "scene" and instances:
         scene, slot_objects = objects.merge(scene, instances, warnings)

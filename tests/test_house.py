@@ -40,7 +40,7 @@ LAYERS = {
     ],
     "addon": [
         "model",
-        "objects tiles probes volumes",
+        "objects tiles probes reach volumes",
         "errors parts",
         "plan",
         "pipeline",

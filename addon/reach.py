@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which instances a ray can reach at all: what no ray reaches is not modelled (no bpy).
+
+Judged by boxes, on the safe side: whatever is left out lies outside the camera's
+view, and between nothing that is seen and a light. Where light arrives from all
+around, everything is reached.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import model
+
+FILTER = 8.0  # pixels beyond the image's edges that its pixels may see
+SEVERAL = 512  # boxes of what is seen are taken together beyond that number
+SLACK = 1e-9  # of the scene's extent
+
+
+def reached(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.bool_]:
+    """For each instance (n,) whether a ray of the camera, or of light from there, may meet it."""
+    flags = np.array(
+        [(i.visible_camera, i.visible_shadow, i.visible_diffuse) for i in instances], bool
+    ).reshape(-1, 3)
+    seen, stops_light = flags.T[:2]
+    if any(scene.world_color):
+        return flags.any(axis=1)
+    corners = _corners(scene, instances)
+    seen = seen & in_view(scene, corners)
+    lit = _boxes(corners[seen])
+    found = seen.copy()
+    for light in scene.lights:
+        if light.casts_shadow and len(lit):
+            found |= stops_light & _between(corners, lit, light)
+    return found
+
+
+def in_view(scene: model.Scene, corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether boxes, corners (n, 8, 3) in world space, may lie in the camera's view: (n,)."""
+    camera = scene.camera
+    origin = camera.corner - FILTER * (camera.dx + camera.dy)
+    across = camera.dx * (scene.width + 2 * FILTER)
+    up = camera.dy * (scene.height + 2 * FILTER)
+    offset = corners - camera.eye
+    depth = offset @ camera.forward
+    slack = SLACK * max(np.abs(offset).max(initial=0.0), np.abs(corners).max(initial=0.0))
+    outside = (depth < camera.clip_start - slack).all(axis=1)
+    outside |= (depth > camera.clip_end + slack).all(axis=1)
+    for normal, at in _sides(camera.projection, camera.forward, origin, across, up):
+        outside |= ((offset - at) @ normal < -slack).all(axis=1)
+    return ~outside
+
+
+def _sides(projection, forward, origin, across, up):
+    """(inward unit normal, point) of the four sides of the view, as seen from the eye."""
+    middle = origin + (across + up) / 2
+    for edge, along in (
+        (origin, up),
+        (origin + across, up),
+        (origin, across),
+        (origin + up, across),
+    ):
+        normal = np.cross(along, edge if projection == "perspective" else forward)
+        at = np.zeros(3) if projection == "perspective" else edge
+        normal = normal / np.linalg.norm(normal)
+        yield (normal if (middle - edge) @ normal > 0 else -normal), at
+
+
+def _corners(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.float64]:
+    """(n, 8, 3): the boxes of the instances' meshes in world space."""
+    boxes = {}
+    for mesh in {i.mesh for i in instances}:
+        m = scene.meshes[mesh]
+        used = m.vertices[np.unique(m.triangles)].astype(np.float64)
+        ends = np.array([used.min(axis=0), used.max(axis=0)])
+        boxes[mesh] = np.array(list(itertools.product(*ends.T)))
+    if not instances:
+        return np.zeros((0, 8, 3))
+    matrices = np.array([i.world_from_object for i in instances], np.float64)
+    local = np.array([boxes[i.mesh] for i in instances])
+    return local @ matrices[:, :3, :3].transpose(0, 2, 1) + matrices[:, None, :3, 3]
+
+
+def _boxes(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2, 3): axis-aligned boxes of the corners (n, 8, 3); at most SEVERAL, then joint ones."""
+    boxes = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
+    if len(boxes) <= SEVERAL:
+        return boxes
+    boxes = boxes[np.lexsort(boxes.mean(axis=1).T)]
+    return np.array(
+        [(b[:, 0].min(axis=0), b[:, 1].max(axis=0)) for b in np.array_split(boxes, SEVERAL)]
+    )
+
+
+def _between(
+    corners: NDArray[np.float64], lit: NDArray[np.float64], light: model.Light
+) -> NDArray[np.bool_]:
+    """Whether boxes, corners (n, 8, 3), may lie between one of lit (m, 2, 3) and a light: (n,)."""
+    if light.kind == "sun":  # along x the way to the sun, which has no end
+        axes = np.linalg.qr(np.column_stack([light.direction, np.eye(3)]))[0].T
+        axes[0] = light.direction
+        ends = _boxes_in(_spanned(lit), axes)
+        ends[:, 1, 0] = np.inf
+    else:
+        axes = np.eye(3)
+        at = np.asarray(light.position, np.float64)
+        ends = np.stack([np.minimum(lit[:, 0], at), np.maximum(lit[:, 1], at)], axis=1)
+    own = _boxes_in(corners, axes)
+    slack = SLACK * np.abs(own).max(initial=0.0)
+    met = np.zeros(len(own), bool)
+    for lo, hi in ends:
+        met |= ((own[:, 1] >= lo - slack) & (own[:, 0] <= hi + slack)).all(axis=1)
+    return met
+
+
+def _spanned(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 8, 3): the corners of axis-aligned boxes (n, 2, 3)."""
+    picks = np.array(list(itertools.product((0, 1), repeat=3)))
+    return np.stack([boxes[:, picks[:, a], a] for a in range(3)], axis=-1)
+
+
+def _boxes_in(corners: NDArray[np.float64], axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2, 3): the boxes of corners (n, 8, 3) along the given unit axes (3, 3)."""
+    along = corners @ axes.T
+    return np.stack([along.min(axis=1), along.max(axis=1)], axis=1)

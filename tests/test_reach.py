@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What no ray reaches is not modelled, and its absence cannot be seen."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import scenes
+
+from addon import model, pipeline, reach
+
+SUN = model.Light("Sun", "sun", (3.0, 3.0, 3.0), direction=(0.0, 0.0, 1.0))
+LAMP = model.Light("Lamp", "point", (40.0, 40.0, 40.0), position=(3.0, -3.0, 5.0))
+
+
+def dark(*places, lights=(SUN,), **more):
+    """Small spheres at the places, in a world without light of its own."""
+    instances = [scenes.place(at=at, scale=0.4) for at in places]
+    made = scenes.scene([scenes.sphere(n=8)], instances, lights=lights, **more)
+    return dataclasses.replace(made, world_color=(0.0, 0.0, 0.0))
+
+
+def reached(scene):
+    return reach.reached(scene, list(scene.instances)).tolist()
+
+
+def test_what_is_behind_the_camera_and_off_the_ways_of_light_is_left_out():
+    scene = dark((0, 0, 0), (0, -20, 0), (50, 0, 0), (0, 0, 30), (0, 0, -30))
+    assert reached(scene) == [True, False, False, True, False]  # the fourth shades the first
+
+
+def test_a_lamp_is_shaded_only_from_between():
+    between, beyond = np.array(LAMP.position) / 2, 3 * np.array(LAMP.position)
+    scene = dark((0, 0, 0), between, beyond, lights=(LAMP,), view=scenes.camera(fov=0.2))
+    assert reached(scene) == [True, True, False]
+
+
+def test_a_light_without_shadow_and_an_object_without_one_do_not_count():
+    scene = dark((0, 0, 0), (0, 0, 30), lights=(dataclasses.replace(SUN, casts_shadow=False),))
+    assert reached(scene) == [True, False]
+    scene = dark((0, 0, 0), (0, 0, 30))
+    clear = dataclasses.replace(scene.instances[1], visible_shadow=False)
+    assert reach.reached(scene, [scene.instances[0], clear]).tolist() == [True, False]
+
+
+def test_light_from_all_around_reaches_everything():
+    scene = dataclasses.replace(dark((0, 0, 0), (0, -20, 0)), world_color=(0.0, 0.1, 0.0))
+    assert reached(scene) == [True, True]
+
+
+def test_clipping_counts():
+    view = dataclasses.replace(scenes.camera(), clip_start=5.0, clip_end=7.0)
+    assert reached(dark((0, 0, 0), (0, 5, 0), (0, -3, 0), view=view)) == [True, False, False]
+
+
+def test_thousands_of_instances_are_judged_together():
+    rng = np.random.default_rng(5)
+    places = rng.uniform(-40, 40, (5000, 3))
+    scene = dark(*places)
+    got = np.array(reached(scene))
+    view = scenes.camera()
+    depth = (places - view.eye) @ view.forward
+    x = (places - view.eye) @ view.dx / (view.dx @ view.dx) / depth
+    y = (places - view.eye) @ view.dy / (view.dy @ view.dy) / depth
+    centres_seen = (depth > 0.1) & (abs(x) < scene.width / 2) & (abs(y) < scene.height / 2)
+    assert centres_seen.sum() > 50
+    assert got[centres_seen].all()
+    assert 0.02 < got.mean() < 0.9
+
+
+@pytest.mark.parametrize("lights", [(SUN,), (LAMP,), (SUN, LAMP)])
+@pytest.mark.parametrize("scale", [None, 4.0])
+def test_pictures_do_not_depend_on_what_is_left_out(monkeypatch, lights, scale):
+    rng = np.random.default_rng(7)
+    places = [(0, 0, 0), *rng.uniform(-6, 6, (60, 3))]
+    scene = dark(*places, lights=lights, view=scenes.camera(scale=scale), resolution=16)
+    some = pipeline.render(scene)
+    met = reach.reached(scene, list(scene.instances))
+    assert not met.all()
+    monkeypatch.setattr(reach, "reached", lambda s, instances: np.ones(len(instances), bool))
+    every = pipeline.render(scene)
+    for name, image in every.passes.items():
+        np.testing.assert_array_equal(some.passes[name], image, err_msg=name)
+
+
+def test_a_scene_of_which_nothing_can_be_seen_is_empty_and_no_error():
+    frame = pipeline.render(dark((0, -20, 0)))
+    assert not frame.passes["Combined"][..., :3].any()
+    assert frame.report["volumes"] == []
