@@ -243,8 +243,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
         if on_tile is not None:
             on_tile(*tile, parts)
     crew.progress(1.0, crew.phase)
-    counters = {name: sum(getattr(c, name) for c in totals) for name, _ in lr_counters._fields_}
-    return passes, counters, sum(sizes)
+    return passes, leapray.add_counters(totals), sum(sizes)
 
 
 # ---- where it ran --------------------------------------------------------------

@@ -172,6 +172,7 @@ def test_no_ray_stands_in_more_cells_than_it_can_cross_planes(name):
     structure = leapray.build(leapray.Volume(samples), name)
     size = samples.shape[::-1]
     for make in (oracle.generic_rays, oracle.lattice_rays):
-        for o, d in zip(*make(rng, 100, size), strict=True):
-            hits = leapray.trace(structure, o[None], d[None], mode="surface", hit_test="faces")
-            assert hits.counters["cells"] <= sum(size) + 3  # cells -1..n-1 along each axis
+        rays = make(rng, 5000, size)
+        counters = leapray.trace(structure, *rays, mode="surface", hit_test="faces").counters
+        # Cells -1..n-1 along each axis have n planes between them; the first cell needs no step.
+        assert counters["cells"] / 5000 < counters["most_cells"] <= sum(size) + 1

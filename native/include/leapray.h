@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 6 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 7 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -297,6 +297,7 @@ typedef struct lr_counters {
     uint64_t tests;   /* cells in which the surface was searched */
     uint64_t samples; /* evaluations of f */
     uint64_t hits;
+    uint64_t most_cells; /* in which a single ray stood: the largest, not a sum */
 } lr_counters;
 
 /* counters is added to; NULL costs nothing. */

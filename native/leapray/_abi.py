@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 6
+LR_ABI = 7
 
 
 class lr_status(IntEnum):
@@ -249,6 +249,7 @@ class lr_counters(ctypes.Structure):
         ("tests", ctypes.c_uint64),
         ("samples", ctypes.c_uint64),
         ("hits", ctypes.c_uint64),
+        ("most_cells", ctypes.c_uint64),
     )
 
 

@@ -190,7 +190,7 @@ class Hits:
     normal: NDArray[np.float64]  # (n, 3) unit, outward, object space; 0 on a miss
     field_normal: NDArray[np.float64]  # (n, 3) of the trilinear field itself
     id: NDArray[np.int32]  # (n,)
-    counters: dict[str, int]  # totals: rays, cells, jumps, nodes, tests, ...; empty if not asked
+    counters: dict[str, int]  # as add_counters gives them; empty if not asked
 
 
 def trace_options(
@@ -269,15 +269,22 @@ def trace(
         return counters
 
     totals = [part(0, n)] if threads == 1 else run_parts(part, n, PART, threads, watch)
-    names = [name for name, _ in _abi.lr_counters._fields_] if count else []
     return Hits(
         t,
         np.ascontiguousarray(cell.T),
         np.ascontiguousarray(normals.T),
         np.ascontiguousarray(field.T),
         ids,
-        {name: sum(getattr(one, name) for one in totals) for name in names},
+        add_counters(totals) if count else {},
     )
+
+
+def add_counters(parts: list[_abi.lr_counters]) -> dict[str, int]:
+    """Totals of rays, cells, jumps, nodes, tests, ..., and of most_cells the largest."""
+    return {
+        name: (max if name == "most_cells" else sum)(getattr(part, name) for part in parts)
+        for name, _ in _abi.lr_counters._fields_
+    }
 
 
 def _starts(start: tuple[ArrayLike, ArrayLike], n: int) -> NDArray:

@@ -127,6 +127,8 @@ end:
         counters->tests += n_tests;
         counters->samples += n_samples;
         counters->hits += hit;
+        if (counters->most_cells < tally.cells)
+            counters->most_cells = tally.cells;
     }
 }
 
@@ -157,6 +159,8 @@ lr_status LR_JOIN(lr_, LR_NAME,
         counters->tests += sum.tests;
         counters->samples += sum.samples;
         counters->hits += sum.hits;
+        if (counters->most_cells < sum.most_cells)
+            counters->most_cells = sum.most_cells;
     }
     return LR_OK;
 }

@@ -237,9 +237,10 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
         if (!lr_reach(r, &there, box->lo, box->hi))
             continue;
         if (box->second == 0) {
+            if (s->leaf == NULL || memcmp(there.c, u->c, sizeof u->c) != 0)
+                lr_count_cell(tally); /* else counted when it left the leaf before */
             *u = there;
             s->leaf = box;
-            lr_count_cell(tally);
             return true;
         }
         const bool up = r->s[box->axis] >= 0;
