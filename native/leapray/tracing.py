@@ -298,7 +298,9 @@ def _starts(start: tuple[ArrayLike, ArrayLike], n: int) -> NDArray:
     return table
 
 
-def distance(cells: ArrayLike, metric: str = "chessboard") -> NDArray[np.uint8 | np.float32]:
+def distance(
+    cells: ArrayLike, metric: str = "chessboard", *, watch: Watch | None = None
+) -> NDArray[np.uint8 | np.float32]:
     """Distance from every cell to the nearest one that is true, 0 on those.
 
     cells: (nz, ny, nx); returns the same shape. "chessboard" and "cityblock" count
@@ -316,5 +318,6 @@ def distance(cells: ArrayLike, metric: str = "chessboard") -> NDArray[np.uint8 |
         *marked.shape[::-1],
         choice(METRICS, metric, "metric"),
         ctypes.c_void_p(dist.ctypes.data),
+        watch=watch,
     )
     return dist

@@ -43,6 +43,12 @@ LR_INLINE bool lr_stopped(const lr_watch *watch)
     return watch != NULL && watch->stop != NULL && *watch->stop != 0;
 }
 
+/* For long loops over small things: asks once in 2^16 turns. */
+LR_INLINE bool lr_stopped_now_and_then(const lr_watch *watch, uint64_t turn)
+{
+    return (turn & 0xffff) == 0 && lr_stopped(watch);
+}
+
 LR_INLINE void lr_progress(const lr_watch *watch, double share)
 {
     if (watch != NULL && watch->progress != NULL)

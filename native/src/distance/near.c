@@ -15,16 +15,19 @@ lr_status lr_near_bricks(const lr_volume *v, uint32_t **index, uint32_t *n_near,
     if (holds == NULL || dist == NULL || made == NULL)
         status = lr_fail_memory(error, n * (2 + sizeof *made), "brick distances");
     if (status == LR_OK) {
-        for (size_t at = 0; at < n; at++)
-            holds[at] = (v->table[at] & 0xff) != 0;
+        for (size_t at = 0; at < n && !lr_stopped_now_and_then(watch, at); at++)
+            holds[at] = (v->table[at] & 0xff) != 0; /* if given up, lr_distance says so */
         const lr_watch quiet = {watch != NULL ? watch->stop : NULL, NULL};
         status = lr_distance(holds, v->table_size[0], v->table_size[1], v->table_size[2],
                              LR_METRIC_CHESSBOARD, dist, &quiet, error);
     }
     if (status == LR_OK) {
         *n_near = 0;
-        for (size_t at = 0; at < n; at++)
+        for (size_t at = 0; at < n && status == LR_OK; at++) {
             made[at] = dist[at] <= 1 ? (*n_near)++ : LR_FAR_BRICK | dist[at];
+            if (lr_stopped_now_and_then(watch, at))
+                status = lr_fail_stopped(error);
+        }
         *index = made;
         made = NULL;
     }

@@ -13,6 +13,8 @@
 #include "distance/metrics.h"
 #include "error.h"
 
+enum { CHUNK = 1 << 20 }; /* cells between looks at the stop word */
+
 /* What a step costs, by how many coordinates it changes. */
 typedef struct costs {
     uint8_t face, edge, corner;
@@ -67,8 +69,13 @@ static lr_status both_passes(const uint8_t *cells, const int32_t n[3], const cos
                              uint8_t *dist, const lr_watch *watch, lr_error *error)
 {
     const size_t count = (size_t)n[0] * (size_t)n[1] * (size_t)n[2];
-    for (size_t i = 0; i < count; i++)
-        dist[i] = cells[i] != 0 ? 0 : LR_DISTANCE_CAP;
+    for (size_t first = 0; first < count; first += CHUNK) {
+        const size_t end = count - first < CHUNK ? count : first + CHUNK;
+        for (size_t i = first; i < end; i++)
+            dist[i] = cells[i] != 0 ? 0 : LR_DISTANCE_CAP;
+        if (lr_stopped(watch))
+            return lr_fail_stopped(error);
+    }
     lr_status status = pass(dist, n, c, 1, watch, error);
     return status == LR_OK ? pass(dist, n, c, -1, watch, error) : status;
 }

@@ -69,8 +69,8 @@ static void brick_distances(const lr_volume *v, int octant, uint8_t (*ahead)[8],
 {
     const int32_t *n = v->table_size;
     const ptrdiff_t stride[3] = {8, 8 * (ptrdiff_t)n[0], 8 * (ptrdiff_t)n[0] * n[1]};
-    for (int32_t k = 0; k < n[2] && !lr_stopped(watch); k++)
-        for (int32_t j = 0; j < n[1]; j++)
+    for (int32_t k = 0; k < n[2]; k++)
+        for (int32_t j = 0; j < n[1] && !lr_stopped(watch); j++)
             for (int32_t i = 0; i < n[0]; i++) {
                 const int32_t p[3] = {octant & 1 ? n[0] - 1 - i : i, octant & 2 ? n[1] - 1 - j : j,
                                       octant & 4 ? n[2] - 1 - k : k};

@@ -85,7 +85,8 @@ static uint32_t add_node(const tree *t, const lr_volume *v, size_t at, node *mad
     return n;
 }
 
-static bool make_roots(tree *t, const lr_volume *v, size_t *regions, uint32_t *n_leaves)
+static lr_status make_roots(tree *t, const lr_volume *v, size_t *regions, uint32_t *n_leaves,
+                            const lr_watch *watch, lr_error *error)
 {
     *regions = 1;
     for (int a = 0; a < 3; a++) {
@@ -93,13 +94,17 @@ static bool make_roots(tree *t, const lr_volume *v, size_t *regions, uint32_t *n
         *regions *= (size_t)t->size[a];
     }
     t->roots = malloc(*regions * sizeof *t->roots);
-    for (size_t at = 0; t->roots != NULL && at < *regions; at++) {
+    if (t->roots == NULL)
+        return lr_fail_memory(error, *regions * sizeof *t->roots, "a tree");
+    for (size_t at = 0; at < *regions; at++) {
         node spare;
         const uint32_t n = add_node(t, v, at, &spare, 0, NULL);
         t->roots[at] = n > 0 ? t->n_nodes++ : NO_NODE;
         *n_leaves += n;
+        if (lr_stopped(watch))
+            return lr_fail_stopped(error);
     }
-    return t->roots != NULL;
+    return LR_OK;
 }
 
 lr_status lr_hdda_build(const lr_volume *v, const int32_t *choices, const lr_watch *watch,
@@ -107,20 +112,21 @@ lr_status lr_hdda_build(const lr_volume *v, const int32_t *choices, const lr_wat
 {
     (void)choices;
     size_t regions;
-    uint32_t n_leaves = 0;
+    uint32_t n_leaves = 0, n = 0;
     tree *t = calloc(1, sizeof *t);
-    if (t == NULL || !make_roots(t, v, &regions, &n_leaves)) {
+    if (t == NULL)
+        return lr_fail_memory(error, sizeof *t, "a tree");
+    lr_status status = make_roots(t, v, &regions, &n_leaves, watch, error);
+    if (status != LR_OK) {
         lr_hdda_free(t);
-        return lr_fail_memory(error, lr_table_count(v) / NODE_BRICKS * sizeof(uint32_t), "a tree");
+        return status;
     }
     *nbytes = sizeof *t + regions * sizeof *t->roots + t->n_nodes * sizeof *t->nodes +
               n_leaves * sizeof *t->leaves;
     t->nodes = malloc((t->n_nodes + (size_t)1) * sizeof *t->nodes);
     t->leaves = malloc((n_leaves + (size_t)1) * sizeof *t->leaves);
-    lr_status status = LR_OK;
     if (t->nodes == NULL || t->leaves == NULL)
         status = lr_fail_memory(error, *nbytes, "a tree");
-    uint32_t n = 0;
     for (size_t at = 0; status == LR_OK && at < regions; at++) {
         if (t->roots[at] != NO_NODE)
             n = add_node(t, v, at, &t->nodes[t->roots[at]], n, t->leaves);

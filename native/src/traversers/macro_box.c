@@ -184,6 +184,8 @@ static lr_status fill(regions *g, const lr_volume *v, uint8_t *full, uint64_t *n
     for (size_t at = 0; at < n; at++) {
         full[at] = (v->table[at] & 0xff) != 0;
         n_inside += full[at];
+        if (lr_stopped_now_and_then(watch, at))
+            return lr_fail_stopped(error);
     }
     lr_status status = cover(full, v->table_size, &g->of_bricks, g->bricks, watch, error);
     if (status != LR_OK)

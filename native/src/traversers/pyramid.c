@@ -102,13 +102,14 @@ lr_status lr_pyramid_build(const lr_volume *v, const int32_t *choices, const lr_
     *nbytes = sizeof *p;
     lr_status status = add_levels(p, v, nbytes, error);
     for (int32_t z = 0; status == LR_OK && z < v->table_size[2]; z++) {
-        for (int32_t y = 0; y < v->table_size[1]; y++)
+        for (int32_t y = 0; status == LR_OK && y < v->table_size[1]; y++) {
             for (int32_t x = 0; x < v->table_size[0]; x++)
                 if ((v->table[lr_table_at(v, x, y, z)] & 0xff) != 0)
                     for (int level = BRICK_LEVEL + 1; level <= p->top; level++)
                         set_node(p, level, (const int32_t[3]){8 * x, 8 * y, 8 * z});
-        if (lr_stopped(watch))
-            status = lr_fail_stopped(error);
+            if (lr_stopped(watch))
+                status = lr_fail_stopped(error);
+        }
     }
     if (status != LR_OK) {
         lr_pyramid_free(p);

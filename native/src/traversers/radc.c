@@ -158,17 +158,20 @@ static lr_status brick_radii(radii *f, const lr_volume *v, const lr_watch *watch
     if (near == NULL || dist == NULL)
         status = lr_fail_memory(error, n * (1 + entry_nbytes(f)), "radii of bricks");
     if (status == LR_OK) {
-        for (size_t at = 0; at < n; at++)
-            near[at] = !(f->bricks[at] & LR_FAR_BRICK);
+        for (size_t at = 0; at < n && !lr_stopped_now_and_then(watch, at); at++)
+            near[at] = !(f->bricks[at] & LR_FAR_BRICK); /* if given up, lr_distance says so */
         const lr_watch quiet = {watch != NULL ? watch->stop : NULL, NULL};
         status = lr_distance(near, v->table_size[0], v->table_size[1], v->table_size[2], f->metric,
                              dist, &quiet, error);
     }
     const radii safely = {.metric = f->metric, .step = SAFE};
-    for (size_t at = 0; status == LR_OK && at < n; at++)
+    for (size_t at = 0; status == LR_OK && at < n; at++) {
+        if (lr_stopped_now_and_then(watch, at))
+            status = lr_fail_stopped(error);
         if (f->bricks[at] & LR_FAR_BRICK)
             f->bricks[at] =
                 LR_FAR_BRICK | to_radius(8.0 * length_of(&safely, dist, at), LR_FAR_BRICK - 1);
+    }
     free(near);
     free(dist);
     return status;

@@ -50,12 +50,6 @@ void lr_smart_free(void *data)
     free(t);
 }
 
-static int by_code(const void *a, const void *b)
-{
-    const uint64_t x = ((const brick *)a)->code, y = ((const brick *)b)->code;
-    return (x > y) - (x < y);
-}
-
 static uint64_t morton(const int32_t c[3])
 {
     uint64_t code = 0;
@@ -65,24 +59,66 @@ static uint64_t morton(const int32_t c[3])
     return code;
 }
 
-static lr_status list_bricks(const lr_volume *v, brick **list, size_t *n, lr_error *error)
+/* Sort by code, a digit at a time from the lowest on, up to what the tree's top level
+ * leaves; spare has room for n too. False where stopped. */
+static bool sort_bricks(brick **list, brick **spare, size_t n, int code_bits, const lr_watch *watch)
 {
-    *n = 0;
-    for (size_t at = 0; at < lr_table_count(v); at++)
-        *n += (v->table[at] & 0xff) != 0;
-    *list = malloc((*n + 1) * sizeof **list);
-    if (*list == NULL)
-        return lr_fail_memory(error, *n * sizeof **list, "a list of bricks");
-    brick *next = *list;
+    enum { DIGIT_BITS = 11, N_DIGITS = 1 << DIGIT_BITS };
+    for (int shift = 0; shift < code_bits; shift += DIGIT_BITS) {
+        size_t place[N_DIGITS] = {0}, sum = 0;
+        for (size_t i = 0; i < n; i++)
+            place[(*list)[i].code >> shift & (N_DIGITS - 1)]++;
+        for (int digit = 0; digit < N_DIGITS; digit++) {
+            const size_t count = place[digit];
+            place[digit] = sum;
+            sum += count;
+        }
+        for (size_t i = 0; i < n; i++) {
+            if (lr_stopped_now_and_then(watch, i))
+                return false;
+            (*spare)[place[(*list)[i].code >> shift & (N_DIGITS - 1)]++] = (*list)[i];
+        }
+        brick *swap = *list;
+        *list = *spare;
+        *spare = swap;
+    }
+    return true;
+}
+
+/* The bricks with surface, unsorted; false where stopped. */
+static bool gather_bricks(const lr_volume *v, brick *next, const lr_watch *watch)
+{
     for (int32_t z = 0; z < v->table_size[2]; z++)
-        for (int32_t y = 0; y < v->table_size[1]; y++)
+        for (int32_t y = 0; y < v->table_size[1]; y++) {
+            if (lr_stopped(watch))
+                return false;
             for (int32_t x = 0; x < v->table_size[0]; x++) {
                 const uint32_t entry = v->table[lr_table_at(v, x, y, z)];
                 if ((entry & 0xff) != 0)
                     *next++ = (brick){morton((const int32_t[3]){x, y, z}), entry};
             }
-    qsort(*list, *n, sizeof **list, by_code);
-    return LR_OK;
+        }
+    return true;
+}
+
+static lr_status list_bricks(const lr_volume *v, int code_bits, brick **list, size_t *n,
+                             const lr_watch *watch, lr_error *error)
+{
+    *n = 0;
+    for (size_t at = 0; at < lr_table_count(v); at++) {
+        *n += (v->table[at] & 0xff) != 0;
+        if (lr_stopped_now_and_then(watch, at))
+            return lr_fail_stopped(error);
+    }
+    *list = malloc((*n + 1) * sizeof **list);
+    brick *spare = malloc((*n + 1) * sizeof *spare);
+    lr_status status = LR_OK;
+    if (*list == NULL || spare == NULL)
+        status = lr_fail_memory(error, 2 * *n * sizeof **list, "a list of bricks");
+    else if (!gather_bricks(v, *list, watch) || !sort_bricks(list, &spare, *n, code_bits, watch))
+        status = lr_fail_stopped(error);
+    free(spare);
+    return status;
 }
 
 static lr_status add_level(octree *t, int level, size_t n, uint64_t *nbytes, lr_error *error)
@@ -111,22 +147,27 @@ static uint8_t masks_of_word(uint64_t word, uint8_t masks[8])
 
 /* Levels 1 to 3, from the store's own masks. */
 static lr_status add_bricks(octree *t, const lr_volume *v, const brick *list, size_t n,
-                            uint64_t *nbytes, lr_error *error)
+                            uint64_t *nbytes, const lr_watch *watch, lr_error *error)
 {
     size_t n_words = 0, n_low = 0, word_at = 0, low_at = 0;
     uint8_t masks[8];
-    for (size_t i = 0; i < n; i++)
+    for (size_t i = 0; i < n; i++) {
+        if (lr_stopped_now_and_then(watch, i))
+            return lr_fail_stopped(error);
         for (int s = 0; s < 8; s++) {
             const uint64_t word = v->cells[list[i].entry >> 8][s];
             n_words += word != 0;
             n_low += (size_t)__builtin_popcount(masks_of_word(word, masks));
         }
+    }
     lr_status status = add_level(t, 1, n_low, nbytes, error);
     if (status == LR_OK)
         status = add_level(t, 2, n_words, nbytes, error);
     if (status == LR_OK)
         status = add_level(t, BRICK_LEVEL, n, nbytes, error);
     for (size_t i = 0; status == LR_OK && i < n; i++) {
+        if (lr_stopped_now_and_then(watch, i))
+            status = lr_fail_stopped(error);
         t->mask[BRICK_LEVEL][i] = (uint8_t)list[i].entry;
         t->first[BRICK_LEVEL][i] = (uint32_t)word_at;
         for (int s = 0; s < 8; s++) {
@@ -146,7 +187,7 @@ static lr_status add_bricks(octree *t, const lr_volume *v, const brick *list, si
 /* A level above: one node for every run of children with the same code but for
  * its last three bits. list becomes that of the new level. */
 static lr_status add_parents(octree *t, int level, brick *list, size_t *n, uint64_t *nbytes,
-                             lr_error *error)
+                             const lr_watch *watch, lr_error *error)
 {
     lr_status status = add_level(t, level, *n, nbytes, error); /* from above, then cut */
     if (status != LR_OK)
@@ -154,6 +195,8 @@ static lr_status add_parents(octree *t, int level, brick *list, size_t *n, uint6
     size_t made = 0;
     for (size_t i = 0; i < *n; i++) {
         const uint64_t code = list[i].code;
+        if (lr_stopped_now_and_then(watch, i))
+            return lr_fail_stopped(error);
         if (i == 0 || code >> 3 != list[made - 1].code) {
             list[made].code = code >> 3;
             t->first[level][made++] = (uint32_t)i;
@@ -181,14 +224,14 @@ lr_status lr_smart_build(const lr_volume *v, const int32_t *choices, const lr_wa
     *nbytes = sizeof *t;
     const int32_t *size = v->table_size;
     const int32_t largest = lr_max_i(size[0], lr_max_i(size[1], size[2]));
-    lr_status status = list_bricks(v, &list, &n, error);
+    int top = BRICK_LEVEL;
+    while (1 << (top - BRICK_LEVEL) < largest)
+        top++;
+    lr_status status = list_bricks(v, 3 * (top - BRICK_LEVEL), &list, &n, watch, error);
     if (status == LR_OK)
-        status = add_bricks(t, v, list, n, nbytes, error);
-    for (t->top = BRICK_LEVEL; status == LR_OK && 1 << (t->top - BRICK_LEVEL) < largest;) {
-        status = add_parents(t, ++t->top, list, &n, nbytes, error);
-        if (lr_stopped(watch))
-            status = lr_fail_stopped(error);
-    }
+        status = add_bricks(t, v, list, n, nbytes, watch, error);
+    for (t->top = BRICK_LEVEL; status == LR_OK && t->top < top;)
+        status = add_parents(t, ++t->top, list, &n, nbytes, watch, error);
     free(list);
     if (status != LR_OK) {
         lr_smart_free(t);

@@ -37,12 +37,13 @@ static void add_brick(const lr_volume *v, const int32_t b[3], blocks *made)
 static lr_status add_bits(const lr_volume *v, blocks *made, const lr_watch *watch, lr_error *error)
 {
     for (int32_t z = 0; z < v->table_size[2]; z++) {
-        if (lr_stopped(watch))
-            return lr_fail_stopped(error);
-        for (int32_t y = 0; y < v->table_size[1]; y++)
+        for (int32_t y = 0; y < v->table_size[1]; y++) {
+            if (lr_stopped(watch))
+                return lr_fail_stopped(error);
             for (int32_t x = 0; x < v->table_size[0]; x++)
                 if ((v->table[lr_table_at(v, x, y, z)] & 0xff) != 0)
                     add_brick(v, (const int32_t[3]){x, y, z}, made);
+        }
         lr_progress(watch, (z + 1.0) / v->table_size[2]);
     }
     return LR_OK;

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Long builds hear the stop word within 100 ms, however large the table of bricks is."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import leapray
+
+LATEST = 0.1  # seconds of the building thread, as the header promises
+
+
+@pytest.fixture(scope="module")
+def vast():
+    """A flat volume of 12 million bricks, of which some 30 000 hold surface."""
+    builder = leapray.VolumeBuilder((24, 14_000, 14_000), "u8")
+    random = np.random.default_rng(5)
+    builder.put((0, 5000, 5000), 255 * (random.random((800, 800, 24)) < 0.02).astype(np.uint8))
+    return builder.finish()
+
+
+def end_of(work, after: float | None) -> tuple[float, float | None]:
+    """CPU seconds of a thread that does work(watch), and how many of them were after the stop."""
+    watch, spent, heard = leapray.Watch(), [], []
+
+    def run():
+        began = time.thread_time()
+        try:
+            work(watch)
+        except leapray.Stopped:
+            heard.append(True)
+        spent.append((began, time.thread_time()))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    stopped = None
+    if after is not None:
+        time.sleep(after)
+        if thread.is_alive():
+            stopped = time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
+            watch.stop()
+    thread.join()
+    began, ended = spent[0]
+    return ended - began, ended - stopped if heard and stopped is not None else None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [entry.spec for entry in leapray.traversers()])
+def test_a_build_ends_within_100_ms_of_the_stop_word(name, vast):
+    whole, _ = end_of(lambda watch: leapray.build(vast, name, watch=watch), None)
+    late = []
+    for share in (0.1, 0.35, 0.6, 0.85):
+        _, after = end_of(lambda watch: leapray.build(vast, name, watch=watch), share * whole)
+        late += [] if after is None else [after]
+    assert late or whole < 0.2  # the stop was heard, but where there is next to nothing to do
+    assert max(late, default=0.0) < LATEST
+
