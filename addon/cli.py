@@ -96,6 +96,11 @@ def parser() -> argparse.ArgumentParser:
         help="black: the lights alone give light",
     )
     verb.add_argument("--percentage", type=count(1), metavar="P", help="of the resolution")
+    verb.add_argument(
+        "--cache-folder",
+        metavar="DIR",
+        help="where volumes are kept as .vdb files, to be read instead of made by the next run",
+    )
     verb.add_argument("--threads", type=count(0, MOST_THREADS), metavar="N", help="0: all cores")
 
     verb = verbs.add_parser("study", help="measure speed, accuracy, stability")
@@ -129,6 +134,11 @@ def add_settings(verb: argparse.ArgumentParser) -> None:
         type=float,
         metavar="X",
         help=f"of a pixel, for --resolution auto; {DEFAULTS.pixel_error} unless the scene says so",
+    )
+    verb.add_argument(
+        "--cache-folder",
+        metavar="DIR",
+        help="where volumes are kept as .vdb files, to be read instead of made by the next run",
     )
     verb.add_argument("--threads", type=count(0, MOST_THREADS), metavar="N", help="0: all cores")
 

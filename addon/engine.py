@@ -14,12 +14,13 @@ import numpy as np
 import leapray
 
 from . import model, pipeline, properties, result, scene
+from .cache import Cache
 
 # How the last render of each view layer went: what the JSON file holds, or why there is none.
 reports: dict[str, dict] = {}
 failures: dict[str, leapray.LeapRayError] = {}  # without tracebacks, which hold on to memory
 interrupt = threading.Event()  # set from outside to end the render, as Esc does
-_volumes: dict = {}  # kept between frames where the scene asks for persistent data
+_volumes = Cache()  # kept between frames where the scene asks for persistent data
 
 
 class LeapRayEngine(bpy.types.RenderEngine):
@@ -97,7 +98,7 @@ class LeapRayEngine(bpy.types.RenderEngine):
             return replace(chosen, samples=4, pixel_error=1.0, memory_mb=128)
         return chosen
 
-    def _cache(self, evaluated_scene) -> dict | None:
+    def _cache(self, evaluated_scene) -> Cache | None:
         if self.is_preview:
             return None
         if evaluated_scene.render.use_persistent_data:

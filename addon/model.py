@@ -97,6 +97,7 @@ class Settings:
     pixel_error: float = 0.25  # of a pixel's footprint
     memory_mb: int = 1024  # for volumes and structures together
     sample_type: str = "u16"
+    cache_folder: str = ""  # where volumes are kept as .vdb; "": nowhere
     seed: int = 0
     threads: int = 0  # 0: all cores
     tile_size: int = 64

@@ -25,6 +25,7 @@ from leapray.arrays import SAMPLE_TYPES
 from leapray.threads import cores
 
 from . import model, plan, tiles
+from .cache import Cache
 
 POLL = 0.03  # seconds between two looks at `stop`
 PLANNED = 0.3  # share of the progress bar that planning and voxelizing take
@@ -44,7 +45,7 @@ def render(
     stop: Callable[[], bool] = never,
     progress: Callable[[float, str], None] = ignore,
     on_tile: Callable[[int, int, int, int, dict], None] | None = None,
-    cache: dict | None = None,
+    cache: Cache | None = None,
 ) -> model.Frame:
     """Render the scene.
 
@@ -60,7 +61,7 @@ def render(
     check(scene.settings)
     with ThreadPoolExecutor(threads, thread_name_prefix="leapray") as pool:
         crew = Crew(pool, watch, stop, progress)
-        planned = _plan(scene, {} if cache is None else cache, crew, threads)
+        planned = _plan(scene, Cache() if cache is None else cache, crew, threads)
         planned_at = time.perf_counter()
         passes, counters, workspace_nbytes = _trace(scene, planned, crew, threads, on_tile)
     ended = time.perf_counter()
@@ -178,7 +179,7 @@ class Crew:
             raise leapray.Stopped("The render was cancelled.")
 
 
-def _plan(scene: model.Scene, cache: dict, crew: Crew, threads: int) -> plan.Plan:
+def _plan(scene: model.Scene, cache: Cache, crew: Crew, threads: int) -> plan.Plan:
     crew.phase = "Voxelizing"
 
     def advance(share: float) -> None:

@@ -22,14 +22,15 @@ import heapq
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 import leapray
 
-from . import errors, model, objects, parts, probes, reach
+from . import cache as caches
+from . import model, objects, parts, reach
+from .levels import MB, Levels, Work
 from .objects import SceneError
 
 COARSEST = 16  # voxels along the longest side at the start
@@ -37,34 +38,6 @@ COARSEST = 16  # voxels along the longest side at the start
 EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' and rims' sake
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
 SHARP_SHARE = 1 / 100  # for finer edges than asked for, of all volumes together
-MB = 1 << 20
-
-
-@dataclass
-class Work:
-    """One volume on its way."""
-
-    index: int  # of the mesh in the scene
-    part: int  # of the mesh
-    name: str  # of the object that stands for it in messages
-    mesh: model.Mesh  # or the part of it
-    digest: str
-    matrices: NDArray[np.float64]  # (n, 4, 4) of its instances
-    shown: NDArray[np.bool_]  # (n,) whether the camera sees them
-    with_ids: bool
-    weights: probes.Weights | None = None
-    measure: errors.Measure | None = None
-    errors: errors.Errors | None = None
-    structure: leapray.Structure | None = None
-    stuck: str = ""  # why it is no finer, where it should be
-    thin: bool = False  # a solid that may better be cut into its faces
-    whole: bool = False  # or has been asked that already
-    face: int = 0  # of a plate, from 1 on
-    history: list[float] = field(default_factory=list)
-
-    def needs(self, pixel_error: float) -> tuple[float, float]:
-        """How many times too coarse the surface is, and its edges; 1 is good enough."""
-        return max(self.errors.of_surface(pixel_error), 1.0), max(self.errors.of_edges(), 1.0)
 
 
 @dataclass
@@ -92,121 +65,22 @@ def coarsest(mesh: model.Mesh) -> float:
     return 2.0 ** math.ceil(math.log2(longest / COARSEST)) if longest > 0 else 1.0
 
 
-class Planner:
+class Planner(Levels):
     """Walks the levels of all volumes within one budget.
 
-    cache: kept by the caller between frames; volumes by mesh and level, and what
-    was measured on them. watch: stops the calls into the core.
     advance: called with a share 0..1 of this work as it proceeds.
     """
 
     def __init__(
         self,
         scene: model.Scene,
-        cache: dict,
+        cache: caches.Cache,
         watch: leapray.Watch,
         threads: int,
         advance: Callable[[float], None] = lambda share: None,
     ) -> None:
-        self.scene, self.settings = scene, scene.settings
-        self.cache, self.watch, self.threads, self.advance = cache, watch, threads, advance
-        self.budget = self.settings.memory_mb * MB
-        self.seconds = {"voxelize": 0.0, "structure": 0.0, "plan": 0.0}
-        self.warnings: list[str] = []
-        self.works: list[Work] = []
-        self.peak = 0
-        self.used: set = set()  # keys of the cache that this frame touched
-
-    def _breathe(self) -> None:
-        if self.watch.stopped:
-            raise leapray.Stopped("The planning was stopped.")
-
-    # -- levels
-
-    def _key(self, work: Work, what: str, voxel_size: float = 0.0) -> tuple:
-        s = self.settings
-        return what, work.digest, voxel_size, work.with_ids, s.sample_type, s.traverser
-
-    def _cached(self, key: tuple):
-        self.used.add(key)
-        return self.cache.get(key)
-
-    def held(self) -> int:
-        """Bytes of all volumes and structures that are alive, as far as the plan has come."""
-        return sum(w.measure.nbytes for w in self.works if w.measure)
-
-    def _voxelize(
-        self, work: Work, voxel_size: float, room: float, volume_room: float = math.inf
-    ) -> leapray.Structure:
-        """The structure of a level, which holds its volume.
-
-        room: bytes for both, volume_room: for the volume alone; OutOfMemory where
-        they do not suffice. The structure's
-        share of them is foreseen from the level before.
-        """
-        key = self._key(work, "structure", voxel_size)
-        structure = self._cached(key)
-        if structure is not None:
-            return structure
-        share = work.measure.volume_nbytes / work.measure.nbytes if work.measure else 1.0
-        began = time.perf_counter()
-        mesh = work.mesh
-        volume = leapray.voxelize(
-            mesh.vertices,
-            mesh.triangles,
-            voxel_size,
-            ids=mesh.slots if work.with_ids else None,
-            dtype=self.settings.sample_type,
-            threads=self.threads,
-            watch=self.watch,
-            max_nbytes=max(1, int(min(room * share, volume_room))),
-        )
-        middle = time.perf_counter()
-        structure = leapray.build(
-            volume, self.settings.traverser or None, threads=self.threads, watch=self.watch
-        )
-        self.seconds["voxelize"] += middle - began
-        self.seconds["structure"] += time.perf_counter() - middle
-        nbytes = volume.info.nbytes + structure.nbytes
-        self.peak = max(self.peak, self.held() + nbytes)
-        if nbytes > room:
-            raise leapray.OutOfMemory(
-                f"the level needs {nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
-            )
-        self.cache[key] = structure
-        return structure
-
-    def _drop(self, work: Work) -> None:
-        """Forget the volume of a level that is left; what was measured on it stays."""
-        if work.measure is not None:
-            self.cache.pop(self._key(work, "structure", work.measure.voxel_size), None)
-        work.structure = None
-
-    def _probes(self, work: Work) -> probes.Probes:
-        key = ("probes", work.digest)
-        if self._cached(key) is None:
-            self.cache[key] = probes.draw(work.mesh, self._breathe)
-        return self.cache[key]
-
-    def _enter(
-        self, work: Work, voxel_size: float, room: float, volume_room: float = math.inf
-    ) -> None:
-        """Put the mesh on a level; OutOfMemory, and nothing changed, where it does not fit."""
-        key = self._key(work, "measure", voxel_size)
-        measure, structure = self._cached(key), None
-        if measure is None:
-            structure = self._voxelize(work, voxel_size, room, volume_room)
-            measure = self.cache[key] = errors.measure(structure, self._probes(work), voxel_size)
-        elif measure.nbytes > room or measure.volume_nbytes > volume_room:
-            raise leapray.OutOfMemory(
-                f"the level needs {measure.nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
-            )
-        self._drop(work)
-        work.measure, work.structure, work.stuck = measure, structure, ""
-        if work.weights is None:
-            work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)
-        work.errors = errors.seen(measure, work.weights)
-        work.history.append(work.errors.progress(self.settings.pixel_error))
+        super().__init__(scene, cache, watch, threads)
+        self.advance = advance
 
     # -- the walk
 
@@ -216,7 +90,7 @@ class Planner:
         for instance in instances:
             by_mesh.setdefault(instance.mesh, []).append(instance)
         for done, (index, users) in enumerate(by_mesh.items()):
-            self._breathe()
+            self.breathe()
             matrices = np.array([u.world_from_object for u in users], np.float64)
             shown = np.array([u.visible_camera for u in users])
             several = any(len(u.materials) > 1 for u in users)
@@ -238,10 +112,11 @@ class Planner:
         if self.settings.layout == "scene":
             return [(name, mesh)]
         key = "parts", name
-        if self._cached(key) is None:
+        split = self.cache.get(key)
+        if split is None:
             split = parts.split(mesh, self.watch)
-            self.cache[key] = split if len(split) > 1 else []
-        return [(f"{name}/{k}", part) for k, part in enumerate(self.cache[key])] or [(name, mesh)]
+            split = self.cache.put(key, split if len(split) > 1 else [])
+        return [(f"{name}/{k}", part) for k, part in enumerate(split)] or [(name, mesh)]
 
     def _start_one(self, work: Work) -> None:
         size = coarsest(work.mesh)
@@ -249,7 +124,7 @@ class Planner:
             size = fixed_size(work.mesh, self.settings.resolution)
         room = self.budget - self.held()
         try:
-            self._enter(work, size, room)
+            self.enter(work, size, room)
         except leapray.OutOfMemory as error:
             needs = self.held() + (getattr(error, "nbytes", None) or 0)
             raise SceneError(
@@ -307,7 +182,7 @@ class Planner:
         """Refine by so many levels; why that cannot be, or ""."""
         try:
             size, room = work.measure.voxel_size / 2**levels, self.budget - self.held()
-            self._enter(work, size, room, volume_room)
+            self.enter(work, size, room, volume_room)
         except leapray.Stopped:
             raise
         except leapray.OutOfMemory:
@@ -322,11 +197,12 @@ class Planner:
         for work in thin:
             work.thin, work.whole = False, True
             key = "faces", work.digest, work.measure.voxel_size
-            if self._cached(key) is None:
-                self.cache[key] = parts.cut(work.mesh, work.measure.voxel_size, self.watch)
-            faces = self.cache[key]
+            faces = self.cache.get(key)
+            if faces is None:
+                faces = parts.cut(work.mesh, work.measure.voxel_size, self.watch)
+                self.cache.put(key, faces)
             if faces:
-                self._drop(work)
+                self.drop(work)
                 self.works.remove(work)
             for k, mesh in enumerate(faces):
                 digest = f"{work.digest}/face {k}"
@@ -357,12 +233,15 @@ class Planner:
     def finish(self, instances: list[model.Instance]) -> Plan:
         """Make what is still missing, and put the instances together."""
         for work in self.works:
-            if work.structure is None:
+            if work.structure is None and not self.take_finer(work):
                 others = self.held() - work.measure.nbytes
-                work.structure = self._voxelize(work, work.measure.voxel_size, self.budget - others)
-        for key in [k for k in self.cache if k not in self.used]:
-            del self.cache[key]
-        self.peak = max(self.peak, self.held())
+                work.structure = self.structure(work, work.measure.voxel_size, self.budget - others)
+        for work in self.works:  # of a frame that was remembered, every volume counts as used
+            self.structure(work, work.measure.voxel_size, math.inf)
+            if self.settings.cache_folder:
+                self.keep_on_disk(work)
+        self.cache.end()
+        self.peak = max(self.peak, self.held() + self.cache.unused())
         placed, slots = self._place(instances)
         return Plan(
             instances=placed,
@@ -456,7 +335,7 @@ def fixed_size(mesh: model.Mesh, n: int) -> float:
 
 def make(
     scene: model.Scene,
-    cache: dict,
+    cache: caches.Cache,
     watch: leapray.Watch,
     threads: int,
     advance: Callable[[float], None] = lambda share: None,
@@ -464,10 +343,11 @@ def make(
     """Choose, voxelize and build everything that the scene needs.
 
     Raises SceneError where nothing can be rendered within the settings, Stopped
-    where watch says so. Uses and refills cache; what this scene no longer needs
-    is dropped from it.
+    where watch says so. Uses and refills cache, which together with
+    the frame's own volumes stays within the memory budget.
     """
     began = time.perf_counter()
+    cache.begin()
     warnings: list[str] = []
     instances = objects.usable(scene, warnings)
     met = reach.reached(scene, instances)

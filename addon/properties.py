@@ -140,6 +140,13 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         items=menu(SAMPLE_TYPES),
         default=DEFAULTS.sample_type,
     )
+    cache_folder: bpy.props.StringProperty(
+        name="Volume Folder",
+        description="Where volumes are kept as .vdb files, to be read instead of made by the next "
+        "render; empty: nowhere",
+        default=DEFAULTS.cache_folder,
+        subtype="DIR_PATH",
+    )
     seed: bpy.props.IntProperty(
         name="Seed",
         description="Choose another pattern of rays inside the pixels",
@@ -168,12 +175,14 @@ def settings(scene) -> model.Settings:
         if field.name != "threads"
     }
     for name, value in values.items():
-        if value == "":
-            label = scene.leapray.bl_rna.properties[name].name
+        known = scene.leapray.bl_rna.properties[name]
+        if value == "" and known.type == "ENUM":
+            label = known.name
             raise leapray.LeapRayError(
                 f"The {label} stored in scene {scene.name} is unknown to LeapRay "
                 f"{leapray.__version__}; choose one in the Render properties"
             )
+    values["cache_folder"] = bpy.path.abspath(values["cache_folder"])
     fixed = scene.render.threads_mode == "FIXED"
     return model.Settings(**values, threads=scene.render.threads if fixed else 0)
 

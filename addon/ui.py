@@ -66,7 +66,7 @@ class RENDER_PT_leapray_volumes(_Panel, bpy.types.Panel):
 
     def draw(self, context) -> None:
         column, settings = self.columns(), context.scene.leapray
-        for name in ("layout", "resolution", "sample_type", "memory_mb"):
+        for name in ("layout", "resolution", "sample_type", "memory_mb", "cache_folder"):
             column.prop(settings, name)
 
 

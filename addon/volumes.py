@@ -12,13 +12,15 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from leapray import LeapRayError, Volume, VolumeBuilder
+from leapray import LeapRayError, MeshInfo, Volume, VolumeBuilder
 
 BLOCK = 64  # samples along a block that is read at a time; a multiple of a brick
 DENSITY, ID, SURFACE, META = "density", "id", "surface", "leapray"
@@ -48,6 +50,7 @@ def write(volume: Volume, path: str | Path) -> None:
             "kind": info.kind,
             "threshold": info.threshold,
             "object_from_index": info.object_from_index.tolist(),
+            "mesh": volume.mesh_info and asdict(volume.mesh_info),
         }
     )
     for grid in grids:
@@ -72,6 +75,7 @@ def read(path: str | Path) -> Volume:
         size, sheet = tuple(map(int, meta["size"])), meta["kind"] == "sheet"
         told = np.array(meta["object_from_index"], dtype=np.float64)
         threshold = float(meta["threshold"])
+        mesh_info = MeshInfo(**meta["mesh"]) if meta.get("mesh") else None
     except (ValueError, KeyError, TypeError) as error:
         raise LeapRayError(f"{path}: the metadata {META!r} cannot be understood: {error}") from None
     # indexToWorld rounds; the matrix that was told is exact as long as it is still meant.
@@ -88,7 +92,9 @@ def read(path: str | Path) -> Volume:
             _like(grids.get(ID), origin, block, np.float32, np.uint16),
             _like(touched, origin, block, np.bool_, np.bool_),
         )
-    return builder.finish()
+    volume = builder.finish()
+    volume.mesh_info = mesh_info
+    return volume
 
 
 def measured(
@@ -136,22 +142,15 @@ def measured(
 
 
 def _openvdb():
-    """The module: of the system, or the one inside Blender's own wheel."""
+    """The module: of the system, or the one inside a running Blender."""
+    blender = sys.modules.get("bpy")
+    if blender is not None and hasattr(blender.utils, "expose_bundled_modules"):
+        blender.utils.expose_bundled_modules()
     try:
         import openvdb
-
-        return openvdb
-    except ImportError:
-        pass
-    try:
-        import bpy
-
-        bpy.utils.expose_bundled_modules()
-        import openvdb
-
-        return openvdb
-    except (ImportError, AttributeError) as error:
+    except ImportError as error:
         raise LeapRayError(f"this Python has no OpenVDB, which .vdb files need: {error}") from None
+    return openvdb
 
 
 def _grids(path: str | Path) -> list:

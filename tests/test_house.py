@@ -41,7 +41,8 @@ LAYERS = {
     "addon": [
         "model",
         "objects tiles probes reach volumes",
-        "errors parts",
+        "cache errors parts",
+        "levels",
         "plan",
         "pipeline",
         "colors scene result properties",

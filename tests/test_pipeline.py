@@ -17,6 +17,7 @@ import scenes
 
 import leapray
 from addon import pipeline, tiles
+from addon.cache import Cache
 
 WIDTH, HEIGHT = 96, 64
 
@@ -99,7 +100,7 @@ def test_a_sphere_has_the_depth_and_outline_of_the_analytic_one(scale, traverser
 
 
 def test_the_picture_does_not_depend_on_threads_or_tiles():
-    cache = {}
+    cache = Cache()
     frames = [
         pipeline.render(small(threads=threads, tile_size=size), cache=cache)
         for threads, size in [(1, 16), (2, 16), (7, 16), (2, 7), (1, 4096)]
@@ -144,7 +145,7 @@ def test_tiles_arrive_on_the_calling_thread_and_make_up_the_image():
 
 
 def test_a_second_render_voxelizes_nothing(monkeypatch):
-    cache = {}
+    cache = Cache()
     first = pipeline.render(small(), cache=cache)
     monkeypatch.setattr(leapray, "voxelize", None)
     monkeypatch.setattr(leapray, "build", None)

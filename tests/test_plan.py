@@ -13,20 +13,31 @@ import scenes
 
 import leapray
 from addon import errors, objects, plan, probes
+from addon.cache import Cache
 
 
 def make(scene, cache=None):
-    return plan.make(scene, {} if cache is None else cache, leapray.Watch(), 1)
+    return plan.make(scene, Cache() if cache is None else cache, leapray.Watch(), 1)
+
+
+class Calls(list):
+    def __init__(self):
+        self.faces = []
+
+    def clear(self):
+        super().clear()
+        self.faces.clear()
 
 
 @pytest.fixture
 def calls(monkeypatch):
-    """The voxel sizes that were asked for."""
-    sizes = []
+    """The voxel sizes that were asked for; .faces, the meshes' numbers of triangles."""
+    sizes = Calls()
     voxelize = leapray.voxelize
 
     def counted(vertices, triangles, voxel_size, **more):
         sizes.append(voxel_size)
+        sizes.faces.append(len(triangles))
         return voxelize(vertices, triangles, voxel_size, **more)
 
     monkeypatch.setattr(leapray, "voxelize", counted)
@@ -293,7 +304,7 @@ def test_resolution_counts_samples():
 
 
 def test_what_is_cached_is_not_voxelized_again(calls):
-    cache = {}
+    cache = Cache()
     scene = scenes.scene([scenes.sphere(n=32), scenes.box(turn=0.3)])
     first = make(scene, cache)
     assert len(calls) > 3
@@ -305,15 +316,80 @@ def test_what_is_cached_is_not_voxelized_again(calls):
     assert calls == []
 
 
-def test_the_cache_keeps_only_what_the_last_frame_used(calls):
-    cache = {}
-    make(scenes.scene([scenes.sphere(n=32), scenes.box(turn=0.3)]), cache)
-    make(scenes.scene([scenes.sphere(n=32)]), cache)
-    kept = [k for k, v in cache.items() if isinstance(v, leapray.Structure)]
-    assert len(kept) == 1
+def test_two_view_layers_share_the_cache(calls):
+    cache = Cache()
+    one, two = scenes.scene([scenes.sphere(n=32)]), scenes.scene([scenes.box(turn=0.3)])
+    make(one, cache)
+    make(two, cache)
     calls.clear()
-    make(scenes.scene([scenes.box(turn=0.3)]), cache)
-    assert calls
+    make(one, cache)
+    make(two, cache)
+    assert calls == []
+
+
+def test_the_oldest_volumes_make_room_and_what_was_measured_on_them_goes_too():
+    cache = Cache()
+    radii = 1.0 + 0.05 * np.arange(8)
+    given = {"memory_mb": 1, "pixel_error": 0.05}
+    spheres = [scenes.scene([scenes.sphere(r, n=32)], **given) for r in radii]
+    peaks = [make(scene, cache).peak_nbytes for scene in spheres]
+    assert max(peaks) <= 1 << 20
+    held = sum(make(scene).volume_nbytes for scene in spheres)
+    assert held > 1 << 20, "they would fit together: the test shows nothing"
+    entries = len(cache)
+    for scene in spheres:
+        make(scene, cache)
+    assert len(cache) <= entries + 4
+
+
+def test_a_camera_that_draws_back_keeps_the_finer_volume(calls):
+    cache = Cache()
+    near = scenes.scene([scenes.sphere(n=32)], view=scenes.camera(eye=(0.0, -2.5, 0.0)))
+    far = dataclasses.replace(near, camera=scenes.camera(eye=(0.0, -60.0, 0.0)))
+    cold = make(far).volumes[0]
+    first = make(near, cache).volumes[0]
+    calls.clear()
+    kept = make(far, cache).volumes[0]
+    assert calls == []
+    assert kept["voxel_size"] == first["voxel_size"] < cold["voxel_size"]
+
+
+def test_an_edited_mesh_alone_is_voxelized_anew(calls):
+    cache = Cache()
+    meshes = [scenes.sphere(n=32), scenes.box(turn=0.3)]
+    make(scenes.scene(meshes), cache)
+    calls.clear()
+    edited = dataclasses.replace(meshes[1], vertices=meshes[1].vertices * np.float32(1.5))
+    make(scenes.scene([meshes[0], edited]), cache)
+    assert calls and calls.faces == [len(edited.triangles)] * len(calls)
+
+
+def test_a_folder_keeps_volumes_for_the_next_run(tmp_path, calls):
+    pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
+    folder = tmp_path / "made" / "on demand"
+    scene = scenes.scene([scenes.sphere(n=32)], cache_folder=str(folder))
+    first = make(scene)
+    assert len(list(folder.glob("*.vdb"))) == len(first.volumes) == 1
+    finest = {row["voxel_size"] for row in first.volumes}
+    calls.clear()
+    again = make(scene)
+    assert again.volumes == first.volumes
+    assert not finest & set(calls), "the volumes lie there, but are made anew"
+
+
+def test_a_broken_file_in_the_folder_is_made_anew(tmp_path):
+    pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
+    scene = scenes.scene([scenes.sphere(n=32)], cache_folder=str(tmp_path))
+    first = make(scene)
+    (file,) = tmp_path.glob("*.vdb")
+    file.write_bytes(b"no volume")
+    assert make(scene).volumes == first.volumes
+
+
+def test_a_folder_that_cannot_be_is_a_warning(tmp_path):
+    (tmp_path / "file").write_text("")
+    plan = make(scenes.scene([scenes.sphere(n=32)], cache_folder=str(tmp_path / "file")))
+    assert any("folder" in warning for warning in plan.warnings)
 
 
 # ---- bad objects ----------------------------------------------------------------------------

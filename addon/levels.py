@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Volumes on their levels: made, measured, kept within the memory budget (no bpy)."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+import leapray
+
+from . import cache as caches
+from . import errors, model, probes
+
+FINER = 6  # levels beyond the one asked for on which a volume may still be at hand
+MB = 1 << 20
+
+
+@dataclass
+class Work:
+    """One volume on its way."""
+
+    index: int  # of the mesh in the scene
+    part: int  # of the mesh
+    name: str  # of the object that stands for it in messages
+    mesh: model.Mesh  # or the part of it
+    digest: str
+    matrices: NDArray[np.float64]  # (n, 4, 4) of its instances
+    shown: NDArray[np.bool_]  # (n,) whether the camera sees them
+    with_ids: bool
+    weights: probes.Weights | None = None
+    measure: errors.Measure | None = None
+    errors: errors.Errors | None = None
+    structure: leapray.Structure | None = None
+    stuck: str = ""  # why it is no finer, where it should be
+    thin: bool = False  # a solid that may better be cut into its faces
+    whole: bool = False  # or has been asked that already
+    face: int = 0  # of a plate, from 1 on
+    history: list[float] = field(default_factory=list)
+
+    def needs(self, pixel_error: float) -> tuple[float, float]:
+        """How many times too coarse the surface is, and its edges; 1 is good enough."""
+        return max(self.errors.of_surface(pixel_error), 1.0), max(self.errors.of_edges(), 1.0)
+
+
+class Levels:
+    """All volumes of a frame, each on one level, within one budget.
+
+    cache: kept by the caller between frames; volumes by mesh and level, and what
+    was measured on them. watch: stops the calls into the core.
+    """
+
+    def __init__(
+        self, scene: model.Scene, cache: caches.Cache, watch: leapray.Watch, threads: int
+    ) -> None:
+        self.scene, self.settings = scene, scene.settings
+        self.cache, self.watch, self.threads = cache, watch, threads
+        self.budget = self.settings.memory_mb * MB
+        self.seconds = {"voxelize": 0.0, "structure": 0.0, "plan": 0.0}
+        self.warnings: list[str] = []
+        self.works: list[Work] = []
+        self.peak = 0
+
+    def breathe(self) -> None:
+        if self.watch.stopped:
+            raise leapray.Stopped("The planning was stopped.")
+
+    def _key(self, work: Work, what: str, voxel_size: float) -> tuple:
+        s = self.settings
+        made = what, work.digest, voxel_size, work.with_ids, s.sample_type
+        return made if what == "volume" else (*made, s.traverser)
+
+    def held(self) -> int:
+        """Bytes of all volumes and structures that are alive, as far as the plan has come."""
+        return sum(w.measure.nbytes for w in self.works if w.measure)
+
+    def structure(
+        self, work: Work, voxel_size: float, room: float, volume_room: float = math.inf
+    ) -> leapray.Structure:
+        """The structure of a level, which holds its volume.
+
+        room: bytes for both, volume_room: for the volume alone; OutOfMemory where
+        they do not suffice. The structure's share is foreseen from the level before.
+        """
+        key = self._key(work, "structure", voxel_size)
+        structure = self.cache.get(key)
+        if structure is not None:
+            self.cache.get(self._key(work, "volume", voxel_size))
+            return structure
+        measure, share = work.measure, 1.0
+        if measure is not None:
+            share = measure.volume_nbytes / measure.nbytes
+            foreseen = measure.nbytes * (measure.voxel_size / voxel_size) ** 2
+            self.cache.trim(int(self.budget - self.held() - foreseen))
+        began = time.perf_counter()
+        volume = self._volume(work, voxel_size, max(1, int(min(room * share, volume_room))))
+        middle = time.perf_counter()
+        structure = leapray.build(
+            volume, self.settings.traverser or None, threads=self.threads, watch=self.watch
+        )
+        self.seconds["voxelize"] += middle - began
+        self.seconds["structure"] += time.perf_counter() - middle
+        nbytes = volume.info.nbytes + structure.nbytes
+        self.cache.trim(self.budget - self.held() - nbytes)
+        self.peak = max(self.peak, self.held() + nbytes + self.cache.unused())
+        if nbytes > room:
+            raise leapray.OutOfMemory(
+                f"the level needs {nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
+            )
+        self.cache.put(self._key(work, "volume", voxel_size), volume, volume.info.nbytes)
+        return self.cache.put(key, structure, structure.nbytes)
+
+    def _volume(self, work: Work, voxel_size: float, max_nbytes: int) -> leapray.Volume:
+        """The volume of a level: from the cache, from the folder, or made of the mesh."""
+        key, folder = self._key(work, "volume", voxel_size), self.settings.cache_folder
+        volume = self.cache.get(key) or (caches.load(folder, key) if folder else None)
+        if volume is not None:
+            if volume.info.nbytes <= max_nbytes:
+                return volume
+            error = leapray.OutOfMemory("the level's volume is larger than its room")
+            error.nbytes = volume.info.nbytes
+            raise error
+        return leapray.voxelize(
+            work.mesh.vertices,
+            work.mesh.triangles,
+            voxel_size,
+            ids=work.mesh.slots if work.with_ids else None,
+            dtype=self.settings.sample_type,
+            threads=self.threads,
+            watch=self.watch,
+            max_nbytes=max_nbytes,
+        )
+
+    def drop(self, work: Work) -> None:
+        """Forget the volume of a level that is left; what was measured on it stays."""
+        if work.measure is not None:
+            for what in ("structure", "volume"):
+                self.cache.drop(self._key(work, what, work.measure.voxel_size))
+        work.structure = None
+
+    def _probes(self, work: Work) -> probes.Probes:
+        key = "probes", work.digest
+        drawn = self.cache.get(key)
+        return drawn or self.cache.put(key, probes.draw(work.mesh, self.breathe))
+
+    def enter(
+        self, work: Work, voxel_size: float, room: float, volume_room: float = math.inf
+    ) -> None:
+        """Put the mesh on a level; OutOfMemory, and nothing changed, where it does not fit."""
+        key = self._key(work, "measure", voxel_size)
+        measure, structure = self.cache.get(key), None
+        if measure is None:
+            structure = self.structure(work, voxel_size, room, volume_room)
+            measure = errors.measure(structure, self._probes(work), voxel_size)
+            self.cache.put(key, measure)
+        elif measure.nbytes > room or measure.volume_nbytes > volume_room:
+            raise leapray.OutOfMemory(
+                f"the level needs {measure.nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
+            )
+        self.drop(work)
+        work.measure, work.structure, work.stuck = measure, structure, ""
+        if work.weights is None:
+            work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)
+        work.errors = errors.seen(measure, work.weights)
+        work.history.append(work.errors.progress(self.settings.pixel_error))
+
+    def take_finer(self, work: Work) -> bool:
+        """Take an earlier frame's volume that is finer than asked for, where there is room."""
+        room = self.budget - self.held() + work.measure.nbytes
+        size = work.measure.voxel_size
+        for finer in (size, *(size / 2**n for n in range(1, FINER))):
+            measure = self.cache.peek(self._key(work, "measure", finer))
+            structure = self.cache.peek(self._key(work, "structure", finer))
+            if measure is not None and structure is not None and measure.nbytes <= room:
+                work.measure, work.structure = measure, structure
+                work.errors = errors.seen(measure, work.weights)
+                return True
+        return False
+
+    def keep_on_disk(self, work: Work) -> None:
+        key, folder = self._key(work, "volume", work.measure.voxel_size), self.settings.cache_folder
+        if not caches.path(folder, key).exists():
+            why = caches.store(folder, key, work.structure.volume)
+            if why and why not in self.warnings:
+                self.warnings.append(why)
