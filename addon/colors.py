@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import model
 
-NO_MATERIAL = model.Material("", (0.8, 0.8, 0.8))  # what Cycles gives to an empty slot
+NO_MATERIAL = model.Material("", (model.Lobe("diffuse"),))  # what Cycles gives to an empty slot
 
 
 def of_material(material, notes) -> model.Material:
@@ -25,7 +25,7 @@ def of_material(material, notes) -> model.Material:
     tree = _node_tree(material)
     output = tree.get_output_node("CYCLES") if tree else None
     if output is None:
-        return model.Material(material.name, viewport)
+        return model.Material(material.name, (model.Lobe("diffuse", viewport),))
     if _source(output.inputs["Displacement"]):
         notes.unsupported("Displacement is", material.name)
     if _source(output.inputs["Volume"]):
@@ -42,7 +42,7 @@ def of_material(material, notes) -> model.Material:
     if color is None:
         notes.replaced("viewport colour", material.name)
         color = viewport
-    return model.Material(material.name, tuple(color[:3]))
+    return model.Material(material.name, (model.Lobe("diffuse", tuple(color[:3])),))
 
 
 def of_light(light, notes, name: str) -> NDArray[np.float64]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+Color = tuple[float, float, float]  # linear RGB
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -44,26 +46,84 @@ class Instance:
     visible_camera: bool = True
     visible_shadow: bool = True
     visible_diffuse: bool = True
+    visible_glossy: bool = True
+    visible_transmission: bool = True
+
+
+@dataclass(frozen=True)
+class Lobe:
+    """What one part of a surface does to light; Mix and Add nodes are in the weights."""
+
+    kind: str  # diffuse | glossy | glass | refraction | transparent | emission | principled
+    color: Color = (0.8, 0.8, 0.8)  # linear; emission: radiance
+    weight: float = 1.0
+    roughness: float = 0.0  # as in Blender's sockets
+    ior: float = 1.5
+    multiscatter: bool = True  # the distribution is Multiscatter GGX
+    textured: bool = False  # colours baked into the volume multiply color
+    metallic: float = 0.0  # this and all that follows: of principled lobes
+    specular: float = 0.5  # IOR level
+    specular_tint: Color = (1.0, 1.0, 1.0)
+    transmission: float = 0.0
+    alpha: float = 1.0
+    emission: Color = (0.0, 0.0, 0.0)  # radiance
 
 
 @dataclass(frozen=True)
 class Material:
-    """A Lambertian surface."""
+    """What a surface does to light: the sum of its lobes."""
 
     name: str
-    base_color: tuple[float, float, float]
+    lobes: tuple[Lobe, ...]
+    color_source: str = ""  # of textured lobes: "vertex" | "image"
+    attribute: str = ""  # the colours' or UVs' name in the mesh
+    image: Image | None = None
+    absorption: Color = (0.0, 0.0, 0.0)  # inside solids, per unit of world length
+    index: int = 0  # Blender's pass index
+
+    @property
+    def base_color(self) -> Color:
+        """Of the first lobe, where there is one."""
+        return self.lobes[0].color if self.lobes else (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Light:
-    """A light without extent."""
+    """A light in the core's units, see lr_light in leapray.h."""
 
     name: str
-    kind: str  # "sun" | "point"
-    color: tuple[float, float, float]  # sun: irradiance facing it; point: radiant intensity
+    kind: str  # "sun" | "point" | "spot" | "area"
+    color: Color  # sun: irradiance facing it; point, spot: radiant intensity; area: radiance
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)  # unit, towards a sun
+    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)  # unit: to a sun, else out of it
+    axis_u: tuple[float, float, float] = (0.0, 0.0, 0.0)  # an area's whole side or diameter
+    axis_v: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    radius: float = 0.0  # of point and spot
+    angle: float = 0.0  # full: a sun's disc, a spot's cone, an area's spread
+    blend: float = 0.0  # of a spot
+    shape: str = "disc"  # area: "rectangle" | "ellipse"; point, spot: "sphere" | "disc"
     casts_shadow: bool = True
+    visible_camera: bool = False
+    visible_diffuse: bool = True
+    visible_glossy: bool = True
+    visible_transmission: bool = True
+
+
+@dataclass(frozen=True)
+class World:
+    """What surrounds the scene: a color, which multiplies the image where there is one."""
+
+    color: Color = (0.0, 0.0, 0.0)  # radiance
+    image: NDArray[np.float32] | None = None  # (h, w, 3) by longitude and latitude, rows from below
+    image_from_world: tuple[tuple[float, float, float], ...] = (
+        (1.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0),
+        (0.0, 0.0, 1.0),
+    )
+    visible_camera: bool = True
+    visible_diffuse: bool = True
+    visible_glossy: bool = True
+    visible_transmission: bool = True
 
 
 @dataclass(frozen=True)
@@ -112,7 +172,7 @@ class Scene:
     materials: tuple[Material, ...]
     lights: tuple[Light, ...]
     camera: Camera
-    world_color: tuple[float, float, float]
+    world: World
     film_transparent: bool
     width: int  # pixels rendered (the border's size where there is one)
     height: int

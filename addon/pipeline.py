@@ -201,7 +201,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
         scene.lights,
         scene.materials,
         planned.slots,
-        world_color=scene.world_color,
+        world=scene.world,
         film_transparent=scene.film_transparent,
         slot_objects=planned.slot_objects,
     )

@@ -26,7 +26,7 @@ def reached(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.b
         [(i.visible_camera, i.visible_shadow, i.visible_diffuse) for i in instances], bool
     ).reshape(-1, 3)
     seen, stops_light = flags.T[:2]
-    if any(scene.world_color):
+    if any(scene.world.color) or not _straight(scene):
         return flags.any(axis=1)
     corners = _corners(scene, instances)
     seen = seen & in_view(scene, corners)
@@ -36,6 +36,13 @@ def reached(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.b
         if light.casts_shadow and len(lit):
             found |= stops_light & _between(corners, lit, light)
     return found
+
+
+def _straight(scene: model.Scene) -> bool:
+    """Whether rays go straight from what the camera sees to points and suns, and nowhere else."""
+    lobes = (lobe for material in scene.materials for lobe in material.lobes)
+    sizes = (light.radius or light.angle or light.kind == "area" for light in scene.lights)
+    return all(lobe.kind in ("diffuse", "emission") for lobe in lobes) and not any(sizes)
 
 
 def in_view(scene: model.Scene, corners: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -75,7 +75,7 @@ def read(
         materials=tuple(objects.materials),
         lights=tuple(objects.lights),
         camera=film,
-        world_color=colors.of_world(world, notes),
+        world=model.World(colors.of_world(world, notes)),
         film_transparent=scene.render.film_transparent,
         width=border.width,
         height=border.height,

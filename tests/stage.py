@@ -11,7 +11,7 @@ EXACT = [t.name for t in leapray.traversers() if t.exact]
 FAR = 1e10  # the depth of nothing
 VOXELS = 25.6  # radius of the usual sphere; its radial error is at most 0.011 voxel
 IDENTITY = np.eye(4)
-WHITE = [leapray.Material((1, 1, 1))]
+WHITE = [leapray.Material.diffuse((1, 1, 1))]
 
 
 def ball(radius=VOXELS, ids=None, placed=IDENTITY):
@@ -75,7 +75,7 @@ def unit(*v):
 def render(cam, instances, lights=(), *, size=(96, 64), samples=1, materials=WHITE, slots=(0,),
            world=(0, 0, 0), transparent=False, slot_objects=None, **more):  # fmt: skip
     scene = leapray.Scene(
-        cam, instances, lights, materials, slots, world, transparent, slot_objects
+        cam, instances, lights, materials, slots, leapray.World(world), transparent, slot_objects
     )
     return scene.render_tile(0, 0, *size, samples=samples, **more)
 

@@ -299,17 +299,17 @@ def test_the_world_is_its_background_node(scene):
     background = tree.nodes["Background"]
     background.inputs["Color"].default_value = (0.5, 0.25, 0.1, 1)
     background.inputs["Strength"].default_value = 2.0
-    assert_allclose(read().world_color, (1.0, 0.5, 0.2), rtol=1e-6)
+    assert_allclose(read().world.color, (1.0, 0.5, 0.2), rtol=1e-6)
     sky = tree.nodes.new("ShaderNodeTexEnvironment")
     tree.links.new(sky.outputs[0], background.inputs["Color"])
     scene.world.color = (0.1, 0.2, 0.3)
     got = read()
-    assert_allclose(got.world_color, (0.1, 0.2, 0.3), rtol=1e-6)
+    assert_allclose(got.world.color, (0.1, 0.2, 0.3), rtol=1e-6)
     assert "Environment textures" in got.warnings[0] and "'World'" in got.warnings[0]
     tree.links.remove(tree.nodes["World Output"].inputs["Surface"].links[0])
-    assert read().world_color == (0, 0, 0)
+    assert read().world.color == (0, 0, 0)
     scene.world = None
-    assert read().world_color == (0, 0, 0)
+    assert read().world.color == (0, 0, 0)
 
 
 # ---- what is left out ----------------------------------------------------

@@ -17,7 +17,7 @@ def dark(*places, lights=(SUN,), **more):
     """Small spheres at the places, in a world without light of its own."""
     instances = [scenes.place(at=at, scale=0.4) for at in places]
     made = scenes.scene([scenes.sphere(n=8)], instances, lights=lights, **more)
-    return dataclasses.replace(made, world_color=(0.0, 0.0, 0.0))
+    return dataclasses.replace(made, world=model.World())
 
 
 def reached(scene):
@@ -44,8 +44,23 @@ def test_a_light_without_shadow_and_an_object_without_one_do_not_count():
 
 
 def test_light_from_all_around_reaches_everything():
-    scene = dataclasses.replace(dark((0, 0, 0), (0, -20, 0)), world_color=(0.0, 0.1, 0.0))
+    scene = dataclasses.replace(dark((0, 0, 0), (0, -20, 0)), world=model.World((0.0, 0.1, 0.0)))
     assert reached(scene) == [True, True]
+
+
+@pytest.mark.parametrize("kind", ["glossy", "glass", "principled"])
+def test_what_is_seen_in_a_mirror_is_not_left_out(kind):
+    scene = dark((0, 0, 0), (0, -20, 0))
+    assert reached(scene) == [True, False]
+    bright = tuple(
+        dataclasses.replace(material, lobes=(model.Lobe(kind),)) for material in scene.materials
+    )
+    assert reached(dataclasses.replace(scene, materials=bright)) == [True, True]
+
+
+def test_lights_with_extent_shine_from_everywhere():
+    wide = dataclasses.replace(LAMP, radius=3.0)
+    assert reached(dark((0, 0, 0), (50, 0, 0), lights=(wide,))) == [True, True]
 
 
 def test_clipping_counts():

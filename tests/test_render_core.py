@@ -251,7 +251,7 @@ def test_a_pixels_samples_fill_it_evenly(sphere):
 
 def test_a_hits_id_chooses_its_slot_and_the_last_slot_serves_all_beyond():
     ids = lambda x, y, z: np.where(x < 0, 0, np.where(z < 0, 1, 9)).astype(np.uint16)  # noqa: E731
-    materials = [leapray.Material(c) for c in np.eye(3)]
+    materials = [leapray.Material.diffuse(c) for c in np.eye(3)]
     setting = dict(materials=materials, slots=[2, 0, 1], world=(1, 1, 1))
     structure = leapray.build(ball(ids=ids))
     cam = camera((0, -4, 0))
@@ -300,7 +300,7 @@ def crowd(floor):
     ]
     instances = [*scatter(60, 5, leapray.build(ball(6.0))), one(floor, at(z=-1.1))]
     cam = camera((0.5, -4, 1.5), size=(100, 70))
-    return leapray.Scene(cam, instances, lights, WHITE, [0], (0.2, 0.3, 0.4))
+    return leapray.Scene(cam, instances, lights, WHITE, [0], leapray.World((0.2, 0.3, 0.4)))
 
 
 @pytest.fixture(scope="module")
@@ -394,18 +394,18 @@ def test_what_is_wrong_with_a_scene_is_said_in_a_sentence(sphere):
         "instance 0 .* 1 material slots, it has 2": dict(instances=[one(sphere, n_materials=2)]),
         "it has 0": dict(instances=[one(sphere, n_materials=0)]),
         "slot 1 holds material 1": dict(slots=[0, 1]),
-        "material 0 .*-1": dict(materials=[leapray.Material((0, -1, 0))]),
+        "material 0 .*-1": dict(materials=[leapray.Material.diffuse((0, -1, 0))]),
         "light 0 .* length 1, it has 2": dict(
             lights=[leapray.Light("sun", (1, 1, 1), direction=(0, 0, 2))]
         ),
         "light 1 .* position": dict(lights=[lamp, replace(lamp, position=(nan, 0, 0))]),
         "light 0 .* color": dict(lights=[replace(lamp, color=(np.inf, 0, 0))]),
-        "kind of light 0 .*sun": dict(lights=[replace(lamp, kind="spot")]),
+        "kind of light 0 .*sun": dict(lights=[replace(lamp, kind="moon")]),
         "projection": dict(camera=replace(cam, projection="fisheye")),
         "camera.* finite": dict(camera=replace(cam, eye=(nan, 0, 0))),
         "axis is zero": dict(camera=replace(cam, forward=(0, 0, 0))),
         "clips from 2 to 1": dict(camera=replace(cam, clip_start=2, clip_end=1)),
-        "world .* color": dict(world_color=(-1, 0, 0)),
+        "world .* color": dict(world=leapray.World((-1, 0, 0))),
         "slot_objects .*shape": dict(slot_objects=[1, 2]),
     }
     for sentence, change in cases.items():

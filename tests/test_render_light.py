@@ -46,7 +46,7 @@ def test_a_point_light_falls_off_with_the_square_of_the_distance(sphere):
     place = np.array([0.6, -1.5, 0.8])
     cam = camera((0, -4, 0))
     lamp = leapray.Light("point", (np.pi, 2 * np.pi, 0), position=place)
-    got = render(cam, [one(sphere)], [lamp], materials=[leapray.Material((0.5, 0.25, 1))])
+    got = render(cam, [one(sphere)], [lamp], materials=[leapray.Material.diffuse((0.5, 0.25, 1))])
     o, d = centre_rays(cam, (96, 64))
     inner = clearance(o, d) < 0.95
     point = o + meet_sphere(o, d)[..., None] * d
@@ -94,7 +94,7 @@ def test_a_flat_floor_has_no_acne_under_grazing_light(floor):
 def test_a_convex_body_in_a_bright_world_shows_its_own_colour(sphere):
     world, color = np.array([0.5, 0.25, 1]), np.array([0.2, 0.4, 0.6])
     got = render(camera((0, -4, 0)), [one(sphere)], samples=16, world=world,
-                 materials=[leapray.Material(color)])  # fmt: skip
+                 materials=[leapray.Material.diffuse(color)])  # fmt: skip
     hit = (got["Object Index"] == 0)[..., 0] & (got["Depth"] < FAR)[..., 0]
     inner = hit & (clearance(*centre_rays(camera((0, -4, 0)), (96, 64))) < 0.97)
     np.testing.assert_allclose(got["Combined"][inner][:, :3].mean(0), color * world, rtol=1e-3)

@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 7 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 8 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -324,28 +324,94 @@ typedef struct lr_camera {
     double clip_start, clip_end; /* depth */
 } lr_camera;
 
-typedef enum lr_light_kind {
-    LR_LIGHT_SUN = 0,  /* color: irradiance on a plane facing it */
-    LR_LIGHT_POINT = 1 /* color: radiant intensity; irradiance is color / distance^2 */
-} lr_light_kind;
-
-typedef struct lr_light {
-    int32_t kind;         /* lr_light_kind */
-    int32_t casts_shadow; /* zero: shines through everything */
-    double position[3];   /* of a point light */
-    double direction[3];  /* unit, from the surface towards a sun */
-    double color[3];
-} lr_light;
-
-typedef struct lr_material {
-    double base_color[3]; /* reflectance of a Lambertian surface */
-} lr_material;
-
+/* Rays that see a thing: flags of instances, lights and the world. */
 typedef enum lr_visibility {
     LR_VISIBLE_CAMERA = 1,
-    LR_VISIBLE_SHADOW = 2, /* stops light */
-    LR_VISIBLE_DIFFUSE = 4 /* stops the light of the world */
+    LR_VISIBLE_SHADOW = 2, /* instances: stop light; lights: are stopped by instances */
+    LR_VISIBLE_DIFFUSE = 4,
+    LR_VISIBLE_GLOSSY = 8,
+    LR_VISIBLE_TRANSMISSION = 16
 } lr_visibility;
+
+typedef enum lr_light_kind {
+    LR_LIGHT_SUN = 0,
+    LR_LIGHT_POINT = 1,
+    LR_LIGHT_SPOT = 2, /* a point light behind a hole, within a cone */
+    LR_LIGHT_AREA = 3  /* shines to one side */
+} lr_light_kind;
+
+typedef enum lr_light_shape {
+    LR_LIGHT_ROUND = 0, /* area: an ellipse; point and spot: a disc that faces what it lights */
+    LR_LIGHT_FULL = 1   /* area: a parallelogram; point and spot: a sphere */
+} lr_light_shape;
+
+/* All in world space. color: of a sun the irradiance on a plane that faces it; of
+ * a point light the radiant intensity, of a spot light that on its axis (irradiance
+ * is color / distance^2); of an area light the radiance that it would send with the
+ * widest spread. Neither radius nor angle of a sun change what arrives in all. */
+typedef struct lr_light {
+    int32_t kind;        /* lr_light_kind */
+    int32_t shape;       /* lr_light_shape */
+    uint32_t visibility; /* lr_visibility */
+    int32_t reserved;
+    double position[3];  /* centre of all but suns */
+    double direction[3]; /* unit: towards a sun; the way that spot and area lights shine */
+    double axis_u[3];    /* of an area light: its sides, or the diameters of the ellipse, */
+    double axis_v[3];    /* at right angles to direction */
+    double color[3];
+    double radius;       /* of point and spot lights, 0 or more */
+    double angle;        /* full, 0..pi: of a sun's disc, of a spot's cone, and the spread of an area */
+    double blend;        /* 0..1: share of the cone in which a spot light fades */
+} lr_light;
+
+/* What one part of a surface does to light. */
+typedef enum lr_lobe_kind {
+    LR_LOBE_DIFFUSE = 0,     /* Lambert's law */
+    LR_LOBE_GLOSSY = 1,      /* GGX microfacets that reflect color */
+    LR_LOBE_GLASS = 2,       /* GGX microfacets of a dielectric: reflect and refract, times color */
+    LR_LOBE_REFRACTION = 3,  /* refract all but what is reflected totally, which is lost */
+    LR_LOBE_TRANSPARENT = 4, /* color goes straight through */
+    LR_LOBE_EMISSION = 5,    /* shines with the radiance color */
+    LR_LOBE_PRINCIPLED = 6   /* Blender's Principled BSDF, without sheen, coat, subsurface, film */
+} lr_lobe_kind;
+
+typedef enum lr_lobe_flag {
+    LR_LOBE_TEXTURED = 1,    /* the volume's colours multiply color */
+    LR_LOBE_MULTISCATTER = 2 /* light between microfacets is not lost */
+} lr_lobe_flag;
+
+typedef struct lr_lobe {
+    int32_t kind;            /* lr_lobe_kind */
+    uint32_t flags;          /* lr_lobe_flag */
+    double weight;           /* share in a mix, 0 or more */
+    double color[3];
+    double roughness;        /* 0..1, as perceived: GGX's alpha is its square */
+    double ior;              /* index of refraction, above 0 */
+    /* of principled lobes only; color is their base colour */
+    double metallic;         /* 0..1 */
+    double specular;         /* 0..1: level of the reflection; 0.5 is what ior says */
+    double specular_tint[3];
+    double transmission;     /* 0..1 */
+    double alpha;            /* 0..1 */
+    double emission[3];      /* radiance */
+} lr_lobe;
+
+typedef struct lr_material_desc {
+    const lr_lobe *lobes;
+    uint32_t n_lobes;        /* at most 8; none: black */
+    int32_t index;           /* the value of the material index pass */
+    double absorption[3];    /* inside solids, per unit of world length (Beer's law) */
+} lr_material_desc;
+
+/* What surrounds the scene. */
+typedef struct lr_world {
+    double color[3];            /* radiance; multiplies the image */
+    double image_from_world[9]; /* rotation that takes directions to those of the image, row-major */
+    const float *pixels;        /* [height][width][3] radiance, 0 or more, or NULL */
+    int32_t width, height;
+    uint32_t visibility;        /* lr_visibility; shadow is not read */
+    int32_t reserved;
+} lr_world;
 
 typedef struct lr_instance {
     const lr_structure *structure;
@@ -362,12 +428,12 @@ typedef struct lr_scene_desc {
     uint64_t n_instances;
     const lr_light *lights;
     uint64_t n_lights;
-    const lr_material *materials;
+    const lr_material_desc *materials;
     uint64_t n_materials;
     const uint32_t *slots;   /* indices into materials */
     const int32_t *slot_objects; /* [n_slots] object index of hits with that slot; NULL: their instance's */
     uint64_t n_slots;
-    double world_color[3];   /* radiance of the surroundings */
+    lr_world world;
     int32_t film_transparent;
     int32_t reserved;
 } lr_scene_desc;

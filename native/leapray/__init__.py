@@ -3,7 +3,7 @@
 
 from ._abi import LR_VERSION as __version__
 from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
-from .rendering import PASSES, Camera, Instance, Light, Material, Scene
+from .rendering import PASSES, Camera, Instance, Light, Lobe, Material, Scene, World
 from .tracing import (
     HIT_TESTS,
     METRICS,
@@ -38,6 +38,7 @@ __all__ = [
     "Instance",
     "LeapRayError",
     "Light",
+    "Lobe",
     "Material",
     "MeshInfo",
     "Option",
@@ -50,6 +51,7 @@ __all__ = [
     "VolumeBuilder",
     "VolumeInfo",
     "Watch",
+    "World",
     "__version__",
     "add_counters",
     "build",

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 7
+LR_ABI = 8
 
 
 class lr_status(IntEnum):
@@ -74,15 +74,39 @@ class lr_projection(IntEnum):
     LR_ORTHOGRAPHIC = 1
 
 
-class lr_light_kind(IntEnum):
-    LR_LIGHT_SUN = 0
-    LR_LIGHT_POINT = 1
-
-
 class lr_visibility(IntEnum):
     LR_VISIBLE_CAMERA = 1
     LR_VISIBLE_SHADOW = 2
     LR_VISIBLE_DIFFUSE = 4
+    LR_VISIBLE_GLOSSY = 8
+    LR_VISIBLE_TRANSMISSION = 16
+
+
+class lr_light_kind(IntEnum):
+    LR_LIGHT_SUN = 0
+    LR_LIGHT_POINT = 1
+    LR_LIGHT_SPOT = 2
+    LR_LIGHT_AREA = 3
+
+
+class lr_light_shape(IntEnum):
+    LR_LIGHT_ROUND = 0
+    LR_LIGHT_FULL = 1
+
+
+class lr_lobe_kind(IntEnum):
+    LR_LOBE_DIFFUSE = 0
+    LR_LOBE_GLOSSY = 1
+    LR_LOBE_GLASS = 2
+    LR_LOBE_REFRACTION = 3
+    LR_LOBE_TRANSPARENT = 4
+    LR_LOBE_EMISSION = 5
+    LR_LOBE_PRINCIPLED = 6
+
+
+class lr_lobe_flag(IntEnum):
+    LR_LOBE_TEXTURED = 1
+    LR_LOBE_MULTISCATTER = 2
 
 
 LR_OK, LR_E_ARGUMENT, LR_E_SIZE, LR_E_MEMORY, LR_E_STOPPED = lr_status
@@ -96,8 +120,11 @@ LR_HIT_FACES, LR_HIT_EXTREMA, LR_HIT_UNIFORM = lr_hit_test
 LR_ROOT_NEWTON, LR_ROOT_LINEAR, LR_ROOT_BISECT, LR_ROOT_CUBIC = lr_root
 LR_NORMAL_CENTRAL, LR_NORMAL_ANALYTIC, LR_NORMAL_SMOOTH = lr_normal
 LR_PERSPECTIVE, LR_ORTHOGRAPHIC = lr_projection
-LR_LIGHT_SUN, LR_LIGHT_POINT = lr_light_kind
-LR_VISIBLE_CAMERA, LR_VISIBLE_SHADOW, LR_VISIBLE_DIFFUSE = lr_visibility
+LR_VISIBLE_CAMERA, LR_VISIBLE_SHADOW, LR_VISIBLE_DIFFUSE, LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION = lr_visibility
+LR_LIGHT_SUN, LR_LIGHT_POINT, LR_LIGHT_SPOT, LR_LIGHT_AREA = lr_light_kind
+LR_LIGHT_ROUND, LR_LIGHT_FULL = lr_light_shape
+LR_LOBE_DIFFUSE, LR_LOBE_GLOSSY, LR_LOBE_GLASS, LR_LOBE_REFRACTION, LR_LOBE_TRANSPARENT, LR_LOBE_EMISSION, LR_LOBE_PRINCIPLED = lr_lobe_kind
+LR_LOBE_TEXTURED, LR_LOBE_MULTISCATTER = lr_lobe_flag
 
 
 class lr_error(ctypes.Structure):
@@ -270,16 +297,55 @@ class lr_camera(ctypes.Structure):
 class lr_light(ctypes.Structure):
     _fields_ = (
         ("kind", ctypes.c_int32),
-        ("casts_shadow", ctypes.c_int32),
+        ("shape", ctypes.c_int32),
+        ("visibility", ctypes.c_uint32),
+        ("reserved", ctypes.c_int32),
         ("position", ctypes.c_double * 3),
         ("direction", ctypes.c_double * 3),
+        ("axis_u", ctypes.c_double * 3),
+        ("axis_v", ctypes.c_double * 3),
         ("color", ctypes.c_double * 3),
+        ("radius", ctypes.c_double),
+        ("angle", ctypes.c_double),
+        ("blend", ctypes.c_double),
     )
 
 
-class lr_material(ctypes.Structure):
+class lr_lobe(ctypes.Structure):
     _fields_ = (
-        ("base_color", ctypes.c_double * 3),
+        ("kind", ctypes.c_int32),
+        ("flags", ctypes.c_uint32),
+        ("weight", ctypes.c_double),
+        ("color", ctypes.c_double * 3),
+        ("roughness", ctypes.c_double),
+        ("ior", ctypes.c_double),
+        ("metallic", ctypes.c_double),
+        ("specular", ctypes.c_double),
+        ("specular_tint", ctypes.c_double * 3),
+        ("transmission", ctypes.c_double),
+        ("alpha", ctypes.c_double),
+        ("emission", ctypes.c_double * 3),
+    )
+
+
+class lr_material_desc(ctypes.Structure):
+    _fields_ = (
+        ("lobes", ctypes.POINTER(lr_lobe)),
+        ("n_lobes", ctypes.c_uint32),
+        ("index", ctypes.c_int32),
+        ("absorption", ctypes.c_double * 3),
+    )
+
+
+class lr_world(ctypes.Structure):
+    _fields_ = (
+        ("color", ctypes.c_double * 3),
+        ("image_from_world", ctypes.c_double * 9),
+        ("pixels", ctypes.POINTER(ctypes.c_float)),
+        ("width", ctypes.c_int32),
+        ("height", ctypes.c_int32),
+        ("visibility", ctypes.c_uint32),
+        ("reserved", ctypes.c_int32),
     )
 
 
@@ -301,12 +367,12 @@ class lr_scene_desc(ctypes.Structure):
         ("n_instances", ctypes.c_uint64),
         ("lights", ctypes.POINTER(lr_light)),
         ("n_lights", ctypes.c_uint64),
-        ("materials", ctypes.POINTER(lr_material)),
+        ("materials", ctypes.POINTER(lr_material_desc)),
         ("n_materials", ctypes.c_uint64),
         ("slots", ctypes.POINTER(ctypes.c_uint32)),
         ("slot_objects", ctypes.POINTER(ctypes.c_int32)),
         ("n_slots", ctypes.c_uint64),
-        ("world_color", ctypes.c_double * 3),
+        ("world", lr_world),
         ("film_transparent", ctypes.c_int32),
         ("reserved", ctypes.c_int32),
     )

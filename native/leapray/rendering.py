@@ -7,7 +7,6 @@ import ctypes
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,8 +25,30 @@ VISIBILITIES = {
     "visible_camera": _abi.LR_VISIBLE_CAMERA,
     "visible_shadow": _abi.LR_VISIBLE_SHADOW,
     "visible_diffuse": _abi.LR_VISIBLE_DIFFUSE,
+    "visible_glossy": _abi.LR_VISIBLE_GLOSSY,
+    "visible_transmission": _abi.LR_VISIBLE_TRANSMISSION,
 }
-LIGHTS = {"sun": _abi.LR_LIGHT_SUN, "point": _abi.LR_LIGHT_POINT}
+LIGHTS = {
+    "sun": _abi.LR_LIGHT_SUN,
+    "point": _abi.LR_LIGHT_POINT,
+    "spot": _abi.LR_LIGHT_SPOT,
+    "area": _abi.LR_LIGHT_AREA,
+}
+SHAPES = {
+    "disc": _abi.LR_LIGHT_ROUND,
+    "ellipse": _abi.LR_LIGHT_ROUND,
+    "sphere": _abi.LR_LIGHT_FULL,
+    "rectangle": _abi.LR_LIGHT_FULL,
+}
+LOBES = {
+    "diffuse": _abi.LR_LOBE_DIFFUSE,
+    "glossy": _abi.LR_LOBE_GLOSSY,
+    "glass": _abi.LR_LOBE_GLASS,
+    "refraction": _abi.LR_LOBE_REFRACTION,
+    "transparent": _abi.LR_LOBE_TRANSPARENT,
+    "emission": _abi.LR_LOBE_EMISSION,
+    "principled": _abi.LR_LOBE_PRINCIPLED,
+}
 
 
 @dataclass(frozen=True)
@@ -46,20 +67,69 @@ class Camera:
 
 @dataclass(frozen=True)
 class Light:
-    """A light without extent."""
+    """A light, as lr_light in leapray.h says."""
 
-    kind: str  # "sun" | "point"
-    color: ArrayLike  # (3,) sun: irradiance on a plane facing it; point: radiant intensity
+    kind: str  # "sun" | "point" | "spot" | "area"
+    color: ArrayLike  # sun: irradiance facing it; point, spot: radiant intensity; area: radiance
     position: ArrayLike = (0.0, 0.0, 0.0)
-    direction: ArrayLike = (0.0, 0.0, 1.0)  # unit, towards a sun
+    direction: ArrayLike = (0.0, 0.0, 1.0)  # unit: towards a sun, the way that spot and area shine
+    axis_u: ArrayLike = (0.0, 0.0, 0.0)  # (3,) an area's whole side or diameter
+    axis_v: ArrayLike = (0.0, 0.0, 0.0)
+    radius: float = 0.0  # of point and spot
+    angle: float = 0.0  # full: a sun's disc, a spot's cone, an area's spread
+    blend: float = 0.0  # share of the cone in which a spot fades
+    shape: str = "disc"  # area: "rectangle" | "ellipse"; point and spot: "sphere" | "disc"
     casts_shadow: bool = True
+    visible_camera: bool = False
+    visible_diffuse: bool = True
+    visible_glossy: bool = True
+    visible_transmission: bool = True
+
+
+@dataclass(frozen=True)
+class Lobe:
+    """What one part of a surface does to light, as lr_lobe in leapray.h says."""
+
+    kind: str  # of LOBES
+    color: ArrayLike = (0.8, 0.8, 0.8)  # (3,) emission: radiance
+    weight: float = 1.0  # share in a mix
+    roughness: float = 0.0  # as perceived: GGX's alpha is its square
+    ior: float = 1.5
+    multiscatter: bool = True  # light between microfacets is not lost
+    textured: bool = False  # the volume's colours multiply color
+    metallic: float = 0.0  # this and all that follows: of principled lobes
+    specular: float = 0.5
+    specular_tint: ArrayLike = (1.0, 1.0, 1.0)
+    transmission: float = 0.0
+    alpha: float = 1.0
+    emission: ArrayLike = (0.0, 0.0, 0.0)  # radiance
 
 
 @dataclass(frozen=True)
 class Material:
-    """A Lambertian surface."""
+    """What a surface does to light: the sum of its lobes."""
 
-    base_color: ArrayLike  # (3,) reflectance
+    lobes: Sequence[Lobe]
+    absorption: ArrayLike = (0.0, 0.0, 0.0)  # inside solids, per unit of world length
+    index: int = 0
+
+    @classmethod
+    def diffuse(cls, color: ArrayLike) -> Material:
+        """A Lambertian surface of that reflectance."""
+        return cls((Lobe("diffuse", color),))
+
+
+@dataclass(frozen=True)
+class World:
+    """What surrounds the scene: a color, which multiplies the image where there is one."""
+
+    color: ArrayLike = (0.0, 0.0, 0.0)  # (3,) radiance
+    image: NDArray[np.float32] | None = None  # (height, width, 3) by longitude and latitude
+    image_from_world: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    visible_camera: bool = True
+    visible_diffuse: bool = True
+    visible_glossy: bool = True
+    visible_transmission: bool = True
 
 
 @dataclass(frozen=True)
@@ -77,10 +147,8 @@ class Instance:
     visible_camera: bool = True
     visible_shadow: bool = True
     visible_diffuse: bool = True
-
-
-class _Colored(Protocol):
-    base_color: ArrayLike
+    visible_glossy: bool = True
+    visible_transmission: bool = True
 
 
 class Scene:
@@ -98,17 +166,18 @@ class Scene:
         camera: Camera,
         instances: Sequence[Instance],
         lights: Sequence[Light] = (),
-        materials: Sequence[_Colored] = (),
+        materials: Sequence[Material] = (),
         slots: Sequence[int] = (),
-        world_color: ArrayLike = (0.0, 0.0, 0.0),
+        world: World | None = None,
         film_transparent: bool = False,
         slot_objects: Sequence[int] | None = None,
     ) -> None:
         self._structures = [i.structure for i in instances]  # kept alive
+        lobes = _lobes(materials)
         tables = {
             "instances": _instances(instances),
             "lights": _lights(lights),
-            "materials": _materials(materials),
+            "materials": _materials(materials, lobes),
             "slots": np.asarray(slots, np.uint32),
         }
         desc = _abi.lr_scene_desc()
@@ -120,7 +189,7 @@ class Scene:
         if slot_objects is not None:
             objects = np.array(_vector(slot_objects, "slot_objects", (len(slots),)), np.int32)
             desc.slot_objects = pointer(objects, ctypes.c_int32)
-        desc.world_color[:] = _vector(world_color, "the world's color")
+        desc.world, pixels = _world(world or World())
         desc.film_transparent = int(film_transparent)
         self.handle = ctypes.POINTER(_abi.lr_scene)()
         error = _abi.lr_error()
@@ -128,6 +197,7 @@ class Scene:
             ctypes.byref(desc), ctypes.byref(self.handle), ctypes.byref(error)
         )
         check(status, error)
+        del lobes, pixels  # copied
         weakref.finalize(self, lib.lr_scene_free, self.handle)
 
     def workspace(self, width: int, height: int) -> NDArray[np.uint8]:
@@ -230,26 +300,72 @@ def _instances(instances: Sequence[Instance]) -> NDArray:
     table["structure"] = [addresses[id(i.structure)] for i in instances]
     for name in ("object_index", "first_material", "n_materials"):
         table[name] = [getattr(i, name) for i in instances]
-    for name, flag in VISIBILITIES.items():
-        table["visibility"] |= np.array([flag * bool(getattr(i, name)) for i in instances], "u4")
+    table["visibility"] = [_visibility(i) for i in instances]
     return table
+
+
+def _visibility(thing: object, **more: bool) -> int:
+    """The flags of what has attributes of their names; more tells those that it has not."""
+    seen = {name: getattr(thing, name, False) for name in VISIBILITIES} | more
+    return sum(flag for name, flag in VISIBILITIES.items() if seen[name])
 
 
 def _lights(lights: Sequence[Light]) -> NDArray:
     table = np.zeros(len(lights), _dtype(_abi.lr_light))
     for i, (row, light) in enumerate(zip(table, lights, strict=True)):
         row["kind"] = choice(LIGHTS, light.kind, f"kind of light {i}")
-        row["casts_shadow"] = bool(light.casts_shadow)
-        for name in ("position", "direction", "color"):
+        row["shape"] = choice(SHAPES, light.shape, f"shape of light {i}")
+        row["visibility"] = _visibility(light, visible_shadow=light.casts_shadow)
+        for name in ("position", "direction", "axis_u", "axis_v", "color"):
             row[name] = _vector(getattr(light, name), f"the {name} of light {i}")
+        for name in ("radius", "angle", "blend"):
+            row[name] = getattr(light, name)
     return table
 
 
-def _materials(materials: Sequence[_Colored]) -> NDArray:
-    table = np.zeros(len(materials), _dtype(_abi.lr_material))
+def _lobes(materials: Sequence[Material]) -> NDArray:
+    """The lobes of all materials, one after the other."""
+    lobes = [(i, lobe) for i, material in enumerate(materials) for lobe in material.lobes]
+    table = np.zeros(len(lobes), _dtype(_abi.lr_lobe))
+    for row, (i, lobe) in zip(table, lobes, strict=True):
+        row["kind"] = choice(LOBES, lobe.kind, f"kind of a lobe of material {i}")
+        row["flags"] = (
+            _abi.LR_LOBE_TEXTURED * bool(lobe.textured)
+            | _abi.LR_LOBE_MULTISCATTER * bool(lobe.multiscatter)
+        )  # fmt: skip
+        for name in ("color", "specular_tint", "emission"):
+            row[name] = _vector(getattr(lobe, name), f"the {name} of a lobe of material {i}")
+        for name in ("weight", "roughness", "ior", "metallic", "specular", "transmission", "alpha"):
+            row[name] = getattr(lobe, name)
+    return table
+
+
+def _materials(materials: Sequence[Material], lobes: NDArray) -> NDArray:
+    table = np.zeros(len(materials), _dtype(_abi.lr_material_desc))
+    first = 0
     for i, (row, material) in enumerate(zip(table, materials, strict=True)):
-        row["base_color"] = _vector(material.base_color, f"the base color of material {i}")
+        row["lobes"] = lobes.ctypes.data + first * lobes.itemsize
+        row["n_lobes"] = len(material.lobes)
+        row["index"] = material.index
+        row["absorption"] = _vector(material.absorption, f"the absorption of material {i}")
+        first += len(material.lobes)
     return table
+
+
+def _world(world: World) -> tuple[_abi.lr_world, NDArray[np.float32] | None]:
+    """The description, and the pixels that it points to."""
+    result = _abi.lr_world(visibility=_visibility(world))
+    result.color[:] = _vector(world.color, "the world's color")
+    rotation = _vector(world.image_from_world, "the world's rotation", (3, 3))
+    result.image_from_world[:] = rotation.ravel()
+    if world.image is None:
+        return result, None
+    pixels = np.ascontiguousarray(world.image, np.float32)
+    if pixels.ndim != 3 or pixels.shape[2] != 3:
+        raise LeapRayError(f"the world's image must have shape (h, w, 3), it has {pixels.shape}")
+    result.pixels = pointer(pixels, ctypes.c_float)
+    result.height, result.width = pixels.shape[:2]
+    return result, pixels
 
 
 def _buffer(

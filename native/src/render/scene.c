@@ -4,10 +4,14 @@
 #include "render/scene.h"
 
 #include "error.h"
+#include "render/light.h"
 #include "trace/structure.h"
 #include "volume/affine.h"
 
-enum { VISIBILITY_ALL = LR_VISIBLE_CAMERA | LR_VISIBLE_SHADOW | LR_VISIBLE_DIFFUSE };
+enum {
+    VISIBILITY_ALL = LR_VISIBLE_CAMERA | LR_VISIBLE_SHADOW | LR_VISIBLE_DIFFUSE |
+    LR_VISIBLE_GLOSSY | LR_VISIBLE_TRANSMISSION
+};
 
 /* Boxes are grown by this share of a cell. Rays are taken into an instance's
  * space with an error of some 2^-50 of their origin's coordinates, so surfaces in
@@ -45,26 +49,6 @@ static lr_status check_camera(const lr_camera *c, lr_error *error)
     return LR_OK;
 }
 
-static lr_status check_light(const lr_light *light, uint64_t i, lr_error *error)
-{
-    if (light->kind != LR_LIGHT_SUN && light->kind != LR_LIGHT_POINT)
-        return lr_fail(error, LR_E_ARGUMENT, "light %llu must be of kind %d or %d, it is %d",
-                       (unsigned long long)i, LR_LIGHT_SUN, LR_LIGHT_POINT, light->kind);
-    if (!is_color(light->color))
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "light %llu must have a finite color of 0 or more, it has (%g, %g, %g)",
-                       (unsigned long long)i, light->color[0], light->color[1], light->color[2]);
-    if (light->kind == LR_LIGHT_POINT && !all_finite(light->position, 3))
-        return lr_fail(error, LR_E_ARGUMENT, "light %llu must have a finite position",
-                       (unsigned long long)i);
-    const double length = sqrt(lr_dot(light->direction, light->direction));
-    if (light->kind == LR_LIGHT_SUN && !(fabs(length - 1) < 1e-3)) /* f32 may have been at work */
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "light %llu must have a direction of length 1, it has %g",
-                       (unsigned long long)i, length);
-    return LR_OK;
-}
-
 static lr_status check_instance(const lr_scene_desc *desc, uint64_t i, lr_error *error)
 {
     const lr_instance *instance = &desc->instances[i];
@@ -88,12 +72,9 @@ static lr_status check_instance(const lr_scene_desc *desc, uint64_t i, lr_error 
 static lr_status check_materials(const lr_scene_desc *desc, lr_error *error)
 {
     for (uint64_t i = 0; i < desc->n_materials; i++) {
-        const double *c = desc->materials[i].base_color;
-        if (!is_color(c))
-            return lr_fail(error, LR_E_ARGUMENT,
-                           "material %llu must have a finite color of 0 or more, it has (%g, %g, "
-                           "%g)",
-                           (unsigned long long)i, c[0], c[1], c[2]);
+        const lr_status status = lr_material_check(&desc->materials[i], i, error);
+        if (status != LR_OK)
+            return status;
     }
     for (uint64_t i = 0; i < desc->n_slots; i++)
         if (desc->slots[i] >= desc->n_materials)
@@ -116,12 +97,12 @@ static lr_status check(const lr_scene_desc *desc, lr_error *error)
     if (desc->n_instances > INT32_MAX)
         return lr_fail(error, LR_E_SIZE, "a scene holds up to %d instances, there are %llu",
                        INT32_MAX, (unsigned long long)desc->n_instances);
-    if (!is_color(desc->world_color))
+    if (!is_color(desc->world.color))
         return lr_fail(error, LR_E_ARGUMENT,
                        "the world must have a finite color of 0 or more, it has (%g, %g, %g)",
-                       desc->world_color[0], desc->world_color[1], desc->world_color[2]);
+                       desc->world.color[0], desc->world.color[1], desc->world.color[2]);
     for (uint64_t i = 0; i < desc->n_lights && status == LR_OK; i++)
-        status = check_light(&desc->lights[i], i, error);
+        status = lr_light_check(&desc->lights[i], i, error);
     if (status == LR_OK)
         status = check_materials(desc, error);
     for (uint64_t i = 0; i < desc->n_instances && status == LR_OK; i++)
@@ -205,25 +186,29 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     scene->camera = desc->camera;
     scene->n_instances = (uint32_t)desc->n_instances;
     scene->n_lights = desc->n_lights;
-    memcpy(scene->world_color, desc->world_color, sizeof scene->world_color);
+    scene->world = desc->world;
     for (int a = 0; a < 3; a++)
-        scene->world_shines |= desc->world_color[a] > 0;
+        scene->world_shines |= desc->world.color[a] > 0;
     scene->film_transparent = desc->film_transparent != 0;
     scene->instances = copy(NULL, desc->n_instances, sizeof *scene->instances);
     scene->lights = copy(desc->lights, desc->n_lights, sizeof *scene->lights);
-    scene->materials = copy(desc->materials, desc->n_materials, sizeof *scene->materials);
+    scene->materials = copy(NULL, desc->n_materials, sizeof *scene->materials);
+    scene->lobes = copy(NULL, desc->n_materials * LR_LOBES_MAX, sizeof *scene->lobes);
     scene->slots = copy(desc->slots, desc->n_slots, sizeof *scene->slots);
     if (desc->slot_objects != NULL)
         scene->slot_objects = copy(desc->slot_objects, desc->n_slots, sizeof *scene->slot_objects);
     if ((desc->slot_objects != NULL && !scene->slot_objects) || !scene->instances ||
-        !scene->lights || !scene->materials || !scene->slots)
+        !scene->lights || !scene->materials || !scene->lobes || !scene->slots)
         return lr_fail_memory(error, desc->n_instances * sizeof *scene->instances, "the scene");
     for (uint64_t i = 0; i < desc->n_lights; i++) {
         double *d = scene->lights[i].direction;
         const double length = sqrt(lr_dot(d, d));
-        for (int a = 0; a < 3 && scene->lights[i].kind == LR_LIGHT_SUN; a++)
+        for (int a = 0; a < 3 && scene->lights[i].kind != LR_LIGHT_POINT; a++)
             d[a] /= length;
     }
+    for (uint64_t i = 0; i < desc->n_materials; i++)
+        lr_material_make(&desc->materials[i], &scene->lobes[LR_LOBES_MAX * i],
+                         &scene->materials[i]);
     return place_all(desc, scene, error);
 }
 
@@ -254,6 +239,7 @@ void lr_scene_free(lr_scene *scene)
     free(scene->instances);
     free(scene->lights);
     free(scene->materials);
+    free(scene->lobes);
     free(scene->slots);
     free(scene->slot_objects);
     free(scene);

@@ -5,6 +5,7 @@
 #define LR_SCENE_H
 
 #include "render/hierarchy.h"
+#include "render/material.h"
 
 /* An instance, as seen from a ray. */
 typedef struct lr_placed {
@@ -22,10 +23,11 @@ struct lr_scene {
     lr_light *lights; /* directions of unit length */
     uint64_t n_lights;
     lr_material *materials;
+    lr_lobe *lobes; /* of all materials */
     uint32_t *slots;
     int32_t *slot_objects; /* or NULL */
-    double world_color[3];
-    bool world_shines; /* world_color is not black */
+    lr_world world;
+    bool world_shines; /* its color is not black */
     bool film_transparent;
     lr_hierarchy hierarchy;
 };

@@ -115,5 +115,8 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i, lr_
     const uint32_t slot = placed->first_material + (id < last ? id : last);
     surfel->object_index =
         scene->slot_objects != NULL ? scene->slot_objects[slot] : placed->object_index;
-    memcpy(surfel->color, scene->materials[scene->slots[slot]].base_color, sizeof surfel->color);
+    const lr_material *material = &scene->materials[scene->slots[slot]];
+    memset(surfel->color, 0, sizeof surfel->color);
+    if (material->n_lobes > 0)
+        memcpy(surfel->color, material->lobes[0].color, sizeof surfel->color);
 }
