@@ -17,7 +17,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
 
@@ -36,7 +36,7 @@ _command = None  # Blender's handle of the registered command
 def main(argv: list[str]) -> int:
     """Do what the words say; returns the exit code, 0 only when the result exists."""
     try:
-        args = parser().parse_args(argv)
+        args = parser(argv).parse_args(argv)
         return args.run(args)
     except SystemExit as ended:  # argparse has said why
         return ended.code if isinstance(ended.code, int) else 1
@@ -55,7 +55,9 @@ def say(sentence: str) -> None:
 # ---- words ---------------------------------------------------------------
 
 
-def parser() -> argparse.ArgumentParser:
+def parser(argv: Sequence[str] = ()) -> argparse.ArgumentParser:
+    """The words there are. A study's own options are known only where argv names it, as they
+    take what it needs to be looked up."""
     top = argparse.ArgumentParser(
         prog="leapray", description="Render scenes of Blender as volumes, compare, measure."
     )
@@ -105,9 +107,17 @@ def parser() -> argparse.ArgumentParser:
 
     verb = verbs.add_parser("study", help="measure speed, accuracy, stability")
     verb.set_defaults(run=study)
-    verb.add_argument("name", metavar="NAME", choices=studies(), help=", ".join(studies()))
-    verb.add_argument("--output", type=Path, metavar="DIR", help="default: a folder here")
-    verb.add_argument("--quick", action="store_true", help="fewer, smaller measurements")
+    names = verb.add_subparsers(
+        dest="name", required=True, metavar="NAME", help=", ".join(studies())
+    )
+    for name in studies():
+        each = names.add_parser(name)
+        each.add_argument("--output", type=Path, metavar="DIR", help="default: a folder here")
+        each.add_argument("--quick", action="store_true", help="fewer, smaller measurements")
+        if "study" in argv[:1] and name in argv:
+            module = study_module(name)
+            each.description = module.__doc__.splitlines()[0]
+            module.add_arguments(each)
     return top
 
 
@@ -242,9 +252,14 @@ def studies() -> list[str]:
 
 
 def hand_on(name: str, args: argparse.Namespace) -> int:
-    """Run a module of addon/study; LeapRayError where it needs what this Python has not."""
+    """Run a module of addon/study."""
+    return study_module(name).main(args)
+
+
+def study_module(name: str):
+    """A module of addon/study; LeapRayError where it needs what this Python has not."""
     try:
-        return importlib.import_module(f".study.{name}", __package__).main(args)
+        return importlib.import_module(f".study.{name}", __package__)
     except ModuleNotFoundError as error:
         raise LeapRayError(
             f"{name} needs {error.name}, which this Python has not; start it by build.py"

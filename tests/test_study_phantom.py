@@ -35,7 +35,6 @@ def test_spheres_do_not_touch_each_other_or_the_border():
 
 
 def test_wrong_first_cells_are_counted(monkeypatch):
-    monkeypatch.setattr(phantom, "IMAGE", 30)
     trace = leapray.trace
 
     def late(structure, origins, directions, **options):
@@ -44,19 +43,18 @@ def test_wrong_first_cells_are_counted(monkeypatch):
         hits.cell[first] += 1
         return hits
 
-    rows, *_ = phantom.measure(32, (2,), 1)
+    rows, *_ = phantom.measure(32, 30, (2,), 1)
     exact = [k for k, row in enumerate(rows) if leapray.traverser(row.traverser).exact]
     assert {rows[k].wrong for k in exact} == {0}
     monkeypatch.setattr(leapray, "trace", late)
-    rows, *_ = phantom.measure(32, (2,), 1)
+    rows, *_ = phantom.measure(32, 30, (2,), 1)
     assert all(0 < rows[k].wrong <= 5 for k in exact)
 
 
 @pytest.mark.slow
-def test_a_quick_study_writes_what_it_promises(tmp_path, monkeypatch):
-    monkeypatch.setattr(phantom, "IMAGE", 100)
+def test_a_quick_study_writes_what_it_promises(tmp_path):
     output = tmp_path / "made"
-    args = argparse.Namespace(output=output, quick=True, size=32, rounds=2)
+    args = argparse.Namespace(output=output, quick=True, size=32, image=100, rounds=2)
     assert phantom.main(args) == 0
     names = {path.name for path in output.iterdir()}
     charts = {
@@ -82,8 +80,18 @@ def test_a_quick_study_writes_what_it_promises(tmp_path, monkeypatch):
 def test_the_command_line_offers_the_study(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(phantom, "main", lambda args: asked.append(args) or 0)
-    assert cli.main(["study", "phantom", "--quick", "--output", str(tmp_path / "made")]) == 0
+    words = ["--quick", "--output", str(tmp_path / "made"), "--size", "256", "--image", "1024"]
+    assert cli.main(["study", "phantom", *words]) == 0
     assert asked[0].quick and asked[0].output == tmp_path / "made"
+    assert (asked[0].size, asked[0].image, asked[0].rounds) == (256, 1024, None)
+    assert cli.main(["study", "phantom", "--size", "0"]) == 2
+
+
+@pytest.mark.parametrize("name", cli.studies())
+def test_the_help_of_every_study_tells_its_options(name, capsys):
+    assert cli.main(["study", name, "--help"]) == 0
+    told = capsys.readouterr().out
+    assert "--quick" in told and "N" in told.split("--quick")[1]
 
 
 def test_an_output_that_cannot_be_is_refused_before_any_work(tmp_path):

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import sys
 import time
 from dataclasses import asdict, dataclass, fields, replace
@@ -23,8 +22,8 @@ from numpy.typing import NDArray
 import leapray
 
 from . import charts, methods, page, shapes
-from .folder import result_folder
-from .phantom import write_csv
+from .folder import study_folder, write_figures
+from .options import chosen, number, numbers
 
 STUDY = True
 
@@ -34,34 +33,30 @@ SAMPLE_TYPES = tuple(shapes.LEVELS)
 LEAST = 1e-5  # what a chart on a logarithmic scale shows for nothing
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    number(parser, "rays", "per setting and scene; 40,000")
+    numbers(parser, "sizes", "samples along a side; 32 64 128 256 512", least=8)
+    numbers(parser, "crossed", "those of the sizes at which all choices are crossed; 64 256")
+
+
 def main(args: argparse.Namespace) -> int:
     """Measure; writes the folder and returns the exit code."""
-    output = Path(args.output or "accuracy")
-    quick = bool(getattr(args, "quick", False))
-    count = getattr(args, "rays", None) or (4000 if quick else 40_000)
-    sizes = getattr(args, "sizes", None) or ((32, 64, 96) if quick else (32, 64, 128, 256, 512))
-    crossed = getattr(args, "crossed", None) or ((64,) if quick else (64, 256))
-    with result_folder(output, "accuracy.html") as folder:
+    count = chosen(args, "rays", 4000, 40_000)
+    sizes = chosen(args, "sizes", (32, 64, 96), (32, 64, 128, 256, 512))
+    crossed = chosen(args, "crossed", (64,), (64, 256))
+    rounds = chosen(args, "rounds", 2, 3)
+    with study_folder(args, "accuracy") as folder:
         rows = []
         for scene in scenes(count):
             for size in sizes:
-                rows += measure(scene, size, size in crossed, 2 if quick else 3)
+                rows += measure(scene, size, size in crossed, rounds)
             print(f"accuracy: {scene.name}", file=sys.stderr, flush=True)
         points = means(rows)
-        told = {
-            "machine": charts.machine(),
-            "leapray": leapray.__version__,
-            "rays": count,
-            "sizes": sizes,
-            "crossed": crossed,
-            "rows": [asdict(row) for row in rows],
-            "front": [asdict(point) for point in front(points, "hit_99")],
-        }
-        (folder / "accuracy.json").write_text(json.dumps(told, indent=2) + "\n")
-        write_csv(folder / "accuracy.csv", rows)
+        told = {"rays": count, "sizes": sizes, "crossed": crossed}
+        told["front"] = [asdict(point) for point in front(points, "hit_99")]
+        told = write_figures(folder, "accuracy", told, rows=rows)
         draw(folder, points, rows)
         write_page(folder, told, points)
-    print(f"{output / 'accuracy.html'}, and its figures in {output / 'accuracy.csv'}", flush=True)
     return 0
 
 

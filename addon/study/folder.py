@@ -1,16 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a study's files go (no bpy)."""
+"""Where a study's files go, and what all of them hold (no bpy)."""
 
 from __future__ import annotations
 
+import argparse
 import contextlib
+import csv
+import json
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
+import leapray
 from leapray import LeapRayError
+
+from . import charts
 
 
 @contextlib.contextmanager
@@ -38,3 +45,27 @@ def result_folder(output: Path, last: str) -> Iterator[Path]:
             os.replace(path, output / path.name)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def study_folder(args: argparse.Namespace, name: str) -> Iterator[Path]:
+    """The result folder of a study, which says at the end where its page lies."""
+    output = Path(args.output or name)
+    with result_folder(output, f"{name}.html") as folder:
+        yield folder
+    print(f"{output / name}.html, and its figures in {output / name}.csv", flush=True)
+
+
+def write_figures(folder: Path, name: str, told: dict, **tables: list) -> dict:
+    """name.json, with the machine and with the rows of all tables, which are dataclasses, and a
+    CSV file per table; the first is name.csv. Returns what the JSON file holds."""
+    rows = {key: [asdict(row) for row in table] for key, table in tables.items()}
+    whole = {"machine": charts.machine(), "leapray": leapray.__version__, **told, **rows}
+    (folder / f"{name}.json").write_text(json.dumps(whole, indent=2) + "\n")
+    for k, (key, table) in enumerate(rows.items()):
+        ending = f"-{key.replace('_', '-')}" if k else ""
+        with (folder / f"{name}{ending}.csv").open("w", newline="") as file:
+            writer = csv.DictWriter(file, list(table[0]))
+            writer.writeheader()
+            writer.writerows(table)
+    return whole

@@ -4,46 +4,21 @@
 from __future__ import annotations
 
 import ctypes
-import functools
-import importlib.util
-import subprocess
-import sys
-import tempfile
-from pathlib import Path
 
 import numpy as np
 
-from leapray import LeapRayError
+from .compiled import in_parts, library, pointer
 
 SHIFT = 16  # origins are multiples of 2^-16
 VERDICTS = ("sound", "missed", "late", "not wanted", "not touched")
 
 
-@functools.cache
-def library():
-    """The compiled oracle. Raises LeapRayError where this Python has no compiler."""
-    if importlib.util.find_spec("ziglang") is None:
-        raise LeapRayError("the oracle needs ziglang, which this Python has not; start by build.py")
-    source = Path(__file__).with_name("oracle.c")
-    with tempfile.TemporaryDirectory(prefix="leapray-oracle-") as folder:
-        target = Path(folder) / "oracle.so"
-        flags = ["-O2", "-shared", "-fPIC", "-fno-sanitize=all"]
-        command = [sys.executable, "-m", "ziglang", "cc", *flags, str(source), "-o", str(target)]
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode:
-            raise LeapRayError(f"the oracle does not compile: {done.stderr.strip()[-500:]}")
-        return ctypes.CDLL(str(target))  # stays, once loaded
-
-
 def object_cells(samples, threshold):
     """Cells -1..n-1 per axis (nz+1, ny+1, nx+1) whose largest sample is at or above T."""
-    padded = np.pad(samples.astype(np.float64), 1) >= threshold
-    cells = np.zeros(tuple(np.array(padded.shape) - 1), bool)
-    for dz in (0, 1):
-        for dy in (0, 1):
-            for dx in (0, 1):
-                nz, ny, nx = cells.shape
-                cells |= padded[dz : dz + nz, dy : dy + ny, dx : dx + nx]
+    cells = np.pad(samples >= threshold, 1)
+    for axis in range(3):
+        rows = np.moveaxis(cells, axis, 0)
+        cells = np.moveaxis(rows[:-1] | rows[1:], 0, axis)
     return cells
 
 
@@ -61,16 +36,40 @@ def judge(wanted, origins, directions, hit, cells):
     verdict, exact = np.zeros(n, np.uint8), np.zeros(n, np.uint8)
     claims = np.ascontiguousarray(cells, np.int32)
     hits = np.ascontiguousarray(hit, np.uint8)
-
-    def pointer(array):
-        return ctypes.c_void_p(array.ctypes.data)
-
     o, d = np.ascontiguousarray(o), np.ascontiguousarray(d)
-    library().oracle_judge(
-        pointer(grid), pointer(size), pointer(o), pointer(d), ctypes.c_int64(n),
-        ctypes.c_int(SHIFT), pointer(hits), pointer(claims), pointer(verdict), pointer(exact),
-    )  # fmt: skip
+
+    def part(first, last):
+        of = slice(first, last)
+        library("oracle").oracle_judge(
+            pointer(grid), pointer(size), pointer(o[of]), pointer(d[of]),
+            ctypes.c_int64(last - first), ctypes.c_int(SHIFT), pointer(hits[of]),
+            pointer(claims[of]), pointer(verdict[of]), pointer(exact[of]),
+        )  # fmt: skip
+
+    in_parts(part, n)
     return verdict, exact.astype(bool)
+
+
+class Bench:
+    """Rays in a volume that several traversers make claims on; equal claims are judged once."""
+
+    def __init__(self, wanted, origins, directions):
+        self.wanted, self.rays = wanted, (origins, directions)
+        self.hit = None
+
+    def judge(self, hit, cells):
+        """As judge()."""
+        if self.hit is None:
+            self.verdict, self.pierced = judge(self.wanted, *self.rays, hit, cells)
+            self.hit, self.cells = hit.copy(), cells.copy()
+            return self.verdict, self.pierced
+        same = (hit == self.hit) & (~hit | (cells == self.cells).all(axis=1))
+        verdict = self.verdict.copy()
+        other = np.flatnonzero(~same)
+        if len(other):
+            rays = (part[other] for part in self.rays)
+            verdict[other], _ = judge(self.wanted, *rays, hit[other], cells[other])
+        return verdict, self.pierced
 
 
 def generic_rays(rng, n, size):

@@ -17,11 +17,9 @@ every N, as in the survey, and not the single sphere's box.
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 import sys
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
@@ -31,39 +29,39 @@ from numpy.typing import NDArray
 import leapray
 
 from . import charts, oracle, page
-from .folder import result_folder
+from .folder import study_folder, write_figures
+from .options import chosen, number
 
 STUDY = True
 
 RADIUS = 40 / 128  # r1 by the cube's side
-IMAGE = 250  # pixels along each side
+SIZE, IMAGE = 128, 250  # samples of a phantom and pixels of a picture, along a side
 SEED = 1994
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    number(parser, "size", f"samples along a side; {SIZE}", least=16)
+    number(parser, "image", f"pixels along a side; {IMAGE}")
+    number(parser, "rounds", "of which times are the median; 11")
 
 
 def main(args: argparse.Namespace) -> int:
     """Measure; writes the folder and returns the exit code."""
-    output = Path(args.output or "phantom")
-    quick = bool(getattr(args, "quick", False))
-    size = getattr(args, "size", None) or 128
-    rounds = getattr(args, "rounds", None) or (3 if quick else 11)
-    counts = (1, 3, 5, 7, 10) if quick else tuple(range(1, 11))
-    with result_folder(output, "phantom.html") as folder:
-        rows, phantoms, overhead = measure(size, counts, rounds)
+    size, image = chosen(args, "size", SIZE, SIZE), chosen(args, "image", IMAGE, IMAGE)
+    rounds = chosen(args, "rounds", 3, 11)
+    counts = chosen(args, "counts", (1, 3, 5, 7, 10), tuple(range(1, 11)))
+    with study_folder(args, "phantom") as folder:
+        rows, phantoms, overhead = measure(size, image, counts, rounds)
         told = {
-            "machine": charts.machine(),
-            "leapray": leapray.__version__,
             "size": size,
-            "image": IMAGE,
+            "image": image,
             "rounds": rounds,
             "seed": SEED,
             "call_overhead_seconds": overhead,
             "phantoms": phantoms,
-            "rows": [asdict(row) for row in rows],
         }
-        (folder / "phantom.json").write_text(json.dumps(told, indent=2) + "\n")
-        write_csv(folder / "phantom.csv", rows)
+        told = write_figures(folder, "phantom", told, rows=rows)
         write_page(folder, told, rows)
-    print(f"{output / 'phantom.html'}, and its figures in {output / 'phantom.csv'}", flush=True)
     return 0
 
 
@@ -95,7 +93,7 @@ def surface_to_volume(samples: NDArray[np.uint8]) -> float:
     return faces / int(solid.sum())
 
 
-def cameras(size: int) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def cameras(size: int, image: int) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Origins and directions (n, 3) of each camera, in index space, as the oracle takes them."""
     middle = np.full(3, (size - 1) / 2)
     found = {}
@@ -103,13 +101,13 @@ def cameras(size: int) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float6
         forward = np.array(towards) / np.linalg.norm(towards)
         right, up = frame(forward)
         half = (np.abs(right).sum() + np.abs(up).sum()) / 4 * (size + 1)
-        film = pixels() * half
+        film = pixels(image) * half
         origins = middle - 1.5 * size * forward + film[:, :1] * right + film[:, 1:] * up
         found[name] = origins, np.broadcast_to(forward, origins.shape).copy()
     forward = np.array([0.52, 0.62, -0.59])
     forward /= np.linalg.norm(forward)
     right, up = frame(forward)
-    film = pixels() * 0.42
+    film = pixels(image) * 0.42
     eye = middle - 2.1 * size * forward
     directions = forward + film[:, :1] * right + film[:, 1:] * up
     found["perspective"] = np.broadcast_to(eye, directions.shape).copy(), directions
@@ -129,9 +127,9 @@ def frame(forward: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np
     return right, np.cross(right, forward)
 
 
-def pixels() -> NDArray[np.float64]:
-    """(IMAGE^2, 2) the pixels' centres in -1..1, row by row."""
-    line = (np.arange(IMAGE) + 0.5) / IMAGE * 2 - 1
+def pixels(image: int) -> NDArray[np.float64]:
+    """(image^2, 2) the pixels' centres in -1..1, row by row."""
+    line = (np.arange(image) + 0.5) / image * 2 - 1
     x, y = np.meshgrid(line, line)
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
@@ -159,10 +157,10 @@ class Row:
     structure_bytes: int
 
 
-def measure(size: int, counts, rounds: int) -> tuple[list[Row], list[dict], float]:
+def measure(size: int, image: int, counts, rounds: int) -> tuple[list[Row], list[dict], float]:
     """All rows, the phantoms' figures, and the seconds that a call takes for rays that miss all."""
     methods = leapray.traversers()
-    views = cameras(size)
+    views = cameras(size, image)
     rows, phantoms, overhead = [], [], []
     for n in counts:
         samples = phantom(size, n)
@@ -193,10 +191,11 @@ def measure(size: int, counts, rounds: int) -> tuple[list[Row], list[dict], floa
                     leapray.trace(structure, origins, directions, mode="binary", count=False)
                     seconds[turn, m] = time.process_time() - began
             empty = float(np.median(overhead))
+            bench = oracle.Bench(cells, origins, directions)
             for m, (method, structure) in enumerate(zip(methods, built, strict=True)):
                 hits = leapray.trace(structure, origins, directions, mode="binary")
                 found = np.isfinite(hits.t)
-                verdict, _ = oracle.judge(cells, origins, directions, found, hits.cell)
+                verdict, _ = bench.judge(found, hits.cell)
                 low, middle, high = np.percentile(seconds[:, m], (25, 50, 75)) - empty
                 rows.append(
                     Row(
@@ -223,13 +222,6 @@ def measure(size: int, counts, rounds: int) -> tuple[list[Row], list[dict], floa
 # ---- telling -------------------------------------------------------------
 
 
-def write_csv(path: Path, rows: list[Row]) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(asdict(rows[0])))
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
-
-
 def series(rows: list[Row], camera: str) -> dict[str, list[Row]]:
     """The rows of a camera by the traverser's label, in the order of N."""
     found: dict[str, list[Row]] = {}
@@ -239,11 +231,11 @@ def series(rows: list[Row], camera: str) -> dict[str, list[Row]]:
     return found
 
 
-def draw(folder: Path, rows: list[Row], size: int) -> None:
+def draw(folder: Path, rows: list[Row], size: int, image: int) -> None:
     """The charts: seconds, steps and set-up time by surface-to-volume ratio."""
     views = list(dict.fromkeys(row.camera for row in rows))
     for name, what, value in (
-        ("seconds", f"milliseconds for {IMAGE} x {IMAGE} rays", lambda row: 1e3 * row.seconds),
+        ("seconds", f"milliseconds for {image} x {image} rays", lambda row: 1e3 * row.seconds),
         ("steps", "cells and nodes looked at, per ray", lambda row: row.steps_per_ray),
     ):
         with charts.chart(folder / name, columns=len(views), width=4.6, height=5.0) as (
@@ -279,12 +271,12 @@ def draw(folder: Path, rows: list[Row], size: int) -> None:
 
 def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
     """phantom.html: the charts with what they say."""
-    draw(folder, rows, told["size"])
+    draw(folder, rows, told["size"], told["image"])
     body = [
         "<h1>The first object cell</h1>",
         f'<p class="soft">{told["size"]}³ samples, N³ spheres of equal total volume for N = '
-        f"{rows[0].n} to {rows[-1].n}, {IMAGE} x {IMAGE} rays, one thread, median of "
-        f"{told['rounds']} interleaved rounds. {page.esc(told['machine'])}.</p>",
+        f"{rows[0].n} to {rows[-1].n}, {told['image']} x {told['image']} rays, one thread, "
+        f"median of {told['rounds']} interleaved rounds. {page.esc(told['machine'])}.</p>",
         page.figure(folder, "seconds.png", "Time", "shaded: the middle half of the rounds"),
         "<p>" + " ".join(sentences(rows)) + "</p>",
         page.figure(folder, "steps.png", "Steps", "counted in a run of its own"),
@@ -297,13 +289,13 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
     body += [
         "<h2>What this is, and what it is not</h2>",
         f"<p>Every first cell was judged by exact integer arithmetic: {wrong} of "
-        f"{len(rows) * IMAGE**2} are wrong. At ties, where a ray runs through an edge or a corner, "
-        "any cell that it touches first will do. A call for rays that miss everything takes "
-        f"{1e3 * told['call_overhead_seconds']:.1f} ms, handing over of arrays included, and is "
-        "taken off each time. Times are what the process used on one machine, which may have done "
-        "other work; believe ratios within one chart. A sample in each corner of the cube keeps "
-        "the bounds alike, as rays begin at the bounds of what there is. The survey's own radius "
-        f"is not known; here it is {RADIUS:.4f} of the side for N = 1.</p>",
+        f"{len(rows) * told['image'] ** 2} are wrong. At ties, where a ray runs through an edge "
+        "or a corner, any cell that it touches first will do. A call for rays that miss everything "
+        f"takes {1e3 * told['call_overhead_seconds']:.1f} ms, handing over of arrays included, and "
+        "is taken off each time. Times are what the process used on one machine, which may have "
+        "done other work; believe ratios within one chart. A sample in each corner of the cube "
+        "keeps the bounds alike, as rays begin at the bounds of what there is. The survey's own "
+        f"radius is not known; here it is {RADIUS:.4f} of the side for N = 1.</p>",
     ]
     (folder / "phantom.html").write_text(page.whole("The first object cell", body), "utf-8")
 

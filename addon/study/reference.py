@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 PART = 2000  # rays at a time
 HALVINGS = 60
+OFF = 1e-6  # voxels: a crossing farther from the first one than this is another, or a poor one
 NEAR = 1e-9  # of the field: an extremum this close to the threshold may be on either side
 CORNERS = [(dz, dy, dx) for dz in (0, 1) for dy in (0, 1) for dx in (0, 1)]
 
@@ -41,6 +42,54 @@ def first_crossing(samples, origins, directions, threshold: float = 0.5) -> Cros
         o, d = np.asarray(origins[part]) + 2.0, np.asarray(directions[part], float)
         t[part], doubtful[part] = _part(field, mixed, size, o, d, threshold)
     return Crossings(t, doubtful)
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A hit test with a root finder in a case: how far it is from the field's first crossing."""
+
+    case: str
+    hit_test: str
+    root: str
+    rays: int  # without the doubtful ones
+    doubtful: int
+    crossing: int  # rays that have a first crossing
+    missed: int
+    false: int  # hits of rays that cross nothing
+    off: int  # hits more than OFF voxels from the first crossing
+    late: int  # of those, more than a voxel behind it
+    error_99: float  # voxels
+    error_max: float
+
+    @property
+    def faults(self) -> int:
+        return self.missed + self.false + self.off
+
+    @property
+    def share(self) -> float:
+        return self.faults / (self.crossing or self.rays or 1)
+
+
+def judge(case: str, hit_test: str, root: str, want: Crossings, t, length) -> Crossing:
+    """What became of t (n,), along directions of that length (n,) in voxels."""
+    sure = ~want.doubtful
+    has, got = np.isfinite(want.t) & sure, np.isfinite(t) & sure
+    behind = (t[has & got] - want.t[has & got]) * length[has & got]
+    error = np.abs(behind)
+    return Crossing(
+        case,
+        hit_test,
+        root,
+        int(sure.sum()),
+        int((~sure).sum()),
+        int(has.sum()),
+        int((has & ~got).sum()),
+        int((got & ~has).sum()),
+        int((error > OFF).sum()),
+        int((behind > 1.0).sum()),
+        float(np.percentile(error, 99)) if len(error) else 0.0,
+        float(error.max(initial=0.0)),
+    )
 
 
 def surface_cells(field: NDArray, threshold: float) -> NDArray[np.bool_]:

@@ -16,7 +16,6 @@ by the closed form join; 3. errors are told; 4. the normal's time is told apart,
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,8 +25,9 @@ import numpy as np
 import leapray
 
 from . import charts, methods, page, reference, shapes
-from .folder import result_folder
-from .phantom import frame, write_csv
+from .folder import study_folder, write_figures
+from .options import chosen, number
+from .phantom import frame
 
 STUDY = True
 
@@ -38,34 +38,27 @@ BINS = (("below 60°", 0.0, 60.0), ("60° to 85°", 60.0, 85.0), ("above 85°", 
 RADIUS = 0.9  # of the cube's half side before its margin
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    number(parser, "size", f"samples along a side; {SIZE}", least=8)
+    number(parser, "image", "pixels along a side; 300")
+    number(parser, "rounds", "of which times are the median; 11")
+
+
 def main(args: argparse.Namespace) -> int:
     """Measure; writes the folder and returns the exit code."""
-    output = Path(args.output or "surface")
-    quick = bool(getattr(args, "quick", False))
-    size = getattr(args, "size", None) or (96 if quick else SIZE)
-    image = getattr(args, "image", None) or (120 if quick else 300)
-    rounds = getattr(args, "rounds", None) or (3 if quick else 11)
-    with result_folder(output, "surface.html") as folder:
+    size = chosen(args, "size", 96, SIZE)
+    image = chosen(args, "image", 120, 300)
+    rounds = chosen(args, "rounds", 3, 11)
+    with study_folder(args, "surface") as folder:
         samples, matrix = shapes.sphere(RADIUS).samples(size, "u16")
         volume = leapray.Volume(samples, object_from_index=matrix)
         costs = measure(volume, image, rounds)
         print("surface: times are taken", file=sys.stderr, flush=True)
         errors = measure_errors(volume, samples, matrix, image * image)
-        told = {
-            "machine": charts.machine(),
-            "leapray": leapray.__version__,
-            "size": size,
-            "image": image,
-            "rounds": rounds,
-            "traverser": leapray.traverser().spec,
-            "costs": [asdict(row) for row in costs],
-            "errors": [asdict(row) for row in errors],
-        }
-        (folder / "surface.json").write_text(json.dumps(told, indent=2) + "\n")
-        write_csv(folder / "surface.csv", costs)
-        write_csv(folder / "surface-errors.csv", errors)
+        told = {"size": size, "image": image, "rounds": rounds}
+        told["traverser"] = leapray.traverser().spec
+        told = write_figures(folder, "surface", told, costs=costs, errors=errors)
         write_page(folder, told, costs, errors)
-    print(f"{output / 'surface.html'}, and its figures in {output / 'surface.csv'}", flush=True)
     return 0
 
 
