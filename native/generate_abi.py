@@ -60,6 +60,13 @@ def preprocess(header: Path) -> str:
     return result.stdout
 
 
+def constant(node: c_ast.Node) -> int:
+    """A whole number, maybe with a minus."""
+    if isinstance(node, c_ast.UnaryOp) and node.op == "-":
+        return -constant(node.expr)
+    return int(node.value, 0)
+
+
 class Writer:
     """Turns declarations of the header into lines of Python."""
 
@@ -82,7 +89,7 @@ class Writer:
         if isinstance(inner, c_ast.Enum):
             values: dict[str, int] = {}
             for item in inner.values.enumerators:
-                values[item.name] = int(item.value.value, 0) if item.value else len(values)
+                values[item.name] = constant(item.value) if item.value else len(values)
             if len(set(values.values())) < len(values):
                 raise SystemExit(f"generate_abi: {node.name} gives one value to two names")
             self.enums[node.name] = values

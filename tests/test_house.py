@@ -33,7 +33,7 @@ LAYERS = {
         "_abi",
         "_lib",
         "arrays threads",
-        "volume",
+        "volume attributes",
         "voxelization tracing",
         "rendering",
         "__init__",

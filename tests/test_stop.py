@@ -58,4 +58,3 @@ def test_a_build_ends_within_100_ms_of_the_stop_word(name, vast):
         late += [] if after is None else [after]
     assert late or whole < 0.2  # the stop was heard, but where there is next to nothing to do
     assert max(late, default=0.0) < LATEST
-

@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 8 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 9 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -82,6 +82,8 @@ typedef struct lr_volume_info {
     uint64_t n_full;               /* bricks that are 1 throughout and not stored */
     uint64_t n_surface_cells;
     uint64_t nbytes;               /* memory held by the volume */
+    int32_t has_colors;            /* nonzero: samples at the surface carry a colour, */
+    int32_t has_normals;           /* a shading normal */
     int32_t surface_lo[3];         /* bounds of the surface cells, inclusive; */
     int32_t surface_hi[3];         /* lo > hi where there are none */
 } lr_volume_info;
@@ -123,7 +125,61 @@ LR_API lr_status lr_volume_get_bricks(const lr_volume *volume, int32_t *origins,
 LR_API lr_status lr_volume_sample(const lr_volume *volume, const double *points, uint64_t n,
                                   double *value, double *gradient, lr_error *error);
 
+/* Colours and shading normals at n points near the surface, in object space, as hits
+ * of the given ids see them (NULL: 0): points[n][3], colors[n][3] (linear RGB),
+ * normals[n][3] (unit); NaN where the volume carries none. Either output may be NULL. */
+LR_API lr_status lr_volume_attributes(const lr_volume *volume, const double *points,
+                                      const uint16_t *ids, uint64_t n, double *colors,
+                                      double *normals, lr_error *error);
+
+/* ---- textures ---------------------------------------------------------- */
+
+typedef enum lr_interpolation {
+    LR_INTERPOLATION_LINEAR = 0,
+    LR_INTERPOLATION_CLOSEST = 1
+} lr_interpolation;
+
+typedef enum lr_extension { /* what lies outside 0..1 */
+    LR_EXTENSION_REPEAT = 0,
+    LR_EXTENSION_EXTEND = 1, /* the colour of the edge */
+    LR_EXTENSION_CLIP = 2,   /* black */
+    LR_EXTENSION_MIRROR = 3
+} lr_extension;
+
+typedef struct lr_texture lr_texture;
+
+/* An image with its smaller versions. pixels[height][width][3], linear RGB, rows from
+ * below, must live longer. Texel (x, y) has its centre at u = (x + 1/2) / width,
+ * v = (y + 1/2) / height. */
+LR_API lr_status lr_texture_new(const float *pixels, int32_t width, int32_t height,
+                                int32_t interpolation, int32_t extension, const lr_watch *watch,
+                                lr_texture **texture, lr_error *error);
+LR_API void lr_texture_free(lr_texture *texture); /* NULL is fine */
+LR_API uint64_t lr_texture_nbytes(const lr_texture *texture); /* without the pixels */
+
+/* colors[n][3] at uvs[n][2], averaged over about widths[n] texels (NULL: 1). */
+LR_API lr_status lr_texture_sample(const lr_texture *texture, const float *uvs,
+                                   const float *widths, uint64_t n, float *colors,
+                                   lr_error *error);
+
 /* ---- voxelization ------------------------------------------------------ */
+
+typedef enum lr_color_source {
+    LR_COLOR_NONE = -2,   /* white */
+    LR_COLOR_VERTEX = -1  /* corner_colors; from 0 on: the texture of that number */
+} lr_color_source;
+
+/* What the corners of a mesh's triangles carry into the volume; every array may be
+ * NULL. A sample at the surface takes it from the closest point of the nearest
+ * triangle; textures are averaged over a voxel. Colours need color_sources. */
+typedef struct lr_attributes {
+    const float *corner_normals;  /* [n_triangles][3][3], outward as the mesh is wound */
+    const float *corner_colors;   /* [n_triangles][3][3], linear RGB */
+    const float *corner_uvs;      /* [n_triangles][3][2] */
+    const int32_t *color_sources; /* [n_triangles], lr_color_source or number of a texture */
+    const lr_texture *const *textures;
+    uint64_t n_textures;
+} lr_attributes;
 
 typedef struct lr_mesh {
     const double *vertices;    /* [n_vertices][3], object space, finite */
@@ -131,6 +187,7 @@ typedef struct lr_mesh {
     const int32_t *triangles;  /* [n_triangles][3], counter-clockwise from outside */
     uint64_t n_triangles;
     const uint16_t *ids;       /* one per triangle, or NULL */
+    const lr_attributes *attributes; /* or NULL */
 } lr_mesh;
 
 typedef enum lr_filter {
@@ -283,7 +340,8 @@ typedef struct lr_rays {
 typedef struct lr_hits {
     double *t;              /* infinity on a miss */
     int32_t *ci, *cj, *ck;  /* the cell hit */
-    double *nx, *ny, *nz;   /* unit normal in object space, towards f < T */
+    double *nx, *ny, *nz;   /* unit normal in object space, towards f < T; the mesh's own smooth
+                               one where the volume carries it, but for LR_NORMAL_ANALYTIC */
     double *gx, *gy, *gz;   /* unit normal of the trilinear field itself: tells the
                                side on which a secondary ray starts */
     int32_t *id;            /* of the object sample nearest the hit; 0 without ids */

@@ -3,6 +3,7 @@
 
 from ._abi import LR_VERSION as __version__
 from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
+from .attributes import VERTEX, WHITE, Attributes, Texture
 from .rendering import PASSES, Camera, Instance, Light, Lobe, Material, Scene, World
 from .tracing import (
     HIT_TESTS,
@@ -33,6 +34,9 @@ __all__ = [
     "NORMALS",
     "PASSES",
     "ROOTS",
+    "VERTEX",
+    "WHITE",
+    "Attributes",
     "Camera",
     "Hits",
     "Instance",
@@ -46,6 +50,7 @@ __all__ = [
     "Scene",
     "Stopped",
     "Structure",
+    "Texture",
     "Traverser",
     "Volume",
     "VolumeBuilder",

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 8
+LR_ABI = 9
 
 
 class lr_status(IntEnum):
@@ -27,6 +27,23 @@ class lr_kind(IntEnum):
     LR_KIND_AUTO = 0
     LR_KIND_SOLID = 1
     LR_KIND_SHEET = 2
+
+
+class lr_interpolation(IntEnum):
+    LR_INTERPOLATION_LINEAR = 0
+    LR_INTERPOLATION_CLOSEST = 1
+
+
+class lr_extension(IntEnum):
+    LR_EXTENSION_REPEAT = 0
+    LR_EXTENSION_EXTEND = 1
+    LR_EXTENSION_CLIP = 2
+    LR_EXTENSION_MIRROR = 3
+
+
+class lr_color_source(IntEnum):
+    LR_COLOR_NONE = -2
+    LR_COLOR_VERTEX = -1
 
 
 class lr_filter(IntEnum):
@@ -112,6 +129,9 @@ class lr_lobe_flag(IntEnum):
 LR_OK, LR_E_ARGUMENT, LR_E_SIZE, LR_E_MEMORY, LR_E_STOPPED = lr_status
 LR_U8, LR_U16, LR_F32 = lr_sample_type
 LR_KIND_AUTO, LR_KIND_SOLID, LR_KIND_SHEET = lr_kind
+LR_INTERPOLATION_LINEAR, LR_INTERPOLATION_CLOSEST = lr_interpolation
+LR_EXTENSION_REPEAT, LR_EXTENSION_EXTEND, LR_EXTENSION_CLIP, LR_EXTENSION_MIRROR = lr_extension
+LR_COLOR_NONE, LR_COLOR_VERTEX = lr_color_source
 (LR_FILTER_RAMP,) = lr_filter
 LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK, LR_METRIC_CHAMFER345, LR_METRIC_EUCLID = lr_metric
 LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT = lr_traverser_flag
@@ -164,8 +184,25 @@ class lr_volume_info(ctypes.Structure):
         ("n_full", ctypes.c_uint64),
         ("n_surface_cells", ctypes.c_uint64),
         ("nbytes", ctypes.c_uint64),
+        ("has_colors", ctypes.c_int32),
+        ("has_normals", ctypes.c_int32),
         ("surface_lo", ctypes.c_int32 * 3),
         ("surface_hi", ctypes.c_int32 * 3),
+    )
+
+
+class lr_texture(ctypes.Structure):
+    pass  # opaque
+
+
+class lr_attributes(ctypes.Structure):
+    _fields_ = (
+        ("corner_normals", ctypes.POINTER(ctypes.c_float)),
+        ("corner_colors", ctypes.POINTER(ctypes.c_float)),
+        ("corner_uvs", ctypes.POINTER(ctypes.c_float)),
+        ("color_sources", ctypes.POINTER(ctypes.c_int32)),
+        ("textures", ctypes.POINTER(ctypes.POINTER(lr_texture))),
+        ("n_textures", ctypes.c_uint64),
     )
 
 
@@ -176,6 +213,7 @@ class lr_mesh(ctypes.Structure):
         ("triangles", ctypes.POINTER(ctypes.c_int32)),
         ("n_triangles", ctypes.c_uint64),
         ("ids", ctypes.POINTER(ctypes.c_uint16)),
+        ("attributes", ctypes.POINTER(lr_attributes)),
     )
 
 
@@ -454,6 +492,39 @@ PROTOTYPES = {
         ctypes.c_uint64,
         ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_attributes": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_uint16),
+        ctypes.c_uint64,
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_texture_new": (ctypes.c_int, (
+        ctypes.POINTER(ctypes.c_float),
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(ctypes.POINTER(lr_texture)),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_texture_free": (None, (
+        ctypes.POINTER(lr_texture),
+    )),
+    "lr_texture_nbytes": (ctypes.c_uint64, (
+        ctypes.POINTER(lr_texture),
+    )),
+    "lr_texture_sample": (ctypes.c_int, (
+        ctypes.POINTER(lr_texture),
+        ctypes.POINTER(ctypes.c_float),
+        ctypes.POINTER(ctypes.c_float),
+        ctypes.c_uint64,
+        ctypes.POINTER(ctypes.c_float),
         ctypes.POINTER(lr_error),
     )),
     "lr_voxelize_begin": (ctypes.c_int, (

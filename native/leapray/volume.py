@@ -33,6 +33,8 @@ class VolumeInfo:
     nbytes: int
     surface_lo: tuple[int, int, int]  # bounds of the surface cells, inclusive;
     surface_hi: tuple[int, int, int]  # lo > hi where there are none
+    has_colors: bool  # samples at the surface carry a colour,
+    has_normals: bool  # a shading normal
 
 
 class Volume:
@@ -98,6 +100,8 @@ class Volume:
             nbytes=info.nbytes,
             surface_lo=tuple(info.surface_lo),
             surface_hi=tuple(info.surface_hi),
+            has_colors=bool(info.has_colors),
+            has_normals=bool(info.has_normals),
         )
 
     def _get(self, origin, size, dtype, which: str) -> NDArray:
@@ -168,6 +172,33 @@ class Volume:
         )
         check(status, error)
         return value, gradient
+
+    def attributes(
+        self, points: ArrayLike, ids: ArrayLike | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Colours (n, 3), linear RGB, and unit shading normals (n, 3) near the surface.
+
+        points: (n, 3), object space; ids: (n,), those of the hits that ask (None: 0).
+        NaN where the volume carries none.
+        """
+        where = np.ascontiguousarray(points, dtype=np.float64)
+        if where.ndim != 2 or where.shape[1] != 3:
+            raise LeapRayError(f"points must have the shape (n, 3); it is {where.shape}")
+        if ids is not None:
+            ids = np.ascontiguousarray(np.broadcast_to(np.asarray(ids, np.uint16), len(where)))
+        colors, normals = np.empty(where.shape), np.empty(where.shape)
+        error = _abi.lr_error()
+        status = lib.lr_volume_attributes(
+            self.handle,
+            pointer(where),
+            pointer(ids, ctypes.c_uint16),
+            len(where),
+            pointer(colors),
+            pointer(normals),
+            ctypes.byref(error),
+        )
+        check(status, error)
+        return colors, normals
 
 
 class VolumeBuilder:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _abi
 from ._lib import LeapRayError, OutOfMemory, Watch, call, lib
 from .arrays import SAMPLE_TYPES, choice, pointer
+from .attributes import Attributes
 from .threads import check_threads, run_parts
 from .volume import Volume
 
@@ -44,6 +45,7 @@ def voxelize(
     half_width: float | None = None,
     kind: str = "auto",
     ids: ArrayLike | None = None,
+    attributes: Attributes | None = None,
     dtype: str = "u16",
     threads: int = 0,
     watch: Watch | None = None,
@@ -53,7 +55,9 @@ def voxelize(
 
     vertices: (n, 3), finite, in object space; triangles: (m, 3) vertex numbers,
     counter-clockwise from outside; ids: one per triangle, 0..65535, or None;
-    samples near the surface take that of the nearest triangle. filter "ramp":
+    samples near the surface take that of the nearest triangle. attributes: colours
+    and smooth normals that samples near the surface take from the closest point,
+    textures averaged over a voxel; hits have their normals. filter "ramp":
     linear in the signed distance, over half_width voxels to either side
     (default 2.5, for u8 1.8). kind "solid" takes what the triangles enclose,
     "sheet" the triangles as a surface without inside, "auto" a solid where every
@@ -86,6 +90,8 @@ def voxelize(
         len(corners),
         pointer(numbers, ctypes.c_uint16),
     )
+    if attributes is not None:
+        mesh.attributes = ctypes.pointer(attributes.pack(len(corners)))
     return _run(mesh, chosen, threads, _Progress(watch or Watch()), max_nbytes)
 
 

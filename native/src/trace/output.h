@@ -5,6 +5,7 @@
 #define LR_OUTPUT_H
 
 #include "trace/hit.h"
+#include "volume/attributes.h"
 
 LR_INLINE void lr_put_triple(double *x, double *y, double *z, uint64_t i, const double v[3])
 {
@@ -81,10 +82,11 @@ LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t 
 {
     const int32_t *c = found->c;
     const double *corner = found->corner;
+    const int32_t id = lr_nearest_id(v, c, corner, found->p);
     hits->t[i] = found->t;
     lr_put_cell(hits, i, c);
     if (hits->id != NULL)
-        hits->id[i] = lr_nearest_id(v, c, corner, found->p);
+        hits->id[i] = id;
     if (hits->nx == NULL && hits->gx == NULL)
         return;
     double g[3], field[3], central[3];
@@ -95,7 +97,13 @@ LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t 
     if (hits->nx == NULL)
         return;
     memcpy(central, field, sizeof central);
-    if (normal_kind != LR_NORMAL_ANALYTIC) {
+    if (normal_kind != LR_NORMAL_ANALYTIC &&
+        lr_volume_shading_normal(v, c, found->p, id, central)) {
+        /* a mesh whose winding is not that of the solid: the field knows its outside */
+        const double side = lr_dot(central, field) < 0.0 ? -1.0 : 1.0;
+        for (int a = 0; a < 3; a++)
+            central[a] *= side;
+    } else if (normal_kind != LR_NORMAL_ANALYTIC) {
         if (normal_kind == LR_NORMAL_CENTRAL)
             lr_central_gradient(v, c, found->p, g);
         else

@@ -1,18 +1,21 @@
 /* lr_volume_finish: which cells hold surface, and which bricks need no memory.
  *
- * A brick that is 0 or 1 throughout and carries no id is dropped; a surface cell
- * whose lowest corner lies in a dropped brick brings that brick back, since the
- * cell's bit needs a place.
+ * A brick that is 0 or 1 throughout and carries neither ids nor attributes is dropped; a surface
+ * cell whose lowest corner lies in a dropped brick brings that brick back, since the cell's bit
+ * needs a place.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "error.h"
 #include "volume/access.h"
 
-/* 0: zero throughout, 1: one throughout, 2: neither. Ids other than 0 and
- * touched cells are something to keep. */
+/* 0: zero throughout, 1: one throughout, 2: neither. Ids other than 0, touched
+ * cells and attributes are something to keep. */
 static uint32_t constant_of(const lr_volume *v, uint32_t brick)
 {
     size_t at = (size_t)brick * LR_BRICK_SAMPLES;
+    for (size_t s = 0; v->block_of != NULL && s < 8; s++)
+        if (v->block_of[8 * (size_t)brick + s] != 0)
+            return 2;
     if (v->ids != NULL)
         for (int i = 0; i < LR_BRICK_SAMPLES; i++)
             if (v->ids[at + (size_t)i] != 0)
@@ -35,6 +38,9 @@ static void move_brick(lr_volume *v, uint32_t to, uint32_t from)
     size_t nbytes = LR_BRICK_SAMPLES * lr_sample_nbytes(v->desc.sample_type);
     memcpy(v->samples + to * nbytes, v->samples + from * nbytes, nbytes);
     memcpy(v->cells[to], v->cells[from], sizeof v->cells[to]);
+    if (v->block_of != NULL)
+        memcpy(v->block_of + 8 * (size_t)to, v->block_of + 8 * (size_t)from,
+               8 * sizeof *v->block_of);
     if (v->ids != NULL)
         memcpy(v->ids + (size_t)to * LR_BRICK_SAMPLES, v->ids + (size_t)from * LR_BRICK_SAMPLES,
                LR_BRICK_SAMPLES * sizeof *v->ids);
@@ -188,6 +194,8 @@ lr_status lr_volume_finish(lr_volume *v, const lr_watch *watch, lr_error *error)
         }
         lr_progress(watch, (double)(z + 1) / v->table_size[2]);
     }
+    if (status == LR_OK)
+        status = lr_volume_trim_blocks(v, watch, error);
     if (status == LR_OK && v->n_bricks < v->capacity) { /* give back what was not needed */
         v->capacity = 0;
         status = lr_volume_reserve(v, v->n_bricks - LR_FIRST_STORED, error);

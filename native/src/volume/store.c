@@ -63,7 +63,14 @@ lr_status lr_volume_reserve(lr_volume *v, uint64_t n_stored, lr_error *error)
         if (ids != NULL)
             v->ids = ids;
     }
-    if (samples == NULL || cells == NULL || (v->desc.has_ids && ids == NULL))
+    uint32_t *block_of = NULL;
+    if (v->block_of != NULL) {
+        block_of = realloc(v->block_of, wanted * 8 * sizeof *block_of);
+        if (block_of != NULL)
+            v->block_of = block_of;
+    }
+    if (samples == NULL || cells == NULL || (v->desc.has_ids && ids == NULL) ||
+        (v->block_of != NULL && block_of == NULL))
         return lr_fail_memory(
             error, wanted * lr_volume_brick_nbytes(v->desc.sample_type, v->desc.has_ids != 0),
             "the bricks of a volume");
@@ -84,6 +91,8 @@ static void fill_brick(lr_volume *v, uint32_t brick, bool ones)
     }
     if (v->ids != NULL)
         memset(v->ids + at, 0, LR_BRICK_SAMPLES * sizeof *v->ids);
+    if (v->block_of != NULL)
+        memset(v->block_of + 8 * (size_t)brick, 0, 8 * sizeof *v->block_of);
     memset(v->cells[brick], 0, sizeof v->cells[brick]);
 }
 
@@ -157,6 +166,9 @@ void lr_volume_free(lr_volume *v)
     free(v->samples);
     free(v->ids);
     free(v->cells);
+    free(v->block_of);
+    free(v->colors);
+    free(v->normals);
     free(v);
 }
 
@@ -391,6 +403,11 @@ void lr_volume_get_info(const lr_volume *v, lr_volume_info *info)
     info->nbytes =
         sizeof *v + lr_table_count(v) * sizeof *v->table +
         (uint64_t)v->capacity * lr_volume_brick_nbytes(v->desc.sample_type, v->desc.has_ids != 0);
+    info->has_colors = v->colors != NULL;
+    info->has_normals = v->normals != NULL;
+    if (v->block_of != NULL)
+        info->nbytes += (uint64_t)v->capacity * 8 * sizeof *v->block_of +
+                        v->n_blocks * lr_volume_block_nbytes(info->has_colors, info->has_normals);
     for (int a = 0; a < 3; a++) {
         info->surface_lo[a] = v->surface_lo[a] - LR_PAD;
         info->surface_hi[a] = v->surface_hi[a] - LR_PAD;

@@ -32,13 +32,13 @@ static void place_of(const lr_voxel_job *job, uint32_t at, int32_t first[3])
     first[2] = 8 * (int32_t)(at / nx / ny);
 }
 
-/* The samples that each triangle won, as linked lists. */
-static void group(const lr_nearest *nearest, lr_scratch *scratch)
+/* The samples that each triangle won, as linked lists; squared distances up to `most`. */
+static void group(const lr_nearest *nearest, float most, lr_scratch *scratch)
 {
     for (int tile = 0; tile < LR_TILES; tile++)
         for (int lane = 0; lane < LR_LANES; lane++) {
             int32_t who = nearest->winner[tile][lane];
-            if (who < 0)
+            if (who < 0 || nearest->d2[tile][lane] > most)
                 continue;
             int32_t sample = lr_sample_x(tile, lane) + 8 * lr_sample_y(tile, lane) +
                              64 * lr_sample_z(tile, lane);
@@ -59,6 +59,14 @@ static void set_sample(const lr_voxel_job *job, int32_t sample, double s, uint16
         side->outside[sample >> 6] |= bit;
 }
 
+static void frame_of(const lr_topology *mesh, const int32_t first[3], uint32_t t, lr_frame *frame)
+{
+    lr_triangle(mesh, t, frame->p);
+    for (int c = 0; c < 3; c++)
+        for (int a = 0; a < 3; a++)
+            frame->p[c][a] -= first[a];
+}
+
 static void measure(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list,
                     uint32_t n, lr_scratch *scratch, sides *side, lr_brick *brick)
 {
@@ -69,10 +77,7 @@ static void measure(const lr_voxel_job *job, const int32_t first[3], const uint3
             continue;
         scratch->first[i] = -1;
         lr_frame frame;
-        lr_triangle(mesh, list[i], frame.p);
-        for (int c = 0; c < 3; c++)
-            for (int a = 0; a < 3; a++)
-                frame.p[c][a] -= first[a];
+        frame_of(mesh, first, list[i], &frame);
         if (!lr_frame_make(&frame)) /* rounding took the area of a sliver */
             continue;
         uint16_t id = mesh->source.ids != NULL ? mesh->source.ids[list[i]] : 0;
@@ -81,6 +86,42 @@ static void measure(const lr_voxel_job *job, const int32_t first[3], const uint3
             double height, s = lr_signed_distance(mesh, list[i], &frame, p, &height);
             if (fabs(s) <= job->band + BAND_SLACK)
                 set_sample(job, sample, mesh->side * (job->sheet ? height : s), id, side, brick);
+        }
+    }
+}
+
+/* Attributes of the samples that can be corners of surface cells. */
+static void dress(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list, uint32_t n,
+                  lr_scratch *scratch, lr_brick *brick)
+{
+    const float reach = (float)(LR_BAKE_REACH * LR_BAKE_REACH);
+    float nearest = INFINITY;
+    for (int tile = 0; tile < LR_TILES; tile++)
+        for (int lane = 0; lane < LR_LANES; lane++)
+            if (scratch->nearest.winner[tile][lane] >= 0)
+                nearest = fminf(nearest, scratch->nearest.d2[tile][lane]);
+    if (!(nearest <= reach))
+        return;
+    if (scratch->colors != NULL)
+        memset(scratch->colors, 0, LR_BRICK_SAMPLES * sizeof *scratch->colors);
+    if (scratch->normals != NULL)
+        memset(scratch->normals, 0, LR_BRICK_SAMPLES * sizeof *scratch->normals);
+    brick->dressed = true;
+    group(&scratch->nearest, reach, scratch);
+    for (uint32_t i = 0; i < n; i++) {
+        int32_t sample = scratch->first[i];
+        scratch->first[i] = -1;
+        lr_frame frame;
+        lr_dress d;
+        frame_of(job->mesh, first, list[i], &frame);
+        if (sample < 0 || !lr_frame_make(&frame))
+            continue;
+        lr_dress_triangle(&job->bake, list[i], job->mesh->side, &frame, &d);
+        for (; sample >= 0; sample = scratch->next[sample]) {
+            const double p[3] = {sample & 7, sample >> 3 & 7, sample >> 6};
+            lr_dress_sample(&job->bake, &d, p,
+                            scratch->colors != NULL ? scratch->colors + sample : NULL,
+                            scratch->normals != NULL ? scratch->normals + sample : NULL);
         }
     }
 }
@@ -180,7 +221,7 @@ static lr_brick_state state_of(const lr_brick *brick)
         touched |= brick->touched[i];
     for (int i = 0; i < LR_BRICK_SAMPLES; i++)
         touched |= brick->value[i] != brick->value[0];
-    if (touched != 0 || (brick->value[0] != 0.0f && brick->value[0] != 1.0f))
+    if (touched != 0 || brick->dressed || (brick->value[0] != 0.0f && brick->value[0] != 1.0f))
         return LR_STATE_MIXED;
     return brick->value[0] == 0.0f ? LR_STATE_ZERO : LR_STATE_ONE;
 }
@@ -196,8 +237,8 @@ static bool touch(const lr_voxel_job *job, const int32_t first[3], const uint32_
         for (int c = 0; c < 3; c++)
             for (int a = 0; a < 3; a++)
                 p[c][a] -= first[a];
-        if (lr_normal_of((const double(*)[3])p, normal))
-            lr_touch_cells((const double(*)[3])p, brick->touched);
+        if (lr_normal_of((const double (*)[3])p, normal))
+            lr_touch_cells((const double (*)[3])p, brick->touched);
     }
     return true;
 }
@@ -214,8 +255,10 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
         return false;
     sides side = {0};
     memset(brick, 0, sizeof *brick);
-    group(&scratch->nearest, scratch);
+    group(&scratch->nearest, INFINITY, scratch);
     measure(job, first, list, n, scratch, &side, brick);
+    if (scratch->colors != NULL || scratch->normals != NULL)
+        dress(job, first, list, n, scratch, brick);
     clear_outside(job, first, &side, brick);
     if (job->sheet) {
         if (!touch(job, first, list, n, watch, brick))

@@ -4,6 +4,7 @@
 #ifndef LR_VOXEL_BRICK_H
 #define LR_VOXEL_BRICK_H
 
+#include "voxel/bake.h"
 #include "voxel/bins.h"
 #include "voxel/nearest.h"
 
@@ -16,6 +17,7 @@ typedef struct lr_voxel_job {
     double half_width; /* of the ramp, voxels */
     int32_t sample_type;
     bool sheet;
+    lr_bake bake;
 } lr_voxel_job;
 
 typedef enum lr_brick_state {
@@ -32,13 +34,16 @@ typedef struct lr_brick {
     uint16_t id[LR_BRICK_SAMPLES]; /* of the nearest triangle; 0 beyond the band */
     uint64_t touched[8];           /* cells that a triangle of a sheet meets */
     int8_t face[6];                /* -x +x -y +y -z +z: samples inside less samples outside */
+    bool dressed;                  /* the scratch's codes hold something */
 } lr_brick;
 
 /* Per-thread memory: the samples that each listed triangle won, as linked lists. */
 typedef struct lr_scratch {
-    int32_t *first; /* [longest list]: -1 between bricks */
+    int32_t *first;                 /* [longest list]: -1 between bricks */
     int32_t next[LR_BRICK_SAMPLES]; /* -1: last */
     lr_nearest nearest;
+    uint32_t *colors; /* [512]: the brick's codes, written where it is dressed; NULL: none wanted */
+    uint32_t *normals; /* likewise */
 } lr_scratch;
 
 /* False where stopped. at is the brick's place in the table. */

@@ -11,7 +11,7 @@
 #include "voxel/brick.h"
 
 /* A 4096^3 lattice; the tables of its bricks take 1.2 GB. */
-#define MOST_TABLE 134217728.0
+#define MOST_TABLE  134217728.0
 #define WIDEST_RAMP 32.0
 
 /* Central differences at the corners of a surface cell reach sqrt(6) from the
@@ -24,6 +24,9 @@ typedef struct part {
     unsigned char *samples; /* [n][512] */
     uint16_t *ids;          /* [n][512], or NULL */
     uint64_t (*touched)[8]; /* [n], of sheets */
+    uint32_t *block_of;     /* [n]: 1 + block of attributes, or 0; NULL without */
+    uint32_t n_blocks;
+    uint32_t *colors, *normals; /* [n_blocks][512], or NULL */
     bool done;
 } part;
 
@@ -56,8 +59,8 @@ static lr_status check_options(const lr_voxelize_options *o, lr_error *error)
         return lr_fail(error, LR_E_ARGUMENT, "filter %d is unknown; there is the ramp (0)",
                        o->filter);
     if (o->kind < LR_KIND_AUTO || o->kind > LR_KIND_SHEET)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "kind %d is none of auto (0), solid (1), sheet (2)", o->kind);
+        return lr_fail(error, LR_E_ARGUMENT, "kind %d is none of auto (0), solid (1), sheet (2)",
+                       o->kind);
     if (o->sample_type < LR_U8 || o->sample_type > LR_F32)
         return lr_fail(error, LR_E_ARGUMENT, "sample type %d is none of u8 (0), u16 (1), f32 (2)",
                        o->sample_type);
@@ -80,8 +83,8 @@ static lr_status place_lattice(lr_voxelizer *v, const lr_voxelize_options *o, lr
         return lr_fail(error, LR_E_SIZE,
                        "a mesh of %g x %g x %g with a voxel_size of %g wants %.0f x %.0f x %.0f "
                        "samples, more than fit (4096^3); use a larger voxel_size",
-                       m->hi[0] - m->lo[0], m->hi[1] - m->lo[1], m->hi[2] - m->lo[2],
-                       o->voxel_size, n[0], n[1], n[2]);
+                       m->hi[0] - m->lo[0], m->hi[1] - m->lo[1], m->hi[2] - m->lo[2], o->voxel_size,
+                       n[0], n[1], n[2]);
     bool solid = o->kind == LR_KIND_AUTO ? m->closed : o->kind == LR_KIND_SOLID;
     *desc = (lr_volume_desc){.nx = (int32_t)n[0],
                              .ny = (int32_t)n[1],
@@ -108,6 +111,8 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_voxelize
                             .half_width = o->half_width,
                             .sample_type = o->sample_type};
     lr_status status = lr_topology_make(mesh, o->voxel_size, watch, &v->mesh, error);
+    if (status == LR_OK)
+        status = lr_bake_check(mesh, watch, &v->job.bake, error);
     if (status == LR_OK)
         status = place_lattice(v, o, error);
     if (status == LR_OK)
@@ -148,11 +153,13 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
 {
     const lr_volume_desc *d = &v->desc;
     const int32_t n[3] = {d->nx, d->ny, d->nz};
+    const uint64_t brick_nbytes =
+        lr_volume_brick_nbytes(d->sample_type, d->has_ids) +
+        8 * lr_volume_block_nbytes(v->job.bake.colors, v->job.bake.normals);
     *info = (lr_voxelizer_info){
         .desc = *d,
         .n_parts = v->bins.n_parts,
-        .nbytes = lr_volume_table_nbytes(n) +
-                  (uint64_t)v->bins.n_active * lr_volume_brick_nbytes(d->sample_type, d->has_ids),
+        .nbytes = lr_volume_table_nbytes(n) + (uint64_t)v->bins.n_active * brick_nbytes,
         .n_border_edges = v->mesh.n_border_edges,
         .n_bad_edges = v->mesh.n_bad_edges,
         .n_degenerate = v->mesh.n_degenerate,
@@ -168,6 +175,9 @@ static void free_part(part *p)
     free(p->samples);
     free(p->ids);
     free(p->touched);
+    free(p->block_of);
+    free(p->colors);
+    free(p->normals);
     *p = (part){.done = p->done};
 }
 
@@ -180,9 +190,26 @@ static bool has_room(const lr_voxelizer *v, part *p, size_t n)
         p->ids = malloc(n * LR_BRICK_SAMPLES * sizeof *p->ids);
     if (v->job.sheet)
         p->touched = malloc(n * sizeof *p->touched);
+    const lr_bake *bake = &v->job.bake;
+    if (bake->colors || bake->normals)
+        p->block_of = malloc(n * sizeof *p->block_of);
+    if (bake->colors)
+        p->colors = malloc(n * LR_BRICK_SAMPLES * sizeof *p->colors);
+    if (bake->normals)
+        p->normals = malloc(n * LR_BRICK_SAMPLES * sizeof *p->normals);
     return p->brick != NULL && p->samples != NULL &&
            (v->mesh.source.ids == NULL || p->ids != NULL) &&
-           (!v->job.sheet || p->touched != NULL);
+           (!v->job.sheet || p->touched != NULL) &&
+           ((!bake->colors && !bake->normals) || p->block_of != NULL) &&
+           (!bake->colors || p->colors != NULL) && (!bake->normals || p->normals != NULL);
+}
+
+/* Where the next brick's attributes go. */
+static void offer_block(const part *p, lr_scratch *scratch)
+{
+    size_t at = (size_t)p->n_blocks * LR_BRICK_SAMPLES;
+    scratch->colors = p->colors != NULL ? p->colors + at : NULL;
+    scratch->normals = p->normals != NULL ? p->normals + at : NULL;
 }
 
 static void keep(const lr_voxelizer *v, uint32_t at, const lr_brick *brick, part *p)
@@ -201,6 +228,8 @@ static void keep(const lr_voxelizer *v, uint32_t at, const lr_brick *brick, part
         memcpy(p->ids + first, brick->id, sizeof brick->id);
     if (p->touched != NULL)
         memcpy(p->touched[p->n], brick->touched, sizeof brick->touched);
+    if (p->block_of != NULL)
+        p->block_of[p->n] = brick->dressed ? ++p->n_blocks : 0;
     p->brick[p->n++] = at;
 }
 
@@ -214,6 +243,7 @@ static bool run_part(lr_voxelizer *v, uint32_t first, uint32_t end, const lr_wat
         lr_progress(watch, (double)(i - first) / (double)(end - first));
         uint64_t list = v->bins.start[i];
         uint32_t n = (uint32_t)(v->bins.start[i + 1] - list);
+        offer_block(p, scratch);
         if (!lr_brick_make(&v->job, v->bins.brick[i], v->bins.list + list, n, watch, scratch,
                            &brick))
             return false;
@@ -228,8 +258,7 @@ static bool run_part(lr_voxelizer *v, uint32_t first, uint32_t end, const lr_wat
 lr_status lr_voxelize_part(lr_voxelizer *v, uint64_t index, const lr_watch *watch, lr_error *error)
 {
     if (index >= v->bins.n_parts || v->parts[index].done)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "part %llu of %u was run before or does not exist",
+        return lr_fail(error, LR_E_ARGUMENT, "part %llu of %u was run before or does not exist",
                        (unsigned long long)index, v->bins.n_parts);
     uint32_t first = v->bins.part[index], end = v->bins.part[index + 1];
     part *p = &v->parts[index];
@@ -361,6 +390,11 @@ static lr_status move_part(lr_voxelizer *v, part *p, lr_error *error)
                    p->ids + (size_t)i * LR_BRICK_SAMPLES, LR_BRICK_SAMPLES * sizeof *p->ids);
         if (p->touched != NULL)
             memcpy(out->cells[brick], p->touched[i], sizeof out->cells[brick]);
+        if (p->block_of != NULL && p->block_of[i] != 0) {
+            size_t at = (size_t)(p->block_of[i] - 1) * LR_BRICK_SAMPLES;
+            lr_volume_put_codes(out, brick, p->colors != NULL ? p->colors + at : NULL,
+                                p->normals != NULL ? p->normals + at : NULL);
+        }
     }
     free_part(p);
     return LR_OK;
@@ -368,10 +402,16 @@ static lr_status move_part(lr_voxelizer *v, part *p, lr_error *error)
 
 static lr_status move_parts(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
-    uint64_t n = 0;
-    for (uint32_t i = 0; i < v->bins.n_parts; i++)
+    uint64_t n = 0, n_blocks = 0;
+    for (uint32_t i = 0; i < v->bins.n_parts; i++) {
         n += v->parts[i].n;
+        n_blocks += v->parts[i].n_blocks;
+    }
+    const lr_bake *bake = &v->job.bake;
     lr_status status = lr_volume_reserve(v->volume, n, error);
+    if (status == LR_OK && (bake->colors || bake->normals))
+        status = lr_volume_carry(v->volume, bake->colors, bake->normals, bake->color_scale,
+                                 n_blocks, error);
     for (uint32_t i = 0; i < v->bins.n_parts && status == LR_OK; i++) {
         if (lr_stopped(watch))
             return lr_fail_stopped(error);

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a mesh's corners carry into its volume: colours, textures, smooth normals."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _abi
+from ._lib import LeapRayError, Watch, call, check, lib
+from .arrays import choice, pointer
+
+INTERPOLATIONS = {
+    "linear": _abi.LR_INTERPOLATION_LINEAR,
+    "closest": _abi.LR_INTERPOLATION_CLOSEST,
+}
+EXTENSIONS = {
+    "repeat": _abi.LR_EXTENSION_REPEAT,
+    "extend": _abi.LR_EXTENSION_EXTEND,
+    "clip": _abi.LR_EXTENSION_CLIP,
+    "mirror": _abi.LR_EXTENSION_MIRROR,
+}
+WHITE, VERTEX = _abi.LR_COLOR_NONE, _abi.LR_COLOR_VERTEX
+
+
+class Texture:
+    """An image with its smaller versions; any number of voxelizations may share it.
+
+    pixels: (height, width, 3), linear RGB, rows from below; what is not finite is
+    black. The centre of texel (x, y) lies at u = (x + 0.5) / width, v likewise.
+    interpolation: "linear" or "closest"; extension, what lies outside 0..1:
+    "repeat", "extend" (the colour of the edge), "clip" (black) or "mirror".
+    Raises LeapRayError, Stopped.
+    Source: Williams 1983 (pyramid).
+    """
+
+    def __init__(
+        self,
+        pixels: ArrayLike,
+        interpolation: str = "linear",
+        extension: str = "repeat",
+        *,
+        watch: Watch | None = None,
+    ) -> None:
+        self.pixels = np.ascontiguousarray(pixels, dtype=np.float32)
+        if self.pixels.ndim != 3 or self.pixels.shape[2] != 3:
+            raise LeapRayError(f"pixels must have the shape (h, w, 3); it is {self.pixels.shape}")
+        height, width, _ = self.pixels.shape
+        self.handle = ctypes.POINTER(_abi.lr_texture)()
+        call(
+            lib.lr_texture_new,
+            pointer(self.pixels, ctypes.c_float),
+            width,
+            height,
+            choice(INTERPOLATIONS, interpolation, "interpolation"),
+            choice(EXTENSIONS, extension, "extension"),
+            watch=watch,
+            outputs=(self.handle,),
+        )
+        weakref.finalize(self, lib.lr_texture_free, self.handle)
+        self.nbytes = self.pixels.nbytes + lib.lr_texture_nbytes(self.handle)
+
+    def sample(self, uvs: ArrayLike, widths: ArrayLike | None = None) -> NDArray[np.float32]:
+        """Colours (n, 3) at uvs (n, 2), averaged over about widths (n,) texels (None: 1 each)."""
+        where = np.ascontiguousarray(uvs, dtype=np.float32)
+        if where.ndim != 2 or where.shape[1] != 2:
+            raise LeapRayError(f"uvs must have the shape (n, 2); it is {where.shape}")
+        if widths is not None:
+            widths = np.ascontiguousarray(
+                np.broadcast_to(np.asarray(widths, np.float32), (len(where),))
+            )
+        colors = np.empty((len(where), 3), np.float32)
+        error = _abi.lr_error()
+        arrays = (pointer(a, ctypes.c_float) for a in (where, widths))
+        status = lib.lr_texture_sample(
+            self.handle,
+            *arrays,
+            len(where),
+            pointer(colors, ctypes.c_float),
+            ctypes.byref(error),
+        )
+        check(status, error)
+        return colors
+
+
+@dataclass(frozen=True)
+class Attributes:
+    """What the corners of a mesh's m triangles carry; None is nothing.
+
+    normals: (m, 3, 3), smooth, on the side that the winding shows; they become the
+    shading normals of hits. color_sources: (m,), for each triangle VERTEX (its
+    colors), the number of a texture (through its uvs) or WHITE; None: no colours.
+    colors: (m, 3, 3), linear RGB, at most 64. uvs: (m, 3, 2).
+    """
+
+    normals: NDArray[np.float32] | None = None
+    color_sources: NDArray[np.int32] | None = None
+    colors: NDArray[np.float32] | None = None
+    uvs: NDArray[np.float32] | None = None
+    textures: tuple[Texture, ...] = ()
+
+    def pack(self, n: int) -> _abi.lr_attributes:
+        """For C; it holds on to its arrays. n: triangles. Raises LeapRayError."""
+        shapes = {"normals": (n, 3, 3), "colors": (n, 3, 3), "uvs": (n, 3, 2)}
+        arrays = {name: _floats(getattr(self, name), shapes[name], name) for name in shapes}
+        sources = self.color_sources
+        if sources is not None:
+            sources = np.asarray(sources)
+            if sources.shape != (n,) or sources.dtype.kind not in "iu":
+                raise LeapRayError(
+                    f"color_sources must be {n} whole numbers, one per triangle; they are "
+                    f"{sources.dtype} of shape {sources.shape}"
+                )
+            sources = np.ascontiguousarray(sources, dtype=np.int32)
+        handles = (ctypes.POINTER(_abi.lr_texture) * max(len(self.textures), 1))(
+            *(texture.handle for texture in self.textures)
+        )
+        packed = _abi.lr_attributes(
+            corner_normals=pointer(arrays["normals"], ctypes.c_float),
+            corner_colors=pointer(arrays["colors"], ctypes.c_float),
+            corner_uvs=pointer(arrays["uvs"], ctypes.c_float),
+            color_sources=pointer(sources, ctypes.c_int32),
+            textures=handles,
+            n_textures=len(self.textures),
+        )
+        packed.kept = arrays, sources, handles, self.textures
+        return packed
+
+
+def _floats(values: ArrayLike | None, shape: tuple, name: str) -> NDArray[np.float32] | None:
+    if values is None:
+        return None
+    array = np.ascontiguousarray(values, dtype=np.float32)
+    if array.shape != shape:
+        raise LeapRayError(f"{name} must have the shape {shape}; it is {array.shape}")
+    return array

@@ -1,0 +1,258 @@
+/* Textures: a pyramid of averages, bilinear within a level, blended between two.
+ *
+ * A stretched footprint is averaged by some looks along its long axis, each as wide
+ * as the short one, so that a texture seen obliquely through UVs neither aliases nor
+ * blurs more than the voxel does.
+ *
+ * Source: Williams 1983, Pyramidal parametrics. Departures: 1. levels of any size
+ * are averaged by exact shares of texels, not only powers of two; 2. looks along the
+ * long axis as graphics hardware takes them.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "voxel/texture.h"
+
+#include "error.h"
+
+enum {
+    MAX_SIDE = 1 << 16,
+    MOST_LOOKS = 16,
+    POLL = 1 << 12 /* output texels between looks at the stop word */
+};
+
+LR_INLINE double finite_or_black(float x)
+{
+    return isfinite(x) ? (double)x : 0.0;
+}
+
+/* ---- the pyramid ------------------------------------------------------- */
+
+/* Texels of the finer level that cell i of n covers: the first, and how much of the
+ * three or fewer that follow. */
+static int shares(int32_t i, int32_t n, int32_t finer, double share[4])
+{
+    const double lo = (double)i * finer / n, hi = (double)(i + 1) * finer / n;
+    const int first = (int)lo;
+    for (int k = 0; k < 4; k++) {
+        double from = first + k > lo ? first + k : lo, to = first + k + 1 < hi ? first + k + 1 : hi;
+        share[k] = to > from ? (to - from) / (hi - lo) : 0.0;
+    }
+    return first;
+}
+
+static void average(const float *fine, int32_t width, int x, const double sx[4], int y,
+                    const double sy[4], float out[3])
+{
+    double sum[3] = {0.0, 0.0, 0.0};
+    for (int j = 0; j < 4; j++)
+        for (int i = 0; i < 4; i++) {
+            if (!(sx[i] > 0.0 && sy[j] > 0.0))
+                continue;
+            const float *texel = fine + 3 * ((size_t)(y + j) * (size_t)width + (size_t)(x + i));
+            for (int a = 0; a < 3; a++)
+                sum[a] += sx[i] * sy[j] * finite_or_black(texel[a]);
+        }
+    for (int a = 0; a < 3; a++)
+        out[a] = (float)sum[a];
+}
+
+static bool shrink(const lr_texture *t, int level, float *out, const lr_watch *watch)
+{
+    const int32_t w = t->width[level], h = t->height[level];
+    size_t done = 0;
+    for (int32_t y = 0; y < h; y++) {
+        double sx[4], sy[4];
+        int fy = shares(y, h, t->height[level - 1], sy);
+        for (int32_t x = 0; x < w; x++) {
+            if (done++ % POLL == 0 && lr_stopped(watch))
+                return false;
+            int fx = shares(x, w, t->width[level - 1], sx);
+            average(t->pixels[level - 1], t->width[level - 1], fx, sx, fy, sy, out);
+            out += 3;
+        }
+    }
+    return true;
+}
+
+/* Sizes of the levels; texels of all but the first. */
+static size_t plan_levels(lr_texture *t)
+{
+    size_t n = 0;
+    t->n_levels = 1;
+    for (int l = 0; t->width[l] > 1 || t->height[l] > 1; l++) {
+        t->width[l + 1] = lr_max_i(t->width[l] / 2, 1);
+        t->height[l + 1] = lr_max_i(t->height[l] / 2, 1);
+        n += (size_t)t->width[l + 1] * (size_t)t->height[l + 1];
+        t->n_levels = l + 2;
+    }
+    return n;
+}
+
+static bool find_brightest(lr_texture *t, const lr_watch *watch)
+{
+    const size_t n = 3 * (size_t)t->width[0] * (size_t)t->height[0];
+    for (size_t i = 0; i < n; i++) {
+        if (i % (1 << 16) == 0 && lr_stopped(watch))
+            return false;
+        double x = finite_or_black(t->pixels[0][i]);
+        t->brightest = x > t->brightest ? x : t->brightest;
+    }
+    return true;
+}
+
+static lr_status make(lr_texture *t, const lr_watch *watch, lr_error *error)
+{
+    size_t n = plan_levels(t);
+    t->nbytes = sizeof *t + 3 * n * sizeof *t->own;
+    t->own = malloc((3 * n + 1) * sizeof *t->own);
+    if (t->own == NULL)
+        return lr_fail_memory(error, t->nbytes, "the smaller versions of an image");
+    float *next = t->own;
+    for (int l = 1; l < t->n_levels; l++) {
+        if (!shrink(t, l, next, watch))
+            return lr_fail_stopped(error);
+        t->pixels[l] = next;
+        next += 3 * (size_t)t->width[l] * (size_t)t->height[l];
+    }
+    return find_brightest(t, watch) ? LR_OK : lr_fail_stopped(error);
+}
+
+lr_status lr_texture_new(const float *pixels, int32_t width, int32_t height, int32_t interpolation,
+                         int32_t extension, const lr_watch *watch, lr_texture **texture,
+                         lr_error *error)
+{
+    if (width < 1 || height < 1 || width > MAX_SIDE || height > MAX_SIDE)
+        return lr_fail(error, LR_E_SIZE, "an image has 1 to %d texels per side; it is %d x %d",
+                       MAX_SIDE, width, height);
+    if (interpolation != LR_INTERPOLATION_LINEAR && interpolation != LR_INTERPOLATION_CLOSEST)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "interpolation %d is neither linear (0) nor "
+                       "closest (1)",
+                       interpolation);
+    if (extension < LR_EXTENSION_REPEAT || extension > LR_EXTENSION_MIRROR)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "extension %d is none of repeat (0), extend (1), clip (2), mirror (3)",
+                       extension);
+    lr_texture *t = calloc(1, sizeof *t);
+    if (t == NULL)
+        return lr_fail_memory(error, sizeof *t, "a texture");
+    t->interpolation = interpolation;
+    t->extension = extension;
+    t->width[0] = width;
+    t->height[0] = height;
+    t->pixels[0] = pixels;
+    lr_status status = make(t, watch, error);
+    if (status != LR_OK) {
+        lr_texture_free(t);
+        return status;
+    }
+    *texture = t;
+    return LR_OK;
+}
+
+void lr_texture_free(lr_texture *t)
+{
+    if (t == NULL)
+        return;
+    free(t->own);
+    free(t);
+}
+
+uint64_t lr_texture_nbytes(const lr_texture *t)
+{
+    return t->nbytes;
+}
+
+/* ---- looks ------------------------------------------------------------- */
+
+/* The texel that stands for index i of n; -1: black. */
+LR_INLINE int32_t extended(double i, int32_t n, int32_t extension)
+{
+    switch (extension) {
+    case LR_EXTENSION_REPEAT:
+        return (int32_t)lr_clamp(i - floor(i / n) * n, 0.0, n - 1);
+    case LR_EXTENSION_MIRROR: {
+        double j = i - floor(i / (2.0 * n)) * 2.0 * n;
+        return (int32_t)lr_clamp(j < n ? j : 2.0 * n - 1.0 - j, 0.0, n - 1);
+    }
+    case LR_EXTENSION_CLIP:
+        return i >= 0.0 && i < n ? (int32_t)i : -1;
+    default:
+        return (int32_t)lr_clamp(i, 0.0, n - 1);
+    }
+}
+
+static void add_texel(const lr_texture *t, int level, double x, double y, double weight,
+                      double rgb[3])
+{
+    const int32_t i = extended(x, t->width[level], t->extension);
+    const int32_t j = extended(y, t->height[level], t->extension);
+    if (i < 0 || j < 0 || !(weight > 0.0))
+        return;
+    const float *texel = t->pixels[level] + 3 * ((size_t)j * (size_t)t->width[level] + (size_t)i);
+    for (int a = 0; a < 3; a++)
+        rgb[a] += weight * finite_or_black(texel[a]);
+}
+
+static void add_level(const lr_texture *t, int level, const double uv[2], double weight,
+                      double rgb[3])
+{
+    const double u = uv[0] * t->width[level], v = uv[1] * t->height[level];
+    if (level == 0 && t->interpolation == LR_INTERPOLATION_CLOSEST) {
+        add_texel(t, 0, floor(u), floor(v), weight, rgb);
+        return;
+    }
+    const double x = floor(u - 0.5), y = floor(v - 0.5);
+    const double p = u - 0.5 - x, q = v - 0.5 - y;
+    for (int n = 0; n < 4; n++) {
+        const int right = n & 1, up = n >> 1;
+        add_texel(t, level, x + right, y + up, weight * (right ? p : 1.0 - p) * (up ? q : 1.0 - q),
+                  rgb);
+    }
+}
+
+/* One look as wide as `width` texels. */
+static void add_look(const lr_texture *t, const double uv[2], double width, double weight,
+                     double rgb[3])
+{
+    const double level = lr_clamp(log2(width), 0.0, t->n_levels - 1);
+    const int below = (int)level;
+    const double above = level - below;
+    add_level(t, below, uv, weight * (1.0 - above), rgb);
+    if (above > 0.0)
+        add_level(t, below + 1, uv, weight * above, rgb);
+}
+
+void lr_texture_average(const lr_texture *t, const double uv[2], const lr_footprint *f,
+                        double rgb[3])
+{
+    memset(rgb, 0, 3 * sizeof *rgb);
+    if (!(fabs(uv[0]) < 1e9 && fabs(uv[1]) < 1e9)) /* no digits are left within a texel */
+        return;
+    const double length = hypot(f->major[0], f->major[1]);
+    const double across = f->width > 1.0 ? f->width : 1.0;
+    const int n = (int)lr_clamp(ceil(length / across), 1.0, MOST_LOOKS);
+    const double width = across > length / n ? across : length / n;
+    for (int i = 0; i < n; i++) {
+        const double along = (i + 0.5) / n - 0.5;
+        const double at[2] = {uv[0] + along * f->major[0] / t->width[0],
+                              uv[1] + along * f->major[1] / t->height[0]};
+        add_look(t, at, width, 1.0 / n, rgb);
+    }
+}
+
+lr_status lr_texture_sample(const lr_texture *t, const float *uvs, const float *widths, uint64_t n,
+                            float *colors, lr_error *error)
+{
+    for (uint64_t i = 0; i < n; i++) {
+        const double uv[2] = {uvs[2 * i], uvs[2 * i + 1]};
+        const double width = widths != NULL ? widths[i] : 1.0;
+        if (!(width >= 0.0))
+            return lr_fail(error, LR_E_ARGUMENT, "widths must be 0 or more; one is %g", width);
+        const lr_footprint footprint = {{0.0, 0.0}, width};
+        double rgb[3];
+        lr_texture_average(t, uv, &footprint, rgb);
+        for (int a = 0; a < 3; a++)
+            colors[3 * i + (uint64_t)a] = (float)rgb[a];
+    }
+    return LR_OK;
+}

@@ -1,0 +1,31 @@
+/* An image with its smaller versions, and averages over a stretch of texels.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_VOXEL_TEXTURE_H
+#define LR_VOXEL_TEXTURE_H
+
+#include "base.h"
+
+enum { LR_LEVELS = 31 };
+
+struct lr_texture {
+    int32_t interpolation, extension;
+    int32_t n_levels;
+    int32_t width[LR_LEVELS], height[LR_LEVELS];
+    const float *pixels[LR_LEVELS]; /* [height][width][3]; level 0 is the caller's */
+    float *own;                     /* what the other levels lie in */
+    uint64_t nbytes;
+    double brightest; /* of all channels; what is not finite counts as black */
+};
+
+/* Where to average: an ellipse in texels, by the half-open box of its long axis. */
+typedef struct lr_footprint {
+    double major[2]; /* the long axis, whole */
+    double width;    /* across it */
+} lr_footprint;
+
+/* rgb at (u, v), averaged over the footprint. */
+void lr_texture_average(const lr_texture *texture, const double uv[2],
+                        const lr_footprint *footprint, double rgb[3]);
+
+#endif
