@@ -16,12 +16,16 @@ from numpy.typing import NDArray
 
 from leapray import LeapRayError
 
-from . import colors, model
+from . import lights, materials, model
+from .meshes import NO_FACES, read_mesh, read_object_mesh
+from .notes import Notes
+
+VISIBILITIES = tuple(
+    f"visible_{rays}" for rays in ("camera", "shadow", "diffuse", "glossy", "transmission")
+)
 
 # A 4x4 of float32 whose axes lie in a plane still shows this much thickness.
 FLAT = 4 * np.finfo(np.float32).eps
-
-NO_FACES = "its mesh has no faces"
 
 UNSUPPORTED_TYPES = {
     "CURVES": "Hair and curves objects are",
@@ -64,7 +68,7 @@ def read(
     if width < 1 or height < 1:
         raise LeapRayError(f"The resolution is {width} x {height} pixels; it needs at least 1 x 1")
     border = render_border(scene.render, width, height)
-    notes = _Notes()
+    notes = Notes()
     film = _camera(camera or scene.camera, scene, width, height, border, notes)
     _note_scene(scene, notes)
     objects = _Objects(depsgraph, notes)
@@ -75,7 +79,7 @@ def read(
         materials=tuple(objects.materials),
         lights=tuple(objects.lights),
         camera=film,
-        world=model.World(colors.of_world(world, notes)),
+        world=lights.of_world(world, notes),
         film_transparent=scene.render.film_transparent,
         width=border.width,
         height=border.height,
@@ -160,13 +164,14 @@ def _camera(camera, scene, width, height, border, notes) -> model.Camera:
 class _Objects:
     """Walks the depsgraph's instances once: meshes, their places, materials, lights."""
 
-    def __init__(self, depsgraph, notes: _Notes) -> None:
+    def __init__(self, depsgraph, notes: Notes) -> None:
         self.notes = notes
         self.meshes: list[model.Mesh] = []
         self.instances: list[model.Instance] = []
         self.materials: list[model.Material] = []
         self.lights: list[model.Light] = []
-        self._mesh_at: dict[int, int | str] = {}  # by address: index, or what is wrong with it
+        self._textures: list[materials.Texture | None] = []  # of the materials
+        self._mesh_at: dict[tuple, int | str] = {}  # index, or what is wrong with it
         self._material_at: dict[str, int] = {}
         self._override = depsgraph.view_layer_eval.material_override
         self._instancers: set[str] = set()
@@ -196,18 +201,17 @@ class _Objects:
             self.notes.unsupported(UNSUPPORTED_TYPES[ob.type], ob.name)
 
     def _take_mesh(self, instance, ob) -> None:
-        shown = [ob] if not instance.is_instance else [ob, instance.parent]
-        camera, shadow, diffuse = (
-            all(getattr(each, flag) for each in shown)
-            for flag in ("visible_camera", "visible_shadow", "visible_diffuse")
-        )
-        if not (camera or shadow or diffuse):
+        seen = {
+            flag: all(getattr(each, flag) for each in _shown(instance, ob)) for flag in VISIBILITIES
+        }
+        if not any(seen.values()):
             return
         world_from_object = np.array(instance.matrix_world, np.float64)
         if not _invertible(world_from_object):
             self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
             return
-        mesh = self._mesh(ob)
+        slots = self._slots(ob)
+        mesh = self._mesh(ob, slots)
         if isinstance(mesh, str):
             self.notes.skipped(mesh, ob.name)
             return
@@ -220,21 +224,24 @@ class _Objects:
                 name=ob.name,
                 mesh=mesh,
                 world_from_object=world_from_object,
-                materials=self._slots(ob),
+                materials=slots,
                 object_index=ob.pass_index,
-                visible_camera=camera,
-                visible_shadow=shadow,
-                visible_diffuse=diffuse,
+                **seen,
             )
         )
 
-    def _mesh(self, ob) -> int | str:
-        """The index of the object's mesh, or what is wrong with it."""
-        key = ob.data.as_pointer()
+    def _mesh(self, ob, slots: tuple[int, ...]) -> int | str:
+        """The index of the object's mesh as its materials want it, or what is wrong with it."""
+        textures = tuple(self._textures[at] for at in slots)
+        wanted = tuple(at if self._textures[at] else -1 for at in slots)
+        key = ob.data.as_pointer(), wanted if any(textures) else ()
         if key not in self._mesh_at:
             edited = ob.mode == "EDIT"  # then ob.data may be a wrapper without arrays
             try:
-                mesh = read_object_mesh(ob) if edited else read_mesh(ob.data, ob.data.name)
+                if edited:
+                    mesh = read_object_mesh(ob, textures, self.notes)
+                else:
+                    mesh = read_mesh(ob.data, ob.data.name, textures, self.notes)
             except LeapRayError as error:
                 self._mesh_at[key] = str(error)
             else:
@@ -254,74 +261,24 @@ class _Objects:
         name = material.name_full if material else ""
         if name not in self._material_at:
             self._material_at[name] = len(self.materials)
-            self.materials.append(colors.of_material(material, self.notes))
+            read, texture = materials.read(material, self.notes)
+            self.materials.append(read)
+            self._textures.append(texture)
         return self._material_at[name]
 
     def _take_light(self, instance, ob) -> None:
-        light, matrix = ob.data, np.array(instance.matrix_world, np.float64)
-        if light.type not in ("SUN", "POINT"):
-            self.notes.unsupported(f"{light.type.capitalize()} lights are", ob.name)
-            return
+        matrix = np.array(instance.matrix_world, np.float64)
         if not np.isfinite(matrix).all() or not np.any(matrix[:3, 2]):
             self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
             return
-        color = colors.of_light(light, self.notes, ob.name)
-        if not ob.visible_diffuse or not np.any(color):
-            return
-        self.lights.append(
-            model.Light(
-                name=ob.name,
-                kind="sun" if light.type == "SUN" else "point",
-                color=tuple(color.tolist()),
-                position=tuple(matrix[:3, 3].tolist()),
-                direction=tuple((matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])).tolist()),
-                casts_shadow=light.use_shadow,
-            )
-        )
+        light = lights.of_light(ob.data, matrix, _shown(instance, ob), ob.name, self.notes)
+        if light is not None:
+            self.lights.append(light)
 
 
-def read_object_mesh(ob) -> model.Mesh:
-    """A copy of the mesh that an evaluated object of any type has. Raises as read_mesh does."""
-    try:
-        mesh = ob.to_mesh()
-    except RuntimeError:  # a light, an empty, ...
-        raise LeapRayError(NO_FACES) from None
-    try:
-        return read_mesh(mesh, ob.data.name)
-    finally:
-        ob.to_mesh_clear()
-
-
-def read_mesh(mesh, name: str) -> model.Mesh:
-    """A copy of Blender's mesh. Raises LeapRayError with the reason that makes it useless."""
-    n_corners, n_faces = len(mesh.loops), len(mesh.polygons)
-    if not n_faces:
-        raise LeapRayError(NO_FACES)
-    vertices = np.empty((len(mesh.vertices), 3), np.float32)
-    mesh.vertices.foreach_get("co", vertices.ravel())
-    if not np.isfinite(vertices).all():
-        raise LeapRayError("its mesh has vertices that are no numbers (NaN or infinite)")
-
-    if n_corners == 3 * n_faces:  # no face has fewer, so all are triangles
-        triangles = np.empty((n_faces, 3), np.int32)
-        mesh.loops.foreach_get("vertex_index", triangles.ravel())
-    else:
-        mesh.calc_loop_triangles()
-        triangles = np.empty((len(mesh.loop_triangles), 3), np.int32)
-        mesh.loop_triangles.foreach_get("vertices", triangles.ravel())
-
-    slots = None
-    indices = mesh.attributes.get("material_index")
-    if indices is not None and indices.domain == "FACE" and indices.data_type == "INT":
-        of_face = np.empty(n_faces, np.int32)
-        indices.data.foreach_get("value", of_face)
-        if of_face.any():
-            slots = of_face.clip(0, np.iinfo(np.uint16).max).astype(np.uint16)
-            if n_corners != 3 * n_faces:
-                face_of = np.empty(len(triangles), np.int32)
-                mesh.loop_triangle_polygons.foreach_get("value", face_of)
-                slots = slots[face_of]
-    return model.Mesh(name, vertices, triangles, slots)
+def _shown(instance, ob) -> list:
+    """The objects that must all be visible for the instance to be."""
+    return [ob, instance.parent] if instance.is_instance else [ob]
 
 
 def _invertible(matrix: NDArray[np.float64]) -> bool:
@@ -347,47 +304,8 @@ def _has_hair(ob) -> bool:
 # ---- warnings ------------------------------------------------------------
 
 
-def _note_scene(scene, notes: _Notes) -> None:
+def _note_scene(scene, notes: Notes) -> None:
     if scene.render.use_motion_blur:
         notes.unsupported("Motion blur is", scene.name)
     if scene.render.use_multiview:
         notes.unsupported("Stereoscopy is", scene.name)
-
-
-class _Notes:
-    """What was left out, gathered by reason, each reason with the names it touches."""
-
-    SHOWN = 5  # names in one sentence
-
-    def __init__(self) -> None:
-        self._names: dict[str, dict[str, None]] = {}
-
-    def unsupported(self, feature: str, name: str) -> None:
-        self._add(f"{feature} not supported yet: {{}}", name)
-
-    def skipped(self, reason: str, name: str) -> None:
-        self._add(self._skipped(reason), name)
-
-    def replaced(self, what: str, name: str) -> None:
-        self._add(f"Shader nodes are not followed, the {what} stands in: {{}}", name)
-
-    def forget(self, reason: str, name: str) -> None:
-        """Take back what `skipped` was told."""
-        self._names.get(self._skipped(reason), {}).pop(name, None)
-
-    @staticmethod
-    def _skipped(reason: str) -> str:
-        return f"Skipped {{}}: {reason}"
-
-    def _add(self, sentence: str, name: str) -> None:
-        self._names.setdefault(sentence, {})[name] = None
-
-    def sentences(self) -> tuple[str, ...]:
-        found = []
-        for sentence, names in self._names.items():
-            if not names:
-                continue
-            shown = ", ".join(f"'{name}'" for name in list(names)[: self.SHOWN])
-            more = len(names) - self.SHOWN
-            found.append(sentence.format(shown + (f" and {more} more" if more > 0 else "")))
-        return tuple(found)

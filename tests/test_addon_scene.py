@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is read from Blender: cameras, instances, materials, lights, warnings, errors."""
+"""What is read from Blender: cameras, instances, meshes, warnings, errors."""
 
 import itertools
 import math
@@ -8,12 +8,10 @@ import bpy
 import numpy as np
 import pytest
 from blender_scenes import (
-    cycles_radiance,
     diffuse,
     fresh,
     light,
     mesh,
-    nodes_of,
     plane,
     polygons,
     put,
@@ -24,6 +22,7 @@ from mathutils import Euler, Vector
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
+from addon import scene as scene_module
 
 
 @pytest.fixture
@@ -159,7 +158,7 @@ def test_curves_texts_surfaces_and_metaballs_come_as_meshes(scene):
 def test_visibility_follows_the_object_and_its_instancer(scene):
     put("Hidden", mesh(), hide_render=True, hide_viewport=True)
     put("Camera only", mesh(), visible_shadow=False, visible_diffuse=False)
-    put("Nowhere", mesh(), visible_camera=False, visible_shadow=False, visible_diffuse=False)
+    put("Nowhere", mesh(), **dict.fromkeys(scene_module.VISIBILITIES, False))
     collection = bpy.data.collections.new("Inside")
     collection.objects.link(bpy.data.objects.new("Inner", plane()))
     put(
@@ -173,143 +172,10 @@ def test_visibility_follows_the_object_and_its_instancer(scene):
     collection.objects["Inner"].pass_index = 7
     got = {instance.name: instance for instance in read().instances}
     assert set(got) == {"Camera only", "Inner"}
-    flags = [got["Camera only"].visible_camera, got["Camera only"].visible_shadow]
-    assert flags == [True, False]
+    flags = [getattr(got["Camera only"], flag) for flag in scene_module.VISIBILITIES]
+    assert flags == [True, False, False, True, True]
     inner = got["Inner"]
     assert (inner.visible_camera, inner.visible_shadow, inner.object_index) == (False, True, 7)
-
-
-# ---- materials -----------------------------------------------------------
-
-
-def colors_of(scene, name):
-    (instance,) = (i for i in scene.instances if i.name == name)
-    return [scene.materials[at].base_color for at in instance.materials]
-
-
-def test_slots_are_per_instance_where_the_object_owns_the_material(scene):
-    shared = mesh()
-    shared.materials.append(diffuse("Red", (1, 0, 0)))
-    shared.materials.append(diffuse("Green", (0, 1, 0)))
-    put("A", shared)
-    own = put("B", shared)
-    own.material_slots[1].link = "OBJECT"
-    own.material_slots[1].material = diffuse("Blue", (0, 0, 1))
-    bare = put("C", mesh())
-    empty = put("D", plane())
-    empty.data.materials.append(None)
-    got = read()
-    assert colors_of(got, "A") == [(1, 0, 0), (0, 1, 0)]
-    assert colors_of(got, "B") == [(1, 0, 0), (0, 0, 1)]
-    assert len({i.mesh for i in got.instances if i.name in "AB"}) == 1
-    assert_allclose(colors_of(got, bare.name) + colors_of(got, empty.name), 0.8)
-
-
-def test_base_colors_are_found_through_reroutes_and_constants(scene):
-    ob = put("A", mesh())
-    principled = bpy.data.materials.new("Principled")
-    bsdf = nodes_of(principled).nodes["Principled BSDF"]
-    bsdf.inputs["Base Color"].default_value = (0.1, 0.2, 0.3, 1)
-
-    rerouted = diffuse("Rerouted")
-    tree = rerouted.node_tree
-    rgb, first, second = (
-        tree.nodes.new(kind) for kind in ("ShaderNodeRGB", "NodeReroute", "NodeReroute")
-    )
-    rgb.outputs[0].default_value = (0.5, 0.25, 0.125, 1)
-    bsdf, output = tree.nodes["Diffuse BSDF"], tree.nodes["Material Output"]
-    tree.links.new(rgb.outputs[0], first.inputs[0])
-    tree.links.new(first.outputs[0], bsdf.inputs["Color"])
-    tree.links.new(bsdf.outputs[0], second.inputs[0])
-    tree.links.new(second.outputs[0], output.inputs["Surface"])
-
-    textured = diffuse("Textured")
-    tree = textured.node_tree
-    noise = tree.nodes.new("ShaderNodeTexNoise")
-    tree.links.new(noise.outputs["Color"], tree.nodes["Diffuse BSDF"].inputs["Color"])
-    textured.diffuse_color = (0.6, 0.7, 0.8, 1)
-
-    for material in (principled, rerouted, textured):
-        ob.data.materials.append(material)
-    got = read()
-    assert_allclose(
-        colors_of(got, "A"), [(0.1, 0.2, 0.3), (0.5, 0.25, 0.125), (0.6, 0.7, 0.8)], rtol=1e-6
-    )
-    assert got.warnings == (
-        "Shader nodes are not followed, the viewport colour stands in: 'Textured'",
-    )
-
-
-def test_a_view_layers_material_override_wins(scene):
-    ob = put("A", mesh())
-    ob.data.materials.append(diffuse("Red", (1, 0, 0)))
-    bpy.context.view_layer.material_override = diffuse("Grey", (0.5, 0.5, 0.5))
-    assert colors_of(read(), "A") == [(0.5, 0.5, 0.5)]
-
-
-# ---- lights and world ----------------------------------------------------
-
-LIGHTS = [
-    ("SUN", {"energy": math.pi, "angle": 0.0}),
-    ("SUN", {"energy": 2.0, "angle": 0.2, "color": (1.0, 0.5, 0.25)}),
-    ("SUN", {"energy": 1.0, "angle": 0.0, "exposure": 1.5}),
-    ("SUN", {"energy": 1.0, "angle": 0.0, "use_temperature": True, "temperature": 3000.0}),
-    ("SUN", {"energy": 30.0, "angle": 0.2, "normalize": False}),
-    ("SUN", {"energy": 1.0, "angle": 0.0, "normalize": False}),
-    ("POINT", {"energy": 100.0, "shadow_soft_size": 0.0}),
-    ("POINT", {"energy": 100.0, "shadow_soft_size": 0.05, "exposure": -1.0}),
-    ("POINT", {"energy": 100.0, "shadow_soft_size": 0.05, "normalize": False}),
-    ("POINT", {"energy": 100.0, "shadow_soft_size": 0.0, "normalize": False}),
-]
-
-
-@pytest.mark.parametrize(("kind", "attributes"), LIGHTS)
-def test_light_units_are_those_of_cycles(scene, kind, attributes):
-    ground = put("Ground", plane(size=100.0))
-    ground.data.materials.append(diffuse("White"))
-    put("Light", light(kind, **attributes), location=(0, 0, 2), scale=(3, 3, 3))
-    (got,) = read().lights
-    facing = np.array(got.color) / (1.0 if kind == "SUN" else 2.0**2)
-    # a sphere of radius 0.05 at distance 2 differs from a point by less than 0.1 %
-    assert_allclose(facing / math.pi, cycles_radiance(scene), rtol=1e-3)
-
-
-def test_lights_have_a_place_a_direction_and_nodes(scene):
-    put("Cube", mesh())
-    sun = put("Sun", light("SUN", energy=2.0, use_shadow=False), rotation_euler=(0.3, 0.4, 0.5))
-    put("Lamp", light("POINT", energy=4 * math.pi), location=(1, 2, 3), scale=(5, 5, 5))
-    put("Dark", light("POINT", energy=0.0))
-    put("Nowhere", light("POINT"), visible_diffuse=False)
-    emission = nodes_of(sun.data).nodes["Emission"]
-    emission.inputs["Color"].default_value = (0.5, 1, 0, 1)
-    emission.inputs["Strength"].default_value = 3.0
-    bpy.context.view_layer.update()
-    lamp, sun_read = sorted(read().lights, key=lambda each: each.name)
-    assert_allclose(lamp.position, (1, 2, 3))
-    assert_allclose(lamp.color, 1.0, rtol=1e-6)
-    assert lamp.casts_shadow and not sun_read.casts_shadow
-    up = sun.matrix_world.to_3x3() @ Vector((0, 0, 1))
-    assert_allclose(sun_read.direction, up, atol=1e-6)
-    assert_allclose(sun_read.color, (3.0, 6.0, 0.0), rtol=1e-6)
-
-
-def test_the_world_is_its_background_node(scene):
-    put("Cube", mesh())
-    tree = nodes_of(scene.world)
-    background = tree.nodes["Background"]
-    background.inputs["Color"].default_value = (0.5, 0.25, 0.1, 1)
-    background.inputs["Strength"].default_value = 2.0
-    assert_allclose(read().world.color, (1.0, 0.5, 0.2), rtol=1e-6)
-    sky = tree.nodes.new("ShaderNodeTexEnvironment")
-    tree.links.new(sky.outputs[0], background.inputs["Color"])
-    scene.world.color = (0.1, 0.2, 0.3)
-    got = read()
-    assert_allclose(got.world.color, (0.1, 0.2, 0.3), rtol=1e-6)
-    assert "Environment textures" in got.warnings[0] and "'World'" in got.warnings[0]
-    tree.links.remove(tree.nodes["World Output"].inputs["Surface"].links[0])
-    assert read().world.color == (0, 0, 0)
-    scene.world = None
-    assert read().world.color == (0, 0, 0)
 
 
 # ---- what is left out ----------------------------------------------------
@@ -320,9 +186,9 @@ def test_what_is_not_supported_is_one_warning_each_by_name(scene):
     camera = scene.camera.data
     camera.type, camera.dof.use_dof = "PANO", True
     scene.render.use_motion_blur = True
-    put("Spot", light("SPOT"))
-    put("Area 1", light("AREA"))
-    put("Area 2", light("AREA"))
+    put("Squeezed 1", light("SPOT"), scale=(1, 2, 1))
+    put("Squeezed 2", light("SPOT"), scale=(1, 1, 2))
+    put("Large", light("SPOT"), scale=(2, 2, 2))
     put("Fur", bpy.data.hair_curves.new("Fur"))
     put("Cloud", bpy.data.pointclouds.new("Cloud"))
     put("Smoke", bpy.data.volumes.new("Smoke"))
@@ -344,8 +210,7 @@ def test_what_is_not_supported_is_one_warning_each_by_name(scene):
             "Panoramic and custom cameras are": "'Camera'",
             "Depth of field is": "'Camera'",
             "Motion blur is": "'Scene'",
-            "Spot lights are": "'Spot'",
-            "Area lights are": "'Area 1', 'Area 2'",
+            "Spot lights with uneven scales are": "'Squeezed 1', 'Squeezed 2'",
             "Hair and curves objects are": "'Fur'",
             "Point clouds are": "'Cloud'",
             "Volumes are": "'Smoke'",

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender's images as linear colours."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+MISSING = (1.0, 0.0, 1.0)  # the colour of an image that cannot be read, as in Cycles
+LINEAR = ("Linear Rec.709", "Linear", "Non-Color", "Raw")
+DATA = ("Non-Color", "Raw")
+
+
+def pixels_of(image, notes, *, straight: bool = False) -> NDArray[np.float32] | None:
+    """(height, width, 4) linear, rows from below; None, and a note, for one that cannot be read.
+
+    straight: colours are not multiplied by alpha, as when a node's alpha is used.
+    """
+    width, height = image.size
+    if not width or not height or not len(image.pixels):
+        notes.missing("Image", image.name, "cannot be read and is shown in pink")
+        return None
+    if image.source not in ("FILE", "GENERATED", "VIEWER"):
+        kind = {"TILED": "first tile"}.get(image.source, "loaded frame")
+        notes.missing("Image", image.name, f"is shown by its {kind} alone")
+    flat = np.empty(width * height * image.channels, np.float32)
+    image.pixels.foreach_get(flat)
+    stored = flat.reshape(height, width, image.channels)
+    pixels = stored
+    if image.channels < 4:
+        pixels = np.ones((height, width, 4), np.float32)
+        pixels[..., :3] = stored[..., : 3 if image.channels == 3 else 1]
+        if image.channels == 2:
+            pixels[..., 3] = stored[..., 1]
+    space = image.colorspace_settings.name
+    alpha = image.alpha_mode
+    if not image.is_float and space not in LINEAR:
+        if space != "sRGB":
+            notes.missing("Image", image.name, f"is taken for sRGB, it is {space}")
+        pixels[..., :3] = from_srgb(pixels[..., :3])
+    if alpha == "NONE":
+        pixels[..., 3] = 1.0
+    elif alpha in ("STRAIGHT", "PREMUL") and space not in DATA:
+        # Bytes hold straight colours, floats premultiplied ones.
+        if image.is_float and straight:
+            pixels[..., :3] /= np.where(pixels[..., 3:] > 0, pixels[..., 3:], 1.0)
+        elif not image.is_float and not straight:
+            pixels[..., :3] *= pixels[..., 3:]
+    return pixels
+
+
+def from_srgb(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Linear values of the sRGB ones."""
+    values = np.maximum(values, np.float32(0))
+    high = np.power((values + np.float32(0.055)) / np.float32(1.055), np.float32(2.4))
+    return np.where(values < np.float32(0.04045), values / np.float32(12.92), high)

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lights and worlds in the core's units.
+
+Blender's units, as measured on a white diffuse plane in Cycles: a sun of
+strength S gives S watts per square metre on a plane that faces it; a point or
+spot light of P watts a radiant intensity of P / 4 pi on its axis; an area light
+of P watts on an area A, the object's scale included, the radiance P / (pi A).
+Lights that are not normalized have the radiance that they would have at a
+radius of 1 m, an area of 1 m2. The radius of a sphere does not grow with its
+object. `notes` are told what is not followed.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import model
+from .images import MISSING, pixels_of
+from .materials import coordinates
+from .nodes import Folder, Place, Unfolded, output_of, own_value, source, title
+
+KINDS = {"SUN": "sun", "POINT": "point", "SPOT": "spot", "AREA": "area"}
+RAYS = ("camera", "diffuse", "glossy", "transmission")
+EVEN = 1e-3  # scales of an object that differ by less are taken as one
+TURN = 1e-4  # a matrix that is no rotation by more than this is not one
+
+
+def of_light(light, matrix: NDArray[np.float64], shown: list, name: str, notes):
+    """The light in the world; None for one that gives no light.
+
+    matrix: world from object, with axes that are not 0. shown: the objects whose
+    flags must all let it be seen.
+    """
+    kind = KINDS[light.type]
+    cycles = getattr(light, "cycles", None)
+    if kind == "area" and cycles and cycles.is_portal:
+        return None
+    color = _color(light, name, notes)
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    axes = matrix[:3, :3] / np.where(lengths > 0, lengths, 1.0)
+    sun = kind == "sun"
+    more: dict[str, object] = {"angle": light.angle} if sun else {}
+    if kind == "area":
+        u, v = _sides(light, matrix)
+        area = np.linalg.norm(np.cross(u, v))
+        if light.shape in ("DISK", "ELLIPSE"):
+            area *= math.pi / 4
+        if not area:
+            notes.skipped("it is an area light without an area", name)
+            return None
+        color /= math.pi * (area if light.normalize else 1.0)
+        more = {
+            "axis_u": _tuple(u),
+            "axis_v": _tuple(v),
+            "shape": "ellipse" if light.shape in ("DISK", "ELLIPSE") else "rectangle",
+            "angle": light.spread,
+        }
+    elif not sun:
+        radius = light.shadow_soft_size
+        color *= 1 / (4 * math.pi) if light.normalize else radius**2 or 1 / math.pi
+        more = {"radius": radius, "shape": "disc" if light.use_soft_falloff else "sphere"}
+        if kind == "spot":
+            more |= {"angle": light.spot_size, "blend": light.spot_blend}
+            if lengths.max() > lengths.min() * (1 + EVEN):
+                notes.unsupported("Spot lights with uneven scales are", name)
+    elif not light.normalize and light.angle > 0:  # energy is then the disk's radiance
+        color *= np.pi * np.sin(min(light.angle, np.pi) / 2) ** 2
+    seen = {f"visible_{ray}": all(getattr(o, f"visible_{ray}") for o in shown) for ray in RAYS}
+    if not color.any() or not any(seen.values()):
+        return None
+    return model.Light(
+        name=name,
+        kind=kind,
+        color=_tuple(color),
+        position=_tuple(matrix[:3, 3]),
+        direction=_tuple(axes[:, 2] if sun else -axes[:, 2]),
+        casts_shadow=light.use_shadow,
+        **seen,
+        **more,
+    )
+
+
+def _sides(light, matrix: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+    """The whole sides or diameters of an area light."""
+    across = light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else light.size
+    return matrix[:3, 0] * light.size, matrix[:3, 1] * across
+
+
+def _tuple(values: NDArray) -> tuple[float, float, float]:
+    return tuple(np.asarray(values, np.float64).tolist())
+
+
+def _color(light, name: str, notes) -> NDArray[np.float64]:
+    """Energy times color, by the light's panel and its nodes."""
+    color = light.energy * 2.0**light.exposure * np.array(light.color, np.float64)
+    if light.use_temperature:
+        color *= light.temperature_color
+    output = output_of(light)
+    if output:
+        shader = _Emitters(Folder(_falloff), name, notes)
+        color *= shader.sum(output)
+        shader.tell()
+    return np.maximum(color, 0.0)
+
+
+def _falloff(out: Place) -> NDArray:
+    """A Light Falloff node where it is the physical one."""
+    if out.node.bl_idname != "ShaderNodeLightFalloff" or out.socket.name != "Quadratic":
+        raise Unfolded(f"{title(out.node)} ({out.socket.name})")
+    return Folder().value(out.input("Strength"))
+
+
+def of_world(world, notes) -> model.World:
+    """The world as its nodes describe it, a colour or an image by longitude and latitude."""
+    if world is None:
+        return model.World()
+    flags = getattr(world, "cycles_visibility", None)  # where Blender has Cycles
+    seen = {f"visible_{ray}": getattr(flags, ray, True) for ray in RAYS}
+    output = output_of(world)
+    if output is None:
+        return model.World(tuple(world.color), **seen)
+    if source(Place(output.node.inputs["Volume"]))[0]:
+        notes.unsupported("Volumes are", world.name)
+    sky = _Sky(notes)
+    shader = _Emitters(Folder(sky.table), world.name, notes)
+    radiance = np.maximum(shader.sum(output), 0.0)
+    shader.tell()
+    if radiance.ndim == 1:
+        return model.World(_tuple(radiance), **seen)
+    return model.World(
+        (1.0, 1.0, 1.0),
+        image=radiance.astype(np.float32),
+        image_from_world=tuple(_tuple(row) for row in sky.rotation),
+        **seen,
+    )
+
+
+class _Emitters:
+    """The sum of the emitting shaders at an output."""
+
+    def __init__(self, folder: Folder, name: str, notes) -> None:
+        self.folder, self.name, self.notes = folder, name, notes
+        self.strange: dict[str, None] = {}
+
+    def tell(self) -> None:
+        if self.strange:
+            self.notes.strange(tuple(self.strange), self.name)
+
+    def sum(self, place: Place) -> NDArray[np.float64]:
+        try:
+            found = source(place)[0]
+        except Unfolded as error:
+            self.strange[str(error)] = None
+            found = None
+        if found is None:
+            return np.zeros(3)
+        kind = found.node.bl_idname
+        if kind in ("ShaderNodeEmission", "ShaderNodeBackground"):
+            strength = np.asarray(self._value(found.input("Strength")))
+            return self._value(found.input("Color")) * strength[..., None]
+        if kind == "ShaderNodeAddShader":
+            return self.sum(found.input("Shader")) + self.sum(found.input("Shader_001"))
+        if kind == "ShaderNodeMixShader":
+            share = np.clip(self._value(found.input("Fac")), 0.0, 1.0)[..., None]
+            first, second = (self.sum(found.input(name)) for name in ("Shader", "Shader_001"))
+            return first * (1 - share) + second * share
+        self.strange[title(found.node)] = None
+        return np.zeros(3)
+
+    def _value(self, place: Place) -> NDArray[np.float64]:
+        try:
+            return self.folder.value(place)
+        except Unfolded as error:
+            self.strange[str(error)] = None
+            return own_value(place)
+
+
+class _Sky:
+    """The environment texture among a world's nodes; a second one raises Unfolded."""
+
+    def __init__(self, notes) -> None:
+        self.notes, self.rotation = notes, np.eye(3)
+        self._seen: tuple | None = None
+        self._pixels: NDArray | None = None
+
+    def table(self, out: Place) -> NDArray:
+        node = out.node
+        if node.bl_idname != "ShaderNodeTexEnvironment":
+            raise Unfolded(title(node))
+        if self._seen not in (None, (node, out.groups)):
+            raise Unfolded("a second texture")
+        if node.projection != "EQUIRECTANGULAR":
+            raise Unfolded(f"{title(node)} (Mirror Ball)")
+        if node.image is None:
+            return np.zeros(3)  # black, as in Cycles
+        if self._seen is None:
+            turn = coordinates(Place(node.inputs["Vector"], out.groups), "Generated")
+            matrix = np.asarray(turn.matrix, np.float64)
+            rotation = matrix[:3, :3]
+            if (
+                turn.coordinates not in ("Generated", "Object")
+                or np.abs(rotation @ rotation.T - np.eye(3)).max() > TURN
+                or matrix[:3, 3].any()
+            ):
+                raise Unfolded(f"{title(node)} (Vector)")
+            self.rotation, self._seen = rotation, (node, out.groups)
+            pixels = pixels_of(node.image, self.notes)
+            self._pixels = np.array(MISSING) if pixels is None else pixels[..., :3]
+        return self._pixels

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lights and worlds in the core's units, as Cycles shines."""
+
+import math
+
+import bpy
+import numpy as np
+import pytest
+from blender_scenes import (
+    cycles_radiance,
+    diffuse,
+    fresh,
+    light,
+    mesh,
+    nodes_of,
+    plane,
+    put,
+    read,
+)
+from mathutils import Vector
+from numpy.testing import assert_allclose
+
+from addon import nodes
+
+
+@pytest.fixture
+def scene():
+    return fresh()
+
+
+AT = 40.0  # metres above the ground: to a light of 1 m that is as good as infinity
+LIGHTS = [
+    ("SUN", {"energy": math.pi, "angle": 0.0}),
+    ("SUN", {"energy": 2.0, "angle": 0.2, "color": (1.0, 0.5, 0.25)}),
+    ("SUN", {"energy": 1.0, "angle": 0.0, "exposure": 1.5}),
+    ("SUN", {"energy": 1.0, "angle": 0.0, "use_temperature": True, "temperature": 3000.0}),
+    ("SUN", {"energy": 30.0, "angle": 0.2, "normalize": False}),
+    ("SUN", {"energy": 1.0, "angle": 0.0, "normalize": False}),
+    ("POINT", {"energy": 1e4, "shadow_soft_size": 0.0}),
+    ("POINT", {"energy": 1e4, "shadow_soft_size": 0.5, "exposure": -1.0}),
+    ("POINT", {"energy": 1e4, "shadow_soft_size": 0.5, "normalize": False}),
+    ("POINT", {"energy": 1e4, "shadow_soft_size": 0.0, "normalize": False}),
+    ("SPOT", {"energy": 1e4, "shadow_soft_size": 0.0, "spot_size": 1.0, "spot_blend": 0.5}),
+    ("SPOT", {"energy": 1e4, "shadow_soft_size": 0.5, "normalize": False}),
+    ("AREA", {"energy": 1e4, "shape": "SQUARE", "size": 0.7, "size_y": 9.0}),
+    ("AREA", {"energy": 1e4, "shape": "RECTANGLE", "size": 0.5, "size_y": 1.0}),
+    ("AREA", {"energy": 1e4, "shape": "DISK", "size": 1.0, "size_y": 9.0}),
+    ("AREA", {"energy": 1e4, "shape": "ELLIPSE", "size": 0.5, "size_y": 1.0}),
+    ("AREA", {"energy": 1e4, "shape": "ELLIPSE", "size": 0.5, "size_y": 1.0, "normalize": False}),
+]
+
+
+@pytest.mark.parametrize(("kind", "attributes"), LIGHTS)
+def test_light_units_are_those_of_cycles(scene, kind, attributes):
+    ground = put("Ground", plane(size=100.0))
+    ground.data.materials.append(diffuse("White"))
+    put("Light", light(kind, **attributes), location=(0, 0, AT), scale=(3, 3, 3))
+    (got,) = read().lights
+    facing = np.array(got.color)
+    if kind == "AREA":
+        round_share = math.pi / 4 if attributes["shape"] in ("DISK", "ELLIPSE") else 1
+        assert got.shape == ("ellipse" if round_share < 1 else "rectangle")
+        facing *= round_share * np.linalg.norm(np.cross(got.axis_u, got.axis_v))
+    facing /= 1.0 if kind == "SUN" else AT**2
+    assert_allclose(facing / math.pi, cycles_radiance(scene), rtol=2e-3)
+
+
+def test_lights_have_a_place_a_direction_a_size_and_nodes(scene):
+    put("Cube", mesh())
+    turned = {"rotation_euler": (0.3, 0.4, 0.5)}
+    sun = put("Sun", light("SUN", energy=2.0, use_shadow=False, angle=0.3), **turned)
+    put("Lamp", light("POINT", energy=4 * math.pi), location=(1, 2, 3), scale=(5, 5, 5))
+    put("Soft", light("POINT", use_soft_falloff=True, shadow_soft_size=0.7))
+    put("Spot", light("SPOT", spot_size=1.2, spot_blend=0.3, use_soft_falloff=False), **turned)
+    area = put("Area", light("AREA", shape="RECTANGLE", size=2.0, size_y=3.0, spread=1.0), **turned)
+    area.scale = (2, 1, 7)
+    put("Dark", light("POINT", energy=0.0))
+    put("Nowhere", light("POINT"), visible_diffuse=False, visible_glossy=False,
+        visible_transmission=False)  # fmt: skip
+    portal = light("AREA")
+    portal.cycles.is_portal = True
+    put("Portal", portal)
+    emission = nodes_of(sun.data).nodes["Emission"]
+    emission.inputs["Color"].default_value = (0.5, 1, 0, 1)
+    emission.inputs["Strength"].default_value = 3.0
+    bpy.context.view_layer.update()
+
+    got = {each.name: each for each in read().lights}
+    assert set(got) == {"Sun", "Lamp", "Soft", "Spot", "Area"}
+    assert_allclose(got["Lamp"].position, (1, 2, 3))
+    assert_allclose(got["Lamp"].color, 1.0, rtol=1e-6)
+    assert got["Lamp"].casts_shadow and not got["Sun"].casts_shadow
+    up = sun.matrix_world.to_3x3() @ Vector((0, 0, 1))
+    assert_allclose(got["Sun"].direction, up, atol=1e-6)
+    assert_allclose(got["Sun"].color, (3.0, 6.0, 0.0), rtol=1e-6)
+    assert_allclose(got["Sun"].angle, 0.3, rtol=1e-6)
+    assert (got["Soft"].shape, got["Spot"].shape) == ("disc", "sphere")
+    assert_allclose(got["Soft"].radius, 0.7, rtol=1e-6)
+    assert_allclose((got["Spot"].angle, got["Spot"].blend), (1.2, 0.3), rtol=1e-6)
+    for name in ("Spot", "Area"):
+        assert_allclose(got[name].direction, -up, atol=1e-6)
+    sides = [sun.matrix_world.to_3x3() @ Vector(side) for side in ((4, 0, 0), (0, 3, 0))]
+    assert_allclose((got["Area"].axis_u, got["Area"].axis_v), sides, atol=1e-6)
+    assert_allclose(got["Area"].angle, 1.0)
+
+
+def test_lights_are_seen_by_the_rays_that_may_see_them(scene):
+    put("Cube", mesh())
+    put("Lamp", light("POINT"), visible_glossy=False)
+    put("Bulb", light("POINT"), visible_camera=True, visible_transmission=False)
+    got = {each.name: each for each in read().lights}
+    flags = ("visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission")
+    assert [getattr(got["Lamp"], flag) for flag in flags] == [False, True, False, True]
+    assert [getattr(got["Bulb"], flag) for flag in flags] == [True, True, True, False]
+
+
+def test_black_bodies_are_those_of_blender():
+    lamp = light("POINT", use_temperature=True)
+    for kelvin in (900.0, 1000.0, 1300.0, 1700.0, 2500.0, 5000.0, 6500.0, 11000.0):
+        lamp.temperature = kelvin
+        want = np.array(lamp.temperature_color)
+        assert_allclose(np.maximum(nodes.blackbody(kelvin), 0), want, atol=0.02 * want.max())
+
+
+def test_a_lights_nodes_may_be_a_black_body_with_falloff(scene):
+    put("Cube", mesh())
+    lamp = light("POINT", energy=4 * math.pi)
+    put("Lamp", lamp)
+    tree = nodes_of(lamp)
+    emission = tree.nodes["Emission"]
+    body, falloff = (
+        tree.nodes.new(kind) for kind in ("ShaderNodeBlackbody", "ShaderNodeLightFalloff")
+    )
+    body.inputs["Temperature"].default_value = 3000.0
+    falloff.inputs["Strength"].default_value = 2.0
+    tree.links.new(body.outputs[0], emission.inputs["Color"])
+    tree.links.new(falloff.outputs["Quadratic"], emission.inputs["Strength"])
+    got = read()
+    assert_allclose(got.lights[0].color, 2 * nodes.blackbody(3000.0), rtol=1e-6)
+    assert got.warnings == ()
+    tree.links.new(falloff.outputs["Constant"], emission.inputs["Strength"])
+    (warning,) = read().warnings
+    assert "Light Falloff (Constant) in 'Lamp'" in warning
+
+
+# ---- world -------------------------------------------------------------------
+
+
+def test_the_world_is_its_background_node(scene):
+    put("Cube", mesh())
+    tree = nodes_of(scene.world)
+    background = tree.nodes["Background"]
+    background.inputs["Color"].default_value = (0.5, 0.25, 0.1, 1)
+    background.inputs["Strength"].default_value = 2.0
+    assert_allclose(read().world.color, (1.0, 0.5, 0.2), rtol=1e-6)
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    tree.links.new(noise.outputs["Color"], background.inputs["Color"])
+    got = read()
+    assert_allclose(got.world.color, (1.0, 0.5, 0.2), rtol=1e-6)  # what the socket holds
+    assert "Noise Texture in 'World'" in got.warnings[0]
+    tree.links.remove(tree.nodes["World Output"].inputs["Surface"].links[0])
+    assert read().world.color == (0, 0, 0)
+    scene.world = None
+    assert read().world.color == (0, 0, 0)
+
+
+def environment(scene, pixels):
+    """The world's tree with an environment texture of these colours (h, w, 3)."""
+    image = bpy.data.images.new("Sky", pixels.shape[1], pixels.shape[0], float_buffer=True)
+    rgba = np.ones((*pixels.shape[:2], 4), np.float32)
+    rgba[..., :3] = pixels
+    image.pixels.foreach_set(rgba.ravel())
+    tree = nodes_of(scene.world)
+    sky = tree.nodes.new("ShaderNodeTexEnvironment")
+    sky.image = image
+    tree.links.new(sky.outputs["Color"], tree.nodes["Background"].inputs["Color"])
+    return tree, sky
+
+
+def test_an_environment_texture_is_turned_and_scaled(scene):
+    put("Cube", mesh())
+    pixels = np.random.default_rng(5).uniform(0, 4, (4, 8, 3)).astype(np.float32)
+    tree, sky = environment(scene, pixels)
+    tree.nodes["Background"].inputs["Strength"].default_value = 0.5
+    got = read().world
+    assert_allclose(got.image, 0.5 * pixels, rtol=1e-6)
+    assert_allclose(got.image_from_world, np.eye(3))
+    mapping, place = (tree.nodes.new(kind) for kind in ("ShaderNodeMapping", "ShaderNodeTexCoord"))
+    tree.links.new(place.outputs["Generated"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs["Vector"], sky.inputs["Vector"])
+    mapping.inputs["Rotation"].default_value = (0, 0, math.pi / 2)
+    assert_allclose(read().world.image_from_world, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-6)
+    mapping.vector_type = "TEXTURE"
+    assert_allclose(read().world.image_from_world, [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-6)
+    mapping.inputs["Scale"].default_value = (1, 1, 2)
+    got = read()
+    assert got.world.image is None and "Environment Texture (Vector) in 'World'" in got.warnings[0]
+
+
+def test_a_world_is_seen_by_the_rays_that_may_see_it(scene):
+    put("Cube", mesh())
+    flags = scene.world.cycles_visibility
+    flags.camera = flags.transmission = False
+    got = read().world
+    seen = (got.visible_camera, got.visible_diffuse, got.visible_glossy, got.visible_transmission)
+    assert seen == (False, True, True, False)
