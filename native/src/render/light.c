@@ -1,11 +1,22 @@
 /* Lights.
  *
+ * A sun is a disc of even radiance; point and spot lights are spheres, or discs
+ * that turn to what they light, so that their radiance is their intensity over
+ * pi radius^2. Area lights obey Lambert's law; a narrower spread is that of a grid
+ * of slats before them, brightened so that as much light leaves as without it.
+ *
+ * Source: the lights of Blender's manual; their units and fading were measured in
+ * Cycles (tests/test_lights_cycles.py).
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/light.h"
 
 #include "error.h"
 
 static const double PI = 3.141592653589793;
+
+/* The cosine beyond which slats of any grid let everything through. */
+static const double SPREAD_FULL = 1e-6;
 
 static bool all_finite(const double x[3])
 {
@@ -52,4 +63,275 @@ lr_status lr_light_check(const lr_light *light, uint64_t i, lr_error *error)
         return lr_fail(error, LR_E_ARGUMENT,
                        "light %llu must have two finite sides that span an area", k);
     return LR_OK;
+}
+
+/* ---- radiance ------------------------------------------------------------- */
+
+static double smoothstep(double x)
+{
+    const double y = lr_clamp(x, 0, 1);
+    return y * y * (3 - 2 * y);
+}
+
+/* What a spot or area light lets out along d, which leads to it, as a share of its color. */
+static double let_out(const lr_light *light, const double d[3])
+{
+    const double cosine = -lr_dot(d, light->direction);
+    const double half = 0.5 * light->angle;
+    if (light->kind == LR_LIGHT_SPOT) {
+        const double edge = cos(half);
+        if (!(cosine > edge))
+            return 0;
+        const double fade = (1 - edge) * light->blend;
+        return fade > 0 ? smoothstep((cosine - edge) / fade) : 1;
+    }
+    if (light->kind != LR_LIGHT_AREA)
+        return 1;
+    if (!(cosine > 0))
+        return 0;
+    if (cos(half) < SPREAD_FULL)
+        return 1;
+    const double steepest = tan(half);
+    const double slope = sqrt(fmax(1 - cosine * cosine, 0)) / cosine;
+    return half > 0 ? fmax(steepest - slope, 0) / (steepest - half) : 0;
+}
+
+/* color x scale x what is let out; false where that is nothing. */
+static bool shine(const lr_light *light, const double d[3], double scale, double color[3])
+{
+    const double share = scale * let_out(light, d);
+    for (int a = 0; a < 3; a++)
+        color[a] = share * light->color[a];
+    return share > 0;
+}
+
+/* 1 - cosine of half the sun's disc, without cancellation. */
+static double sun_cap(const lr_light *light)
+{
+    const double s = sin(0.25 * light->angle);
+    return 2 * s * s;
+}
+
+static double sun_scale(const lr_light *light)
+{
+    const double s = sin(0.5 * light->angle);
+    return 1 / (PI * s * s);
+}
+
+static double area_of(const lr_light *light)
+{
+    const double *u = light->axis_u, *v = light->axis_v;
+    const double n[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2],
+                         u[0] * v[1] - u[1] * v[0]};
+    return sqrt(lr_dot(n, n)) * (light->shape == LR_LIGHT_ROUND ? PI / 4 : 1);
+}
+
+/* ---- sampling ------------------------------------------------------------- */
+
+/* Basis: Duff et al., Building an orthonormal basis, revisited, 2017. */
+static void basis(const double n[3], double s[3], double t[3])
+{
+    const double sign = copysign(1.0, n[2]);
+    const double a = -1 / (sign + n[2]), b = n[0] * n[1] * a;
+    s[0] = 1 + sign * n[0] * n[0] * a;
+    s[1] = sign * b;
+    s[2] = -sign * n[0];
+    t[0] = b;
+    t[1] = sign + n[1] * n[1] * a;
+    t[2] = -n[1];
+}
+
+/* A direction within the cap of that height (1 - cosine) about the unit vector n. */
+static void sample_cap(const double n[3], double height, const double u[2], double d[3])
+{
+    double s[3], t[3];
+    basis(n, s, t);
+    const double low = u[0] * height, r = sqrt(fmax(low * (2 - low), 0));
+    const double x = r * cos(2 * PI * u[1]), y = r * sin(2 * PI * u[1]);
+    for (int a = 0; a < 3; a++)
+        d[a] = x * s[a] + y * t[a] + (1 - low) * n[a];
+}
+
+/* Aim at a point q of a surface with normal n; false where it is seen edge-on. */
+static bool aim(const double p[3], const double q[3], const double n[3], double area,
+                lr_light_ray *ray)
+{
+    double to[3];
+    for (int a = 0; a < 3; a++)
+        to[a] = q[a] - p[a];
+    const double square = lr_dot(to, to);
+    ray->distance = sqrt(square);
+    for (int a = 0; a < 3; a++)
+        ray->direction[a] = to[a] / ray->distance;
+    ray->pdf = square / (area * fabs(lr_dot(ray->direction, n)));
+    return ray->pdf > 0 && ray->pdf < INFINITY;
+}
+
+/* From outside a sphere the cap in which it is seen, from inside all around; where the
+ * ray leaves through the sphere, it is seen. */
+static double sphere_cap(double radius, double square)
+{
+    const double s2 = radius * radius / square;
+    return s2 < 1 ? s2 / (1 + sqrt(1 - s2)) : 2;
+}
+
+/* Distance along d (unit) to a sphere at `to` from the origin; negative where it is missed. */
+static double meet_sphere(const double to[3], double radius, const double d[3])
+{
+    const double along = lr_dot(to, d);
+    double off[3];
+    for (int a = 0; a < 3; a++)
+        off[a] = to[a] - along * d[a];
+    const double reach = radius * radius - lr_dot(off, off);
+    if (reach < 0)
+        return -1;
+    const bool outside = lr_dot(to, to) > radius * radius;
+    return along - (outside ? sqrt(reach) : -sqrt(reach));
+}
+
+static bool sample_bulb(const lr_light *light, const double p[3], const double u[2],
+                        lr_light_ray *ray)
+{
+    double to[3], n[3];
+    for (int a = 0; a < 3; a++)
+        to[a] = light->position[a] - p[a];
+    const double square = lr_dot(to, to), distance = sqrt(square), r = light->radius;
+    if (!(square > 0) || !(square < INFINITY))
+        return false;
+    for (int a = 0; a < 3; a++)
+        n[a] = to[a] / distance;
+    if (r == 0) {
+        ray->delta = true;
+        ray->pdf = 1;
+        ray->distance = distance;
+        memcpy(ray->direction, n, sizeof n);
+        return shine(light, n, 1 / square, ray->color);
+    }
+    if (light->shape == LR_LIGHT_FULL) {
+        const double cap = sphere_cap(r, square);
+        sample_cap(n, cap, u, ray->direction);
+        ray->pdf = 1 / (2 * PI * cap);
+        ray->distance = meet_sphere(to, r, ray->direction);
+        if (ray->distance < 0) /* by rounding, at the rim */
+            ray->distance = distance;
+    } else {
+        double s[3], t[3], q[3];
+        basis(n, s, t);
+        const double off = r * sqrt(u[0]);
+        const double x = off * cos(2 * PI * u[1]), y = off * sin(2 * PI * u[1]);
+        for (int a = 0; a < 3; a++)
+            q[a] = light->position[a] + x * s[a] + y * t[a];
+        if (!aim(p, q, n, PI * r * r, ray))
+            return false;
+    }
+    return shine(light, ray->direction, 1 / (PI * r * r), ray->color);
+}
+
+static bool sample_area(const lr_light *light, const double p[3], const double u[2],
+                        lr_light_ray *ray)
+{
+    double x = u[0] - 0.5, y = u[1] - 0.5, q[3];
+    if (light->shape == LR_LIGHT_ROUND) {
+        const double r = 0.5 * sqrt(u[0]);
+        x = r * cos(2 * PI * u[1]);
+        y = r * sin(2 * PI * u[1]);
+    }
+    for (int a = 0; a < 3; a++)
+        q[a] = light->position[a] + x * light->axis_u[a] + y * light->axis_v[a];
+    return aim(p, q, light->direction, area_of(light), ray) &&
+           shine(light, ray->direction, 1, ray->color);
+}
+
+bool lr_light_sample(const lr_light *light, const double p[3], const double u[2], lr_light_ray *ray)
+{
+    ray->delta = false;
+    if (light->kind == LR_LIGHT_AREA)
+        return sample_area(light, p, u, ray);
+    if (light->kind != LR_LIGHT_SUN)
+        return sample_bulb(light, p, u, ray);
+    ray->distance = INFINITY;
+    ray->delta = light->angle == 0;
+    ray->pdf = 1;
+    if (ray->delta) {
+        memcpy(ray->direction, light->direction, sizeof ray->direction);
+        return shine(light, ray->direction, 1, ray->color);
+    }
+    sample_cap(light->direction, sun_cap(light), u, ray->direction);
+    ray->pdf = 1 / (2 * PI * sun_cap(light));
+    return shine(light, ray->direction, sun_scale(light), ray->color);
+}
+
+/* ---- rays that meet lights ------------------------------------------------ */
+
+static bool hit_sun(const lr_light *light, const double d[3], double t_max, double *t,
+                    double color[3], double *pdf)
+{
+    double off[3];
+    for (int a = 0; a < 3; a++)
+        off[a] = d[a] - light->direction[a];
+    /* The chord of the angle between them: no cancellation. */
+    const double cap = sun_cap(light);
+    if (light->angle == 0 || t_max < INFINITY || 0.5 * lr_dot(off, off) > cap)
+        return false;
+    *t = INFINITY;
+    *pdf = 1 / (2 * PI * cap);
+    return shine(light, d, sun_scale(light), color);
+}
+
+static bool hit_bulb(const lr_light *light, const double o[3], const double d[3], double *t,
+                     double color[3], double *pdf)
+{
+    double to[3];
+    const double r = light->radius;
+    for (int a = 0; a < 3; a++)
+        to[a] = light->position[a] - o[a];
+    const double square = lr_dot(to, to);
+    if (r == 0 || !(square > 0))
+        return false;
+    if (light->shape == LR_LIGHT_FULL) {
+        *t = meet_sphere(to, r, d);
+        *pdf = 1 / (2 * PI * sphere_cap(r, square));
+    } else {
+        const double cosine = lr_dot(to, d) / sqrt(square);
+        *t = sqrt(square) / cosine;
+        if (!(cosine > 0) || *t * *t - square > r * r)
+            return false;
+        *pdf = *t * *t / (PI * r * r * cosine);
+    }
+    return *t > 0 && shine(light, d, 1 / (PI * r * r), color);
+}
+
+static bool hit_area(const lr_light *light, const double o[3], const double d[3], double *t,
+                     double color[3], double *pdf)
+{
+    const double *u = light->axis_u, *v = light->axis_v;
+    const double cosine = -lr_dot(d, light->direction);
+    double q[3];
+    if (!(cosine > 0))
+        return false;
+    for (int a = 0; a < 3; a++)
+        q[a] = o[a] - light->position[a];
+    *t = lr_dot(q, light->direction) / cosine;
+    for (int a = 0; a < 3; a++)
+        q[a] += *t * d[a];
+    const double uu = lr_dot(u, u), vv = lr_dot(v, v), uv = lr_dot(u, v);
+    const double qu = lr_dot(q, u), qv = lr_dot(q, v), det = uu * vv - uv * uv;
+    const double x = (qu * vv - qv * uv) / det, y = (qv * uu - qu * uv) / det;
+    const bool inside =
+        light->shape == LR_LIGHT_ROUND ? x * x + y * y <= 0.25 : fabs(x) <= 0.5 && fabs(y) <= 0.5;
+    *pdf = *t * *t / (area_of(light) * cosine);
+    return *t > 0 && inside && shine(light, d, 1, color);
+}
+
+bool lr_light_hit(const lr_light *light, const double o[3], const double d[3], double t_max,
+                  double *t, double color[3], double *pdf)
+{
+    switch (light->kind) {
+    case LR_LIGHT_SUN:
+        return hit_sun(light, d, t_max, t, color, pdf);
+    case LR_LIGHT_AREA:
+        return hit_area(light, o, d, t, color, pdf) && *t < t_max;
+    default:
+        return hit_bulb(light, o, d, t, color, pdf) && *t < t_max;
+    }
 }

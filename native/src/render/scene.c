@@ -26,11 +26,6 @@ static bool all_finite(const double *x, size_t n)
     return true;
 }
 
-static bool is_color(const double c[3])
-{
-    return all_finite(c, 3) && c[0] >= 0 && c[1] >= 0 && c[2] >= 0;
-}
-
 static lr_status check_camera(const lr_camera *c, lr_error *error)
 {
     if (c->projection != LR_PERSPECTIVE && c->projection != LR_ORTHOGRAPHIC)
@@ -97,10 +92,7 @@ static lr_status check(const lr_scene_desc *desc, lr_error *error)
     if (desc->n_instances > INT32_MAX)
         return lr_fail(error, LR_E_SIZE, "a scene holds up to %d instances, there are %llu",
                        INT32_MAX, (unsigned long long)desc->n_instances);
-    if (!is_color(desc->world.color))
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "the world must have a finite color of 0 or more, it has (%g, %g, %g)",
-                       desc->world.color[0], desc->world.color[1], desc->world.color[2]);
+    status = lr_environment_check(&desc->world, error);
     for (uint64_t i = 0; i < desc->n_lights && status == LR_OK; i++)
         status = lr_light_check(&desc->lights[i], i, error);
     if (status == LR_OK)
@@ -186,7 +178,7 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     scene->camera = desc->camera;
     scene->n_instances = (uint32_t)desc->n_instances;
     scene->n_lights = desc->n_lights;
-    scene->world = desc->world;
+    scene->world_visibility = desc->world.visibility;
     for (int a = 0; a < 3; a++)
         scene->world_shines |= desc->world.color[a] > 0;
     scene->film_transparent = desc->film_transparent != 0;
@@ -209,7 +201,8 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     for (uint64_t i = 0; i < desc->n_materials; i++)
         lr_material_make(&desc->materials[i], &scene->lobes[LR_LOBES_MAX * i],
                          &scene->materials[i]);
-    return place_all(desc, scene, error);
+    const lr_status status = lr_environment_make(&desc->world, &scene->environment, error);
+    return status == LR_OK ? place_all(desc, scene, error) : status;
 }
 
 lr_status lr_scene_new(const lr_scene_desc *desc, lr_scene **scene, lr_error *error)
@@ -235,6 +228,7 @@ void lr_scene_free(lr_scene *scene)
 {
     if (scene == NULL)
         return;
+    lr_environment_free(&scene->environment);
     free(scene->hierarchy.nodes);
     free(scene->instances);
     free(scene->lights);

@@ -4,6 +4,7 @@
 #ifndef LR_SCENE_H
 #define LR_SCENE_H
 
+#include "render/environment.h"
 #include "render/hierarchy.h"
 #include "render/material.h"
 
@@ -26,8 +27,9 @@ struct lr_scene {
     lr_lobe *lobes; /* of all materials */
     uint32_t *slots;
     int32_t *slot_objects; /* or NULL */
-    lr_world world;
-    bool world_shines; /* its color is not black */
+    lr_environment environment;
+    uint32_t world_visibility; /* lr_visibility */
+    bool world_shines;         /* its color is not black */
     bool film_transparent;
     lr_hierarchy hierarchy;
 };

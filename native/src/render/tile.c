@@ -118,7 +118,7 @@ static uint32_t see(const lr_job *job, uint32_t n)
             lr_surface_find(job->scene, &w->wave, i, &w->surfels[n_surfels++]);
         } else if (!job->scene->film_transparent) {
             for (int a = 0; a < 3; a++)
-                w->sum[i][a] += job->scene->world.color[a];
+                w->sum[i][a] += job->scene->environment.color[a];
         }
         w->sum[i][3] += hit || !job->scene->film_transparent;
     }

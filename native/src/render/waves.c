@@ -109,7 +109,7 @@ static lr_status light_by_world(const lr_job *job, uint32_t n, uint32_t sample)
     }
     const lr_status status = cast(job, n_rays, LR_VISIBLE_DIFFUSE, INFINITY);
     if (status == LR_OK)
-        receive(w, n_rays, job->scene->world.color, false);
+        receive(w, n_rays, job->scene->environment.color, false);
     return status;
 }
 

@@ -1,0 +1,489 @@
+/* Closures.
+ *
+ * Light that leaves a microfacet for another one is given back as a factor of the
+ * single bounce, which takes up the colour of as many bounces as it has had on
+ * average. The layer of a dielectric over a diffuse base lets through what it does
+ * not reflect as seen from the viewer.
+ *
+ * Source: the layers and their order are those of Blender's manual for the
+ * Principled BSDF; Turquin, Practical multiple scattering compensation for
+ * microfacet models, 2019; Kulla and Conty, Revisiting physically based shading at
+ * Imageworks, 2017 (mean Fresnel, colour of several bounces); Kutz, Hasan,
+ * Edmondson, Novel aspects of the Adobe Standard Material, 2023 (F82-tint).
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/bsdf.h"
+
+#include "render/albedo.h"
+#include "render/ggx.h"
+
+/* How facets reflect. */
+enum {
+    FRESNEL_NONE,      /* all; where the closure refracts: nothing but what is reflected in all */
+    FRESNEL_CONDUCTOR, /* Schlick's curve from f0 to 1, less dip */
+    FRESNEL_DIELECTRIC /* the curve of a dielectric of index n, stretched to f0..1 */
+};
+
+/* Below it facets are as good as a mirror: their lobe is narrower than 1/100 of a degree. */
+static const double ALPHA_MIN = 1e-5;
+
+/* An index so near 1 bends nothing. */
+static const double INDEX_MIN = 1e-4;
+
+/* Rough facets may refract where a smooth surface would not: no group that is there gets less. */
+static const double SHARE_MIN = 0.02;
+
+/* ---- albedo --------------------------------------------------------------- */
+
+typedef struct lr_place {
+    int32_t at;
+    double t;
+} lr_place;
+
+static lr_place place(double x, int32_t n)
+{
+    const double y = lr_clamp(x, 0, 1) * (n - 1);
+    const int32_t at = lr_min_i((int32_t)y, n - 2);
+    return (lr_place){at, y - at};
+}
+
+static double mix(double a, double b, double t)
+{
+    return a + (b - a) * t;
+}
+
+static double mirror_albedo(double rough, double mu)
+{
+    const lr_place r = place(rough, LR_ALBEDO_FINE), m = place(mu, LR_ALBEDO_FINE);
+    const uint16_t *a = &lr_albedo_mirror[r.at][m.at], *b = &lr_albedo_mirror[r.at + 1][m.at];
+    return mix(mix(a[0], a[1], m.t), mix(b[0], b[1], m.t), r.t) / 65535;
+}
+
+static double mirror_albedo_mean(double rough)
+{
+    const lr_place r = place(rough, LR_ALBEDO_FINE);
+    const uint16_t *a = &lr_albedo_mirror_mean[r.at];
+    return mix(a[0], a[1], r.t) / 65535;
+}
+
+static double look_up(const uint16_t table[LR_ALBEDO_COARSE][LR_ALBEDO_COARSE][LR_ALBEDO_COARSE],
+                      double rough, double mu, double n)
+{
+    const lr_place r = place(rough, LR_ALBEDO_COARSE), m = place(mu, LR_ALBEDO_COARSE);
+    const lr_place z = place(sqrt(fabs((n - 1) / (n + 1))), LR_ALBEDO_COARSE);
+    double of_r[2];
+    for (int i = 0; i < 2; i++) {
+        const uint16_t *a = &table[r.at + i][m.at][z.at], *b = &table[r.at + i][m.at + 1][z.at];
+        of_r[i] = mix(mix(a[0], a[1], z.t), mix(b[0], b[1], z.t), m.t);
+    }
+    return mix(of_r[0], of_r[1], r.t) / 65535;
+}
+
+/* ---- Fresnel -------------------------------------------------------------- */
+
+/* What a facet under that cosine reflects. */
+static void reflectance(const lr_closure *c, double cosine, double f[3])
+{
+    const double x = 1 - cosine, x5 = x * x * x * x * x;
+    double s = 1;
+    if (c->fresnel == FRESNEL_CONDUCTOR)
+        s = x5;
+    else if (c->fresnel == FRESNEL_DIELECTRIC) {
+        const double least = lr_fresnel_0(c->n);
+        s = lr_clamp((lr_fresnel(cosine, c->n) - least) / (1 - least), 0, 1);
+    }
+    for (int a = 0; a < 3; a++)
+        f[a] = lr_clamp(mix(c->f0[a], 1, s) - c->dip[a] * cosine * x5 * x, 0, 1);
+}
+
+/* What a facet under that cosine sends on by this closure. */
+static void passed(const lr_closure *c, double cosine, double f[3])
+{
+    if (c->fresnel == FRESNEL_NONE) {
+        f[0] = f[1] = f[2] = 1;
+        return;
+    }
+    reflectance(c, cosine, f);
+    for (int a = 0; a < 3 && c->kind == LR_RAY_TRANSMISSION; a++)
+        f[a] = 1 - f[a];
+}
+
+/* Mean reflectance over the hemisphere of a smooth dielectric: Kulla and Conty's fit. */
+static double fresnel_mean(double n)
+{
+    return n < 1 ? 0.997118 + n * (0.1014 - n * (0.965241 + n * 0.130607))
+                 : (n - 1) / (4.08567 + 1.00071 * n);
+}
+
+/* ---- closures ------------------------------------------------------------- */
+
+static double mean(const double c[3])
+{
+    return (c[0] + c[1] + c[2]) / 3;
+}
+
+/* The closure's share: about its albedo as seen. */
+static void enlist(lr_bsdf *bsdf, lr_closure *c)
+{
+    double f[3] = {1, 1, 1};
+    if (c->kind != LR_RAY_DIFFUSE)
+        passed(c, bsdf->view[2], f);
+    const double least = c->alpha > 0 ? SHARE_MIN : 0;
+    c->share = 0;
+    for (int a = 0; a < 3; a++)
+        c->share += c->weight[a] * fmax(f[a], least) / 3;
+    if (c->share > 0 && bsdf->n < LR_CLOSURES_MAX) {
+        bsdf->share[c->kind] += c->share;
+        bsdf->closures[bsdf->n++] = *c;
+    }
+}
+
+static lr_closure closure(int32_t kind, const double weight[3], double roughness)
+{
+    lr_closure c = {.kind = kind, .n = 1, .alpha = roughness * roughness};
+    memcpy(c.weight, weight, sizeof c.weight);
+    if (c.alpha < ALPHA_MIN)
+        c.alpha = 0;
+    return c;
+}
+
+/* Give back what goes between the facets of a closure that reflects, once is their mean
+ * reflectance. */
+static void give_back(const lr_bsdf *bsdf, lr_closure *c, const double once[3])
+{
+    const double rough = sqrt(c->alpha);
+    const double e = mirror_albedo(rough, bsdf->view[2]), e_mean = mirror_albedo_mean(rough);
+    for (int a = 0; a < 3; a++) {
+        const double later = once[a] * e_mean / (1 - once[a] * (1 - e_mean));
+        c->weight[a] *= 1 + later * (1 - e) / e;
+    }
+}
+
+static void add_diffuse(lr_bsdf *bsdf, const double weight[3])
+{
+    lr_closure c = {.kind = LR_RAY_DIFFUSE, .alpha = 1, .n = 1};
+    memcpy(c.weight, weight, sizeof c.weight);
+    enlist(bsdf, &c);
+}
+
+static void add_glossy(lr_bsdf *bsdf, const lr_lobe *lobe, const double weight[3],
+                       const double color[3])
+{
+    lr_closure c = closure(LR_RAY_GLOSSY, weight, lobe->roughness);
+    const double once[3] = {fmin(color[0], 1), fmin(color[1], 1), fmin(color[2], 1)};
+    if (lobe->flags & LR_LOBE_MULTISCATTER)
+        give_back(bsdf, &c, once);
+    enlist(bsdf, &c);
+}
+
+static void add_metal(lr_bsdf *bsdf, const lr_lobe *lobe, const double weight[3],
+                      const double color[3])
+{
+    lr_closure c = closure(LR_RAY_GLOSSY, weight, lobe->roughness);
+    /* The tint's curve touches Schlick's times the tint where the cosine is 1/7. */
+    const double f = 6.0 / 7.0, f5 = f * f * f * f * f;
+    double once[3];
+    c.fresnel = FRESNEL_CONDUCTOR;
+    for (int a = 0; a < 3; a++) {
+        c.f0[a] = fmin(color[a], 1);
+        c.dip[a] = mix(c.f0[a], 1, f5) * (7 / (f5 * f)) * (1 - fmin(lobe->specular_tint[a], 1));
+        once[a] = lr_clamp(mix(c.f0[a], 1, 1.0 / 21) - c.dip[a] / 126, 0, 1);
+    }
+    if (lobe->flags & LR_LOBE_MULTISCATTER)
+        give_back(bsdf, &c, once);
+    enlist(bsdf, &c);
+}
+
+/* A dielectric that reflects and refracts, tinted either way; tint may color the reflection at
+ * normal incidence. */
+static void add_glass(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const double reflected[3],
+                      const double refracted[3], const double tint[3])
+{
+    lr_closure c = closure(LR_RAY_GLOSSY, reflected, lobe->roughness);
+    c.fresnel = FRESNEL_DIELECTRIC;
+    c.n = n;
+    if (fabs(n - 1) < INDEX_MIN)
+        c.alpha = 0;
+    for (int a = 0; a < 3; a++)
+        c.f0[a] = fmin(lr_fresnel_0(n) * tint[a], 1);
+    double scale = 1;
+    if ((lobe->flags & LR_LOBE_MULTISCATTER) && c.alpha > 0)
+        scale = 1 / look_up(lr_albedo_glass[n < 1], sqrt(c.alpha), bsdf->view[2], n);
+    for (int a = 0; a < 3; a++)
+        c.weight[a] = scale * reflected[a];
+    enlist(bsdf, &c);
+    c.kind = LR_RAY_TRANSMISSION;
+    for (int a = 0; a < 3; a++)
+        c.weight[a] = scale * refracted[a];
+    enlist(bsdf, &c);
+}
+
+static void add_refraction(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const double weight[3])
+{
+    lr_closure c = closure(LR_RAY_TRANSMISSION, weight, lobe->roughness);
+    c.n = n;
+    if (fabs(n - 1) < INDEX_MIN)
+        c.alpha = 0;
+    enlist(bsdf, &c);
+}
+
+/* The layer of a dielectric; *below is dimmed by what it reflects. */
+static void add_coat(lr_bsdf *bsdf, const lr_lobe *lobe, double *below)
+{
+    double f0 = lr_fresnel_0(lobe->ior), n = lobe->ior;
+    if (lobe->specular != 0.5) {
+        f0 = fmin(2 * lobe->specular * f0, 0.99);
+        n = (1 + sqrt(f0)) / (1 - sqrt(f0));
+        if (lobe->ior < 1)
+            n = 1 / n;
+    }
+    if (fabs(n - 1) < INDEX_MIN)
+        return;
+    const double weight[3] = {*below, *below, *below};
+    lr_closure c = closure(LR_RAY_GLOSSY, weight, lobe->roughness);
+    c.fresnel = FRESNEL_DIELECTRIC;
+    c.n = n;
+    const double s = lr_clamp((fresnel_mean(n) - f0) / (1 - f0), 0, 1);
+    double once[3], most = 0;
+    const double rise = look_up(lr_albedo_dielectric, lobe->roughness, bsdf->view[2], n);
+    for (int a = 0; a < 3; a++) {
+        c.f0[a] = fmin(f0 * lobe->specular_tint[a], 1);
+        once[a] = mix(c.f0[a], 1, s);
+        most = fmax(most, mix(c.f0[a], 1, rise));
+    }
+    if (lobe->flags & LR_LOBE_MULTISCATTER)
+        give_back(bsdf, &c, once);
+    enlist(bsdf, &c);
+    *below *= lr_clamp(1 - most, 0, 1);
+}
+
+/* The layers from above: alpha, emission, metal, glass, reflection, diffuse base. */
+static void add_principled(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const double color[3])
+{
+    double rest = lobe->weight * lobe->alpha;
+    double w[3], through[3];
+    for (int a = 0; a < 3; a++) {
+        bsdf->transparency[a] += lobe->weight * (1 - lobe->alpha);
+        bsdf->emission[a] += rest * lobe->emission[a];
+        w[a] = rest * lobe->metallic;
+    }
+    if (lobe->metallic > 0)
+        add_metal(bsdf, lobe, w, color);
+    rest *= 1 - lobe->metallic;
+    for (int a = 0; a < 3; a++) {
+        w[a] = rest * lobe->transmission;
+        through[a] = w[a] * sqrt(fmin(color[a], 1));
+    }
+    if (w[0] > 0)
+        add_glass(bsdf, lobe, n, w, through, lobe->specular_tint);
+    rest *= 1 - lobe->transmission;
+    if (rest > 0)
+        add_coat(bsdf, lobe, &rest);
+    for (int a = 0; a < 3; a++)
+        w[a] = rest * color[a];
+    add_diffuse(bsdf, w);
+}
+
+static void add(lr_bsdf *bsdf, const lr_lobe *lobe, const lr_material *material,
+                const lr_point *point)
+{
+    double n = point->inside ? 1 / lobe->ior : lobe->ior;
+    if (point->eta > 0) {
+        const double scale = lobe->ior / material->ior;
+        n = (point->inside ? 1 / scale : scale) / point->eta;
+    }
+    double color[3], weight[3];
+    for (int a = 0; a < 3; a++) {
+        color[a] = lobe->color[a] * (lobe->flags & LR_LOBE_TEXTURED ? point->color[a] : 1);
+        weight[a] = color[a] * lobe->weight;
+    }
+    static const double white[3] = {1, 1, 1};
+    switch (lobe->kind) {
+    case LR_LOBE_DIFFUSE:
+        add_diffuse(bsdf, weight);
+        break;
+    case LR_LOBE_GLOSSY:
+        add_glossy(bsdf, lobe, weight, color);
+        break;
+    case LR_LOBE_GLASS:
+        add_glass(bsdf, lobe, n, weight, weight, white);
+        break;
+    case LR_LOBE_REFRACTION:
+        add_refraction(bsdf, lobe, n, weight);
+        break;
+    case LR_LOBE_TRANSPARENT:
+        for (int a = 0; a < 3; a++)
+            bsdf->transparency[a] += weight[a];
+        break;
+    case LR_LOBE_EMISSION:
+        for (int a = 0; a < 3; a++)
+            bsdf->emission[a] += weight[a];
+        break;
+    default:
+        add_principled(bsdf, lobe, n, color);
+    }
+}
+
+/* A frame about the normal, and the view in it. Where smoothing has turned the normal away from
+ * the viewer, it is turned back until the view grazes.
+ * Basis: Duff et al., Building an orthonormal basis, revisited, 2017. */
+static void set_frame(lr_bsdf *bsdf, const lr_point *point)
+{
+    static const double GRAZING = 1e-3;
+    double n[3];
+    const double short_of = GRAZING - lr_dot(point->view, point->normal);
+    for (int a = 0; a < 3; a++)
+        n[a] = point->normal[a] + (short_of > 0 ? short_of * point->view[a] : 0);
+    const double length = sqrt(lr_dot(n, n));
+    for (int a = 0; a < 3; a++)
+        n[a] /= length;
+    const double sign = copysign(1.0, n[2]);
+    const double p = -1 / (sign + n[2]), q = n[0] * n[1] * p;
+    const double axis[3][3] = {{1 + sign * n[0] * n[0] * p, sign * q, -sign * n[0]},
+                               {q, sign + n[1] * n[1] * p, -n[1]},
+                               {n[0], n[1], n[2]}};
+    memcpy(bsdf->axis, axis, sizeof axis);
+    for (int a = 0; a < 3; a++)
+        bsdf->view[a] = lr_dot(axis[a], point->view);
+}
+
+void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsdf)
+{
+    bsdf->n = 0;
+    memset(bsdf->share, 0, sizeof bsdf->share);
+    memset(bsdf->emission, 0, sizeof bsdf->emission);
+    memset(bsdf->transparency, 0, sizeof bsdf->transparency);
+    set_frame(bsdf, point);
+    for (uint32_t i = 0; i < material->n_lobes; i++)
+        if (material->lobes[i].weight > 0)
+            add(bsdf, &material->lobes[i], material, point);
+    bsdf->share[LR_RAY_TRANSPARENT] = mean(bsdf->transparency);
+}
+
+/* ---- responses ------------------------------------------------------------ */
+
+/* Of one closure with width, to light in the normal's frame. */
+static bool respond(const lr_closure *c, const double view[3], const double light[3],
+                    lr_response *r)
+{
+    const bool through = c->kind == LR_RAY_TRANSMISSION;
+    if (c->alpha == 0 || (through ? light[2] >= 0 : light[2] <= 0))
+        return false;
+    if (c->kind == LR_RAY_DIFFUSE) {
+        r->pdf = light[2] / LR_PI;
+        for (int a = 0; a < 3; a++)
+            r->f_cos[a] = c->weight[a] * r->pdf;
+        return true;
+    }
+    const double n = through ? c->n : 1;
+    double h[3], f[3];
+    for (int a = 0; a < 3; a++)
+        h[a] = view[a] + n * light[a];
+    const double length = copysign(sqrt(lr_dot(h, h)), h[2]);
+    for (int a = 0; a < 3; a++)
+        h[a] /= length;
+    const double c_view = lr_dot(view, h), c_light = lr_dot(light, h);
+    if (!(c_view > 0) || (through ? c_light >= 0 : c_light <= 0))
+        return false;
+    const double bent = c_view + n * c_light;
+    const double stretch = through ? c_view * -c_light * n * n / (bent * bent) : 0.25;
+    const double visible = lr_ggx_d(c->alpha, h) * stretch / view[2];
+    const double of_view = lr_ggx_lambda(c->alpha, view[2]);
+    r->pdf = visible / (1 + of_view);
+    passed(c, c_view, f);
+    for (int a = 0; a < 3; a++)
+        f[a] *= c->weight[a] * visible / (1 + of_view + lr_ggx_lambda(c->alpha, light[2]));
+    memcpy(r->f_cos, f, sizeof f);
+    return true;
+}
+
+/* All closures of width of a group; densities by their shares. */
+static void respond_all(const lr_bsdf *bsdf, int32_t kind, const double light[3], lr_response *sum)
+{
+    *sum = (lr_response){{0, 0, 0}, 0};
+    for (uint32_t i = 0; i < bsdf->n; i++) {
+        const lr_closure *c = &bsdf->closures[i];
+        lr_response r;
+        if (c->kind != kind || !respond(c, bsdf->view, light, &r))
+            continue;
+        for (int a = 0; a < 3; a++)
+            sum->f_cos[a] += r.f_cos[a];
+        sum->pdf += r.pdf * c->share / bsdf->share[kind];
+    }
+}
+
+void lr_bsdf_eval(const lr_bsdf *bsdf, const double light[3], lr_response group[LR_GROUPS])
+{
+    const double local[3] = {lr_dot(bsdf->axis[0], light), lr_dot(bsdf->axis[1], light),
+                             lr_dot(bsdf->axis[2], light)};
+    for (int32_t kind = 1; kind <= LR_GROUPS; kind++)
+        respond_all(bsdf, kind, local, &group[kind - 1]);
+}
+
+/* ---- sampling ------------------------------------------------------------- */
+
+/* A closure of the group by its share; u is stretched to 0..1 again. */
+static const lr_closure *choose(const lr_bsdf *bsdf, int32_t kind, double *u)
+{
+    const lr_closure *last = NULL;
+    double x = *u * bsdf->share[kind];
+    for (uint32_t i = 0; i < bsdf->n; i++) {
+        const lr_closure *c = &bsdf->closures[i];
+        if (c->kind != kind)
+            continue;
+        last = c;
+        *u = fmin(x / c->share, 1 - 0x1p-53);
+        if (x < c->share)
+            break;
+        x -= c->share;
+    }
+    return last;
+}
+
+static bool follow(const lr_closure *c, const double view[3], double u, double v, double light[3])
+{
+    if (c->kind == LR_RAY_DIFFUSE) {
+        const double r = sqrt(u);
+        light[0] = r * cos(2 * LR_PI * v);
+        light[1] = r * sin(2 * LR_PI * v);
+        light[2] = sqrt(1 - u);
+        return light[2] > 0;
+    }
+    double h[3] = {0, 0, 1};
+    if (c->alpha > 0)
+        lr_ggx_sample(c->alpha, view, u, v, h);
+    if (c->kind == LR_RAY_TRANSMISSION)
+        return lr_refract(view, h, c->n, light) && light[2] < 0;
+    lr_reflect(view, h, light);
+    return light[2] > 0;
+}
+
+bool lr_bsdf_sample(const lr_bsdf *bsdf, int32_t kind, const double u[3], lr_scatter *scatter)
+{
+    if (kind < LR_RAY_DIFFUSE || kind > LR_RAY_TRANSMISSION || !(bsdf->share[kind] > 0))
+        return false;
+    double pick = u[2], light[3];
+    const lr_closure *c = choose(bsdf, kind, &pick);
+    if (c == NULL || !follow(c, bsdf->view, u[0], u[1], light))
+        return false;
+    scatter->kind = kind;
+    scatter->delta = c->alpha == 0;
+    for (int a = 0; a < 3; a++)
+        scatter->direction[a] =
+            light[0] * bsdf->axis[0][a] + light[1] * bsdf->axis[1][a] + light[2] * bsdf->axis[2][a];
+    if (scatter->delta) {
+        passed(c, bsdf->view[2], scatter->weight);
+        for (int a = 0; a < 3; a++)
+            scatter->weight[a] *= c->weight[a] * bsdf->share[kind] / c->share;
+        scatter->pdf = 1;
+        return true;
+    }
+    lr_response r;
+    respond_all(bsdf, kind, light, &r);
+    if (!(r.pdf > 0))
+        return false;
+    for (int a = 0; a < 3; a++)
+        scatter->weight[a] = r.f_cos[a] / r.pdf;
+    scatter->pdf = r.pdf;
+    return true;
+}

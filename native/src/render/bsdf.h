@@ -1,0 +1,81 @@
+/* What a surface does to light at one point, seen from one direction.
+ *
+ * A material's lobes become closures: diffuse, reflecting, refracting. They fall
+ * into groups by the kind of ray that they send on, each of which can be sampled
+ * and evaluated apart from the others.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_BSDF_H
+#define LR_BSDF_H
+
+#include "render/material.h"
+
+/* By what a ray was sent on last; the groups of closures have the same names. */
+typedef enum lr_ray_kind {
+    LR_RAY_CAMERA = 0,
+    LR_RAY_DIFFUSE = 1,
+    LR_RAY_GLOSSY = 2,
+    LR_RAY_TRANSMISSION = 3,
+    LR_RAY_TRANSPARENT = 4
+} lr_ray_kind;
+
+enum { LR_GROUPS = 3, LR_CLOSURES_MAX = 4 * LR_LOBES_MAX };
+
+/* A point of a surface, in world space. */
+typedef struct lr_point {
+    double view[3];   /* unit, towards the viewer */
+    double normal[3]; /* unit, for shading; turned to the viewer's side */
+    double facing[3]; /* unit, of the surface itself; turned to the viewer's side */
+    double color[3];  /* baked; multiplies lobes that are textured */
+    double eta;       /* index of the viewer's side over that of the far side, for a lobe with the
+                         material's ior; 0: the surface lies in a void */
+    bool inside;      /* seen from within */
+} lr_point;
+
+/* A direction that light is followed to. */
+typedef struct lr_scatter {
+    double direction[3]; /* unit, away from the surface */
+    double weight[3];    /* f cos / pdf of the group */
+    double pdf;          /* of the group, per solid angle; 1 where it is a single direction */
+    int32_t kind;        /* lr_ray_kind */
+    bool delta;          /* it is a single direction: lights without extent are not seen by it */
+} lr_scatter;
+
+/* How much light from a direction a group sends to the viewer. */
+typedef struct lr_response {
+    double f_cos[3];
+    double pdf; /* with which lr_bsdf_sample finds it */
+} lr_response;
+
+typedef struct lr_closure {
+    int32_t kind;    /* lr_ray_kind of its rays */
+    int32_t fresnel; /* how facets reflect: see bsdf.c */
+    double weight[3];
+    double alpha;  /* of GGX; 0: a single direction */
+    double n;      /* index of the far side over that of the near side */
+    double f0[3];  /* reflectance at normal incidence */
+    double dip[3]; /* what the conductor lacks of Schlick's curve near 82 degrees */
+    double share;  /* of its group's rays */
+} lr_closure;
+
+typedef struct lr_bsdf {
+    double axis[3][3];  /* of the frame of the normal, which is the last */
+    double view[3];     /* in that frame */
+    double share[5];    /* by lr_ray_kind: about what the group sends on, 0..1; 0: it is absent */
+    double emission[3]; /* radiance */
+    double transparency[3]; /* what goes straight through */
+    uint32_t n;
+    lr_closure closures[LR_CLOSURES_MAX];
+} lr_bsdf;
+
+void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsdf);
+
+/* A direction of one group (diffuse, glossy or transmission); false where the light
+ * is lost. u: three numbers in 0..1, 1 not included. */
+bool lr_bsdf_sample(const lr_bsdf *bsdf, int32_t kind, const double u[3], lr_scatter *scatter);
+
+/* The groups' responses to light from a direction, by lr_ray_kind - 1; single
+ * directions have none. */
+void lr_bsdf_eval(const lr_bsdf *bsdf, const double light[3], lr_response group[LR_GROUPS]);
+
+#endif

@@ -1,0 +1,226 @@
+/* The surroundings.
+ *
+ * Between the centres of texels radiance is interpolated. So each texel is chosen
+ * by what it and its eight neighbours bring into it, and no direction with light
+ * is without density.
+ *
+ * Source: Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., 2023,
+ * sections 12.5 and A.5.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/environment.h"
+
+#include "error.h"
+
+static const double PI = 3.141592653589793;
+
+enum { SIDE_MAX = 1 << 15 };
+
+lr_status lr_environment_check(const lr_world *world, lr_error *error)
+{
+    const double *c = world->color, *m = world->image_from_world;
+    for (int a = 0; a < 3; a++)
+        if (!(c[a] >= 0 && isfinite(c[a])))
+            return lr_fail(error, LR_E_ARGUMENT,
+                           "the world must have a finite color of 0 or more, it has (%g, %g, %g)",
+                           c[0], c[1], c[2]);
+    if (world->pixels == NULL)
+        return LR_OK;
+    if (world->width < 1 || world->height < 1 || world->width > SIDE_MAX ||
+        world->height > SIDE_MAX)
+        return lr_fail(error, LR_E_SIZE,
+                       "the world's image must have 1 to %d pixels along its sides, it has %d x %d",
+                       SIDE_MAX, world->width, world->height);
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k <= i; k++)
+            if (!(fabs(lr_dot(m + 3 * i, m + 3 * k) - (i == k)) < 1e-3))
+                return lr_fail(error, LR_E_ARGUMENT,
+                               "the world's image must be placed by a rotation");
+    const size_t n = (size_t)world->width * (size_t)world->height * 3;
+    for (size_t i = 0; i < n; i++)
+        if (!(world->pixels[i] >= 0 && isfinite(world->pixels[i])))
+            return lr_fail(error, LR_E_ARGUMENT,
+                           "the world's image must have finite pixels of 0 or more, one is %g",
+                           (double)world->pixels[i]);
+    return LR_OK;
+}
+
+/* ---- lookup --------------------------------------------------------------- */
+
+/* Where in the image, in texels from its lower left corner. */
+static void texel_of(const lr_environment *e, const double d[3], double *x, double *y)
+{
+    const double *m = e->image_from_world;
+    const double q[3] = {lr_dot(m, d), lr_dot(m + 3, d), lr_dot(m + 6, d)};
+    *x = (0.5 - atan2(q[1], q[0]) / (2 * PI)) * e->width;
+    *y = (0.5 + atan2(q[2], hypot(q[0], q[1])) / PI) * e->height;
+}
+
+static const float *texel(const lr_environment *e, int32_t x, int32_t y)
+{
+    x = (x % e->width + e->width) % e->width;
+    y = lr_max_i(0, lr_min_i(y, e->height - 1));
+    return e->pixels[(size_t)y * (size_t)e->width + (size_t)x];
+}
+
+static void interpolate(const lr_environment *e, double x, double y, double rgb[3])
+{
+    const double fx = floor(x - 0.5), fy = floor(y - 0.5);
+    const double tx = x - 0.5 - fx, ty = y - 0.5 - fy;
+    const int32_t i = (int32_t)fx, j = (int32_t)fy;
+    const float *a = texel(e, i, j), *b = texel(e, i + 1, j);
+    const float *c = texel(e, i, j + 1), *d = texel(e, i + 1, j + 1);
+    for (int k = 0; k < 3; k++)
+        rgb[k] = e->color[k] *
+                 ((1 - ty) * ((1 - tx) * a[k] + tx * b[k]) + ty * ((1 - tx) * c[k] + tx * d[k]));
+}
+
+void lr_environment_radiance(const lr_environment *e, const double d[3], double rgb[3])
+{
+    if (e->pixels == NULL) {
+        memcpy(rgb, e->color, 3 * sizeof *rgb);
+        return;
+    }
+    double x, y;
+    texel_of(e, d, &x, &y);
+    interpolate(e, x, y, rgb);
+}
+
+/* ---- densities ------------------------------------------------------------ */
+
+static double brightness(const lr_environment *e, int32_t x, int32_t y)
+{
+    const float *p = texel(e, x, y);
+    return e->color[0] * p[0] + e->color[1] * p[1] + e->color[2] * p[2];
+}
+
+/* What interpolation brings into a texel, in the mean over it. */
+static double inside_texel(const lr_environment *e, int32_t x, int32_t y)
+{
+    static const double tent[3] = {0.125, 0.75, 0.125};
+    double sum = 0;
+    for (int32_t j = -1; j <= 1; j++)
+        for (int32_t i = -1; i <= 1; i++)
+            sum += tent[i + 1] * tent[j + 1] * brightness(e, x + i, y + j);
+    return sum;
+}
+
+/* Solid angle of a texel in that row over the step of its longitude. */
+static double height_of(const lr_environment *e, int32_t y)
+{
+    return sin(PI * ((y + 1.0) / e->height - 0.5)) - sin(PI * ((double)y / e->height - 0.5));
+}
+
+/* Turn sums[0..n] into shares of the last; even ones where that is 0. Returns it. */
+static double normalize(double *sums, float *shares, int32_t n)
+{
+    const double all = sums[n];
+    for (int32_t i = 0; i <= n; i++)
+        shares[i] = (float)(all > 0 ? sums[i] / all : (double)i / n);
+    return all;
+}
+
+static void add_up(lr_environment *e, double *of_rows, double *of_row)
+{
+    of_rows[0] = of_row[0] = 0;
+    for (int32_t y = 0; y < e->height; y++) {
+        for (int32_t x = 0; x < e->width; x++)
+            of_row[x + 1] = of_row[x] + inside_texel(e, x, y);
+        float *columns = e->columns + (size_t)y * ((size_t)e->width + 1);
+        of_rows[y + 1] = of_rows[y] + height_of(e, y) * normalize(of_row, columns, e->width);
+    }
+    normalize(of_rows, e->rows, e->height);
+}
+
+lr_status lr_environment_make(const lr_world *world, lr_environment *e, lr_error *error)
+{
+    *e = (lr_environment){.width = 0};
+    memcpy(e->color, world->color, sizeof e->color);
+    memcpy(e->image_from_world, world->image_from_world, sizeof e->image_from_world);
+    if (world->pixels == NULL)
+        return LR_OK;
+    const size_t w = (size_t)world->width, h = (size_t)world->height;
+    e->width = world->width;
+    e->height = world->height;
+    e->pixels = malloc(w * h * sizeof *e->pixels);
+    e->rows = malloc((h + 1) * sizeof *e->rows);
+    e->columns = malloc(h * (w + 1) * sizeof *e->columns);
+    double *sums = malloc((w + h + 2) * sizeof *sums);
+    const bool got = e->pixels && e->rows && e->columns && sums;
+    if (got) {
+        memcpy(e->pixels, world->pixels, w * h * sizeof *e->pixels);
+        add_up(e, sums, sums + h + 1);
+    }
+    free(sums);
+    if (got)
+        return LR_OK;
+    lr_environment_free(e);
+    return lr_fail_memory(error, w * h * sizeof *e->pixels, "the world's image");
+}
+
+void lr_environment_free(lr_environment *e)
+{
+    free(e->pixels);
+    free(e->rows);
+    free(e->columns);
+    *e = (lr_environment){.width = 0};
+}
+
+/* ---- sampling ------------------------------------------------------------- */
+
+/* The step of shares[0..n] in which u lies; *within is where in it, 0..1. */
+static int32_t find(const float *shares, int32_t n, double u, double *within)
+{
+    int32_t lo = 0, hi = n;
+    while (hi - lo > 1) {
+        const int32_t middle = lo + (hi - lo) / 2;
+        if (shares[middle] <= u)
+            lo = middle;
+        else
+            hi = middle;
+    }
+    const double step = (double)shares[hi] - shares[lo];
+    *within = step > 0 ? lr_clamp((u - shares[lo]) / step, 0, 1) : 0.5;
+    return lo;
+}
+
+/* Of the directions of a texel. */
+static double density(const lr_environment *e, int32_t x, int32_t y)
+{
+    const float *columns = e->columns + (size_t)y * ((size_t)e->width + 1);
+    const double p = ((double)e->rows[y + 1] - e->rows[y]) * ((double)columns[x + 1] - columns[x]);
+    return p * e->width / (2 * PI * height_of(e, y));
+}
+
+bool lr_environment_sample(const lr_environment *e, const double u[2], double d[3], double rgb[3],
+                           double *pdf)
+{
+    if (e->pixels == NULL)
+        return false;
+    double tx, ty;
+    const int32_t y = find(e->rows, e->height, u[1], &ty);
+    const int32_t x = find(e->columns + (size_t)y * ((size_t)e->width + 1), e->width, u[0], &tx);
+    *pdf = density(e, x, y);
+    if (!(*pdf > 0))
+        return false;
+    const double longitude = 2 * PI * (0.5 - (x + tx) / e->width);
+    const double z =
+        lr_clamp(sin(PI * ((double)y / e->height - 0.5)) + ty * height_of(e, y), -1, 1);
+    const double r = sqrt(1 - z * z);
+    const double q[3] = {r * cos(longitude), r * sin(longitude), z};
+    const double *m = e->image_from_world;
+    for (int a = 0; a < 3; a++)
+        d[a] = m[a] * q[0] + m[a + 3] * q[1] + m[a + 6] * q[2];
+    interpolate(e, x + tx, (0.5 + asin(z) / PI) * e->height, rgb);
+    return true;
+}
+
+double lr_environment_pdf(const lr_environment *e, const double d[3])
+{
+    if (e->pixels == NULL)
+        return 0;
+    double x, y;
+    texel_of(e, d, &x, &y);
+    return density(e, lr_max_i(0, lr_min_i((int32_t)x, e->width - 1)),
+                   lr_max_i(0, lr_min_i((int32_t)y, e->height - 1)));
+}
