@@ -9,6 +9,7 @@ around, everything is reached.
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +19,18 @@ from . import model
 FILTER = 8.0  # pixels beyond the image's edges that its pixels may see
 SEVERAL = 512  # boxes of what is seen are taken together beyond that number
 SLACK = 1e-9  # of the scene's extent
+FLAGS = tuple(f"visible_{ray}" for ray in ("camera", "shadow", "diffuse", "glossy", "transmission"))
+WIDE = math.radians(160)  # a sun of that angle is taken to shine from everywhere
+STRAIGHT = ("diffuse", "transparent", "emission")  # lobes that send no ray elsewhere, but to lights
 
 
 def reached(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.bool_]:
     """For each instance (n,) whether a ray of the camera, or of light from there, may meet it."""
-    flags = np.array(
-        [(i.visible_camera, i.visible_shadow, i.visible_diffuse) for i in instances], bool
-    ).reshape(-1, 3)
+    flags = np.array([[getattr(i, name) for name in FLAGS] for i in instances], bool).reshape(
+        -1, len(FLAGS)
+    )
     seen, stops_light = flags.T[:2]
-    if any(scene.world.color) or not _straight(scene):
+    if _wander(scene, instances):
         return flags.any(axis=1)
     corners = _corners(scene, instances)
     seen = seen & in_view(scene, corners)
@@ -38,11 +42,12 @@ def reached(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.b
     return found
 
 
-def _straight(scene: model.Scene) -> bool:
-    """Whether rays go straight from what the camera sees to points and suns, and nowhere else."""
-    lobes = (lobe for material in scene.materials for lobe in material.lobes)
-    sizes = (light.radius or light.angle or light.kind == "area" for light in scene.lights)
-    return all(lobe.kind in ("diffuse", "emission") for lobe in lobes) and not any(sizes)
+def _wander(scene: model.Scene, instances: list[model.Instance]) -> bool:
+    """Whether rays leave the ways between camera, surfaces and lights."""
+    if any(scene.world.color) and scene.world.visible_diffuse:
+        return True
+    used = {material for instance in instances for material in instance.materials}
+    return any(lobe.kind not in STRAIGHT for m in used for lobe in scene.materials[m].lobes)
 
 
 def in_view(scene: model.Scene, corners: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -106,20 +111,27 @@ def _between(
     corners: NDArray[np.float64], lit: NDArray[np.float64], light: model.Light
 ) -> NDArray[np.bool_]:
     """Whether boxes, corners (n, 8, 3), may lie between one of lit (m, 2, 3) and a light: (n,)."""
+    if light.kind == "sun" and light.angle > WIDE:
+        return np.ones(len(corners), bool)
     if light.kind == "sun":  # along x the way to the sun, which has no end
         axes = np.linalg.qr(np.column_stack([light.direction, np.eye(3)]))[0].T
         axes[0] = light.direction
         ends = _boxes_in(_spanned(lit), axes)
         ends[:, 1, 0] = np.inf
+        opening = math.tan(light.angle / 2)
     else:
         axes = np.eye(3)
-        at = np.asarray(light.position, np.float64)
-        ends = np.stack([np.minimum(lit[:, 0], at), np.maximum(lit[:, 1], at)], axis=1)
+        sides = np.abs(light.axis_u) + np.abs(light.axis_v)
+        extent = light.radius + sides / 2
+        near, far = light.position - extent, light.position + extent
+        ends = np.stack([np.minimum(lit[:, 0], near), np.maximum(lit[:, 1], far)], axis=1)
+        opening = 0.0
     own = _boxes_in(corners, axes)
     slack = SLACK * np.abs(own).max(initial=0.0)
     met = np.zeros(len(own), bool)
     for lo, hi in ends:
-        met |= ((own[:, 1] >= lo - slack) & (own[:, 0] <= hi + slack)).all(axis=1)
+        wide = slack + opening * np.maximum(own[:, 1, 0] - lo[0], 0.0)[:, None]
+        met |= ((own[:, 1] >= lo - wide) & (own[:, 0] <= hi + wide)).all(axis=1)
     return met
 
 

@@ -58,9 +58,23 @@ def test_what_is_seen_in_a_mirror_is_not_left_out(kind):
     assert reached(dataclasses.replace(scene, materials=bright)) == [True, True]
 
 
-def test_lights_with_extent_shine_from_everywhere():
-    wide = dataclasses.replace(LAMP, radius=3.0)
-    assert reached(dark((0, 0, 0), (50, 0, 0), lights=(wide,))) == [True, True]
+def test_lights_with_extent_are_shaded_from_beside_too():
+    above, beside = (0, 0, 30), (4, 0, 30)
+    for angle, found in ((0.0, False), (0.1, False), (0.3, True), (3.1, True)):
+        sun = dataclasses.replace(SUN, angle=angle)
+        assert reached(dark((0, 0, 0), above, beside, lights=(sun,)))[1:] == [True, found]
+    narrow = scenes.camera(fov=0.2)
+    for radius, found in ((0.0, False), (3.0, True)):
+        lamp = dataclasses.replace(LAMP, radius=radius)
+        scene = dark((0, 0, 0), (3, -5.5, 4.5), lights=(lamp,), view=narrow)
+        assert reached(scene) == [True, found]
+
+
+def test_mirrors_reach_everything():
+    scene = dark((0, 0, 0), (0, -20, 0))
+    mirror = model.Material("Mirror", (model.Lobe("glossy"),))
+    assert reached(scene) == [True, False]
+    assert reached(dataclasses.replace(scene, materials=(mirror,))) == [True, True]
 
 
 def test_clipping_counts():
