@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from leapray import Stopped, Watch
+from leapray import LeapRayError, Stopped, Watch
 from leapray.voxelization import voxelize
 
 
@@ -26,6 +26,38 @@ def test_the_number_of_threads_does_not_matter(mesh):
         assert_array_equal(other.read(), one.read())
         assert_array_equal(other.read_ids(), one.read_ids())
         assert_array_equal(other.read_surface(), one.read_surface())
+
+
+def offered(simd):
+    try:
+        return voxelize(*meshes.box(), 0.5, simd=simd).mesh_info.simd == simd
+    except LeapRayError as refused:
+        assert simd in str(refused)
+        return False
+
+
+@pytest.mark.parametrize("simd", ["avx2", "avx512"])
+@pytest.mark.parametrize("name", ["fat", "thin", "long", "sheet", "dense"])
+def test_the_instructions_do_not_matter(name, simd):
+    """Every bit is the same: triangles of all shapes, far larger and smaller than a voxel."""
+    if not offered(simd):
+        pytest.skip("this processor does not have them")
+    (vertices, triangles), h = {
+        "fat": (meshes.spiky(2, levels=3), 0.03),
+        "thin": (meshes.uv_sphere(300, 7), 0.03),
+        "long": (meshes.box((0, 0, 0), (3, 0.2, 0.1)), 0.011),
+        "sheet": (meshes.leaf(), 0.03),
+        "dense": (meshes.torus(200, 100), 0.11),
+    }[name]
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    ids = np.arange(len(triangles)) % 65536
+    portable, other = (
+        voxelize(vertices @ turn, triangles, h, ids=ids, dtype="f32", simd=path)
+        for path in ("portable", simd)
+    )
+    assert portable.mesh_info.simd == "portable"
+    assert_array_equal(other.read(), portable.read())
+    assert_array_equal(other.read_ids(), portable.read_ids())
 
 
 def test_progress_rises_to_one():

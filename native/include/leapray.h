@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 9 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 10 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -194,12 +194,21 @@ typedef enum lr_filter {
     LR_FILTER_RAMP = 0 /* linear in the signed distance: the oriented box filter */
 } lr_filter;
 
+/* Vector instructions; results are the same bits by all of them. */
+typedef enum lr_simd {
+    LR_SIMD_AUTO = 0, /* the best that processor and system offer */
+    LR_SIMD_PORTABLE = 1,
+    LR_SIMD_AVX2 = 2,
+    LR_SIMD_AVX512 = 3
+} lr_simd;
+
 typedef struct lr_voxelize_options {
     double voxel_size;   /* edge of a voxel in object space */
     double half_width;   /* of the filter, in voxels */
     int32_t filter;      /* lr_filter */
     int32_t kind;        /* lr_kind */
     int32_t sample_type; /* lr_sample_type */
+    int32_t simd;        /* lr_simd; one that is not there is refused */
 } lr_voxelize_options;
 
 typedef struct lr_voxelizer lr_voxelizer;
@@ -212,6 +221,7 @@ typedef struct lr_voxelizer_info {
     uint64_t n_bad_edges;     /* edges with more than two triangles, or two of opposite winding */
     uint64_t n_degenerate;    /* triangles without area, or on the places of an earlier one */
     int32_t inverted;         /* nonzero: a closed mesh was wound inside out and was turned */
+    int32_t simd;             /* lr_simd in use */
 } lr_voxelizer_info;
 
 /* Bin the mesh and say what the volume will be; the arrays of mesh must live

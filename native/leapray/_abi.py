@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 9
+LR_ABI = 10
 
 
 class lr_status(IntEnum):
@@ -48,6 +48,13 @@ class lr_color_source(IntEnum):
 
 class lr_filter(IntEnum):
     LR_FILTER_RAMP = 0
+
+
+class lr_simd(IntEnum):
+    LR_SIMD_AUTO = 0
+    LR_SIMD_PORTABLE = 1
+    LR_SIMD_AVX2 = 2
+    LR_SIMD_AVX512 = 3
 
 
 class lr_metric(IntEnum):
@@ -133,6 +140,7 @@ LR_INTERPOLATION_LINEAR, LR_INTERPOLATION_CLOSEST = lr_interpolation
 LR_EXTENSION_REPEAT, LR_EXTENSION_EXTEND, LR_EXTENSION_CLIP, LR_EXTENSION_MIRROR = lr_extension
 LR_COLOR_NONE, LR_COLOR_VERTEX = lr_color_source
 (LR_FILTER_RAMP,) = lr_filter
+LR_SIMD_AUTO, LR_SIMD_PORTABLE, LR_SIMD_AVX2, LR_SIMD_AVX512 = lr_simd
 LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK, LR_METRIC_CHAMFER345, LR_METRIC_EUCLID = lr_metric
 LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT = lr_traverser_flag
 LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
@@ -224,6 +232,7 @@ class lr_voxelize_options(ctypes.Structure):
         ("filter", ctypes.c_int32),
         ("kind", ctypes.c_int32),
         ("sample_type", ctypes.c_int32),
+        ("simd", ctypes.c_int32),
     )
 
 
@@ -240,6 +249,7 @@ class lr_voxelizer_info(ctypes.Structure):
         ("n_bad_edges", ctypes.c_uint64),
         ("n_degenerate", ctypes.c_uint64),
         ("inverted", ctypes.c_int32),
+        ("simd", ctypes.c_int32),
     )
 
 

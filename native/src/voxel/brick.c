@@ -3,7 +3,7 @@
  * Samples in the band take the signed distance to their nearest triangle, those of
  * a sheet the height over it, which runs on beyond its rim. The others of a solid
  * take the side of their neighbours: a link between two neighbours of which one is
- * beyond the band (at least sqrt(6) voxels wide) cannot cross the surface, so sides
+ * beyond the band (at least sqrt(3) voxels wide) cannot cross the surface, so sides
  * spread along the axes; that is done 64 samples at a time, one bit each. What lies
  * outside the lattice is outside.
  * A brick without any sample in the band stays unknown and is decided among
@@ -251,7 +251,7 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
     place_of(job, at, first);
     for (int a = 0; a < 3; a++)
         centre[a] = first[a] + 3.5;
-    if (!lr_nearest_search(job->mesh, centre, list, n, job->band, watch, &scratch->nearest))
+    if (!job->search(job->mesh, centre, list, n, job->band, watch, &scratch->nearest))
         return false;
     sides side = {0};
     memset(brick, 0, sizeof *brick);

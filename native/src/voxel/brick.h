@@ -11,6 +11,7 @@
 /* What is the same for all bricks. */
 typedef struct lr_voxel_job {
     const lr_topology *mesh;
+    lr_nearest_search *search;
     int32_t table_size[3];
     int32_t size[3];   /* of the lattice, samples */
     double band;       /* voxels; samples within it have a distance */

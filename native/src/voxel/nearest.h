@@ -33,7 +33,11 @@ typedef struct lr_nearest {
 
 /* Search the listed triangles around a brick whose samples lie within 3.5 of
  * centre. False where stopped. */
-bool lr_nearest_search(const lr_topology *mesh, const double centre[3], const uint32_t *list,
-                       uint32_t n, double band, const lr_watch *watch, lr_nearest *nearest);
+typedef bool lr_nearest_search(const lr_topology *mesh, const double centre[3],
+                               const uint32_t *list, uint32_t n, double band, const lr_watch *watch,
+                               lr_nearest *nearest);
+
+/* By the instructions of an lr_simd that the processor has; all find the same. */
+lr_nearest_search lr_nearest_portable, lr_nearest_avx2, lr_nearest_avx512;
 
 #endif

@@ -8,6 +8,7 @@
  * of the table are outside.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "cpu.h"
 #include "voxel/brick.h"
 
 /* A 4096^3 lattice; the tables of its bricks take 1.2 GB. */
@@ -15,8 +16,12 @@
 #define WIDEST_RAMP 32.0
 
 /* Central differences at the corners of a surface cell reach sqrt(6) from the
- * surface (samples at offsets 2, 1, 1); the rest is for rounding. */
+ * surface (samples at offsets 2, 1, 1); the rest is for rounding. The lattice
+ * has room for them, and a sheet wants its heights there. A solid's samples
+ * beyond the ramp are 0 or 1, so its band only has to hold the corners of surface
+ * cells, at most sqrt(3) away, for their ids. */
 #define STENCIL 2.4495
+#define CORNERS 1.7321
 
 typedef struct part {
     uint32_t n;             /* mixed bricks */
@@ -43,6 +48,7 @@ struct lr_voxelizer {
     lr_volume *volume;   /* NULL once it is given away */
     part *parts;
     verdict *verdicts; /* [n_active] */
+    int32_t simd;      /* lr_simd in use */
 };
 
 /* ---- begin ------------------------------------------------------------- */
@@ -73,7 +79,7 @@ static lr_status place_lattice(lr_voxelizer *v, const lr_voxelize_options *o, lr
 {
     lr_topology *m = &v->mesh;
     lr_volume_desc *desc = &v->desc;
-    double margin = ceil(v->job.band) + 1.0, first[3], n[3], n_table = 1.0;
+    double margin = ceil(fmax(o->half_width, STENCIL)) + 1.0, first[3], n[3], n_table = 1.0;
     for (int a = 0; a < 3; a++) {
         first[a] = floor(m->lo[a] * m->per_unit) - margin;
         n[a] = ceil(m->hi[a] * m->per_unit) + margin - first[a] + 1.0;
@@ -103,11 +109,18 @@ static lr_status place_lattice(lr_voxelizer *v, const lr_voxelize_options *o, lr
     return LR_OK;
 }
 
+static lr_nearest_search *search_by(int32_t simd)
+{
+    return simd == LR_SIMD_AVX512 ? lr_nearest_avx512
+           : simd == LR_SIMD_AVX2 ? lr_nearest_avx2
+                                  : lr_nearest_portable;
+}
+
 static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_voxelize_options *o,
                          const lr_watch *watch, lr_error *error)
 {
     v->job = (lr_voxel_job){.mesh = &v->mesh,
-                            .band = o->half_width > STENCIL ? o->half_width : STENCIL,
+                            .search = search_by(v->simd),
                             .half_width = o->half_width,
                             .sample_type = o->sample_type};
     lr_status status = lr_topology_make(mesh, o->voxel_size, watch, &v->mesh, error);
@@ -120,6 +133,7 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_voxelize
     if (status != LR_OK)
         return status;
     v->job.sheet = v->desc.kind == LR_KIND_SHEET;
+    v->job.band = fmax(o->half_width, v->job.sheet ? STENCIL : CORNERS);
     memcpy(v->job.table_size, v->volume->table_size, sizeof v->job.table_size);
     status = lr_bins_make(&v->mesh, v->job.table_size, v->job.band, watch, &v->bins, error);
     if (status != LR_OK)
@@ -140,7 +154,9 @@ lr_status lr_voxelize_begin(const lr_mesh *mesh, const lr_voxelize_options *opti
     lr_voxelizer *v = calloc(1, sizeof *v);
     if (v == NULL)
         return lr_fail_memory(error, sizeof *v, "a voxelizer");
-    status = prepare(v, mesh, options, watch, error);
+    status = lr_cpu_choose(options->simd, &v->simd, error);
+    if (status == LR_OK)
+        status = prepare(v, mesh, options, watch, error);
     if (status != LR_OK) {
         lr_voxelizer_free(v);
         return status;
@@ -164,6 +180,7 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
         .n_bad_edges = v->mesh.n_bad_edges,
         .n_degenerate = v->mesh.n_degenerate,
         .inverted = v->mesh.side < 0.0,
+        .simd = v->simd,
     };
 }
 

@@ -1,0 +1,177 @@
+/* Sixteen floats side by side: in one register of AVX-512, two of AVX2, four
+ * of SSE, by LR_LANES_SIMD (2, 1, 0). Every operation is that of IEEE 754 on each lane,
+ * nothing is fused, so the results are the same bits on all three.
+ *
+ * Included into a file compiled for its instructions; see search.h.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_LANES_SIMD
+#error "LR_LANES_SIMD says which instructions to use"
+#endif
+
+#if LR_LANES_SIMD == 2
+
+typedef __m512 lanes;
+typedef __mmask16 lane_mask;
+
+#define LR_BINARY(name, operation)                                                                 \
+    LR_INLINE lanes name(lanes a, lanes b)                                                         \
+    {                                                                                              \
+        return _mm512_##operation##_ps(a, b);                                                      \
+    }
+
+LR_INLINE lanes lanes_load(const void *from)
+{
+    return _mm512_load_ps(from);
+}
+
+LR_INLINE void lanes_store(void *to, lanes a)
+{
+    _mm512_store_ps(to, a);
+}
+
+LR_INLINE lanes lanes_all(float x)
+{
+    return _mm512_set1_ps(x);
+}
+
+LR_INLINE lanes lanes_sqrt(lanes a)
+{
+    return _mm512_sqrt_ps(a);
+}
+
+LR_INLINE lanes lanes_abs(lanes a)
+{
+    return _mm512_abs_ps(a);
+}
+
+LR_INLINE lane_mask lanes_less(lanes a, lanes b)
+{
+    return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ);
+}
+
+LR_INLINE lane_mask mask_and(lane_mask a, lane_mask b)
+{
+    return a & b;
+}
+
+LR_INLINE uint32_t mask_bits(lane_mask m)
+{
+    return m;
+}
+
+/* a where m, else b. */
+LR_INLINE lanes lanes_pick(lane_mask m, lanes a, lanes b)
+{
+    return _mm512_mask_blend_ps(m, b, a);
+}
+
+LR_INLINE float lanes_largest(lanes a)
+{
+    return _mm512_reduce_max_ps(a);
+}
+
+#else
+
+#if LR_LANES_SIMD == 1
+enum { LANE_PARTS = 2, LANES_PER_PART = 8 };
+typedef __m256 lane_part;
+#define LR_OF(operation) _mm256_##operation##_ps
+#define LR_LESS(a, b)    _mm256_cmp_ps(a, b, _CMP_LT_OQ)
+#else
+enum { LANE_PARTS = 4, LANES_PER_PART = 4 };
+typedef __m128 lane_part;
+#define LR_OF(operation) _mm_##operation##_ps
+#define LR_LESS(a, b)    _mm_cmplt_ps(a, b)
+#endif
+
+typedef struct lanes {
+    lane_part of[LANE_PARTS];
+} lanes;
+typedef lanes lane_mask; /* all bits of a lane, or none */
+
+#define LR_EACH(expression)                                                                        \
+    lanes out;                                                                                     \
+    for (int i = 0; i < LANE_PARTS; i++)                                                           \
+        out.of[i] = expression;                                                                    \
+    return out
+
+#define LR_BINARY(name, operation)                                                                 \
+    LR_INLINE lanes name(lanes a, lanes b)                                                         \
+    {                                                                                              \
+        LR_EACH(LR_OF(operation)(a.of[i], b.of[i]));                                               \
+    }
+
+LR_INLINE lanes lanes_load(const void *from)
+{
+    LR_EACH(LR_OF(load)((const float *)from + LANES_PER_PART * i));
+}
+
+LR_INLINE void lanes_store(void *to, lanes a)
+{
+    for (int i = 0; i < LANE_PARTS; i++)
+        LR_OF(store)((float *)to + LANES_PER_PART * i, a.of[i]);
+}
+
+LR_INLINE lanes lanes_all(float x)
+{
+    LR_EACH(LR_OF(set1)(x));
+}
+
+LR_INLINE lanes lanes_sqrt(lanes a)
+{
+    LR_EACH(LR_OF(sqrt)(a.of[i]));
+}
+
+LR_INLINE lanes lanes_abs(lanes a)
+{
+    LR_EACH(LR_OF(andnot)(LR_OF(set1)(-0.0f), a.of[i]));
+}
+
+LR_INLINE lane_mask lanes_less(lanes a, lanes b)
+{
+    LR_EACH(LR_LESS(a.of[i], b.of[i]));
+}
+
+LR_INLINE lane_mask mask_and(lane_mask a, lane_mask b)
+{
+    LR_EACH(LR_OF (and)(a.of[i], b.of[i]));
+}
+
+LR_INLINE uint32_t mask_bits(lane_mask m)
+{
+    uint32_t bits = 0;
+    for (int i = 0; i < LANE_PARTS; i++)
+        bits |= (uint32_t)LR_OF(movemask)(m.of[i]) << (LANES_PER_PART * i);
+    return bits;
+}
+
+LR_INLINE lanes lanes_pick(lane_mask m, lanes a, lanes b)
+{
+    LR_EACH(LR_OF(or)(LR_OF (and)(m.of[i], a.of[i]), LR_OF(andnot)(m.of[i], b.of[i])));
+}
+
+LR_INLINE float lanes_largest(lanes a)
+{
+#if LR_LANES_SIMD == 1
+    __m256 two = _mm256_max_ps(a.of[0], a.of[1]);
+    __m128 four = _mm_max_ps(_mm256_castps256_ps128(two), _mm256_extractf128_ps(two, 1));
+#else
+    __m128 four = _mm_max_ps(_mm_max_ps(a.of[0], a.of[1]), _mm_max_ps(a.of[2], a.of[3]));
+#endif
+    four = _mm_max_ps(four, _mm_movehl_ps(four, four));
+    return _mm_cvtss_f32(_mm_max_ss(four, _mm_shuffle_ps(four, four, 1)));
+}
+
+#endif
+
+LR_BINARY(lanes_add, add)
+LR_BINARY(lanes_sub, sub)
+LR_BINARY(lanes_mul, mul)
+LR_BINARY(lanes_div, div)
+LR_BINARY(lanes_min, min) /* the second where one is NaN, as the processor does */
+LR_BINARY(lanes_max, max)
+#undef LR_BINARY
+#undef LR_EACH
+#undef LR_LESS
+#undef LR_OF

@@ -1,0 +1,391 @@
+/* The search of nearest.h, compiled once per instruction set.
+ *
+ * The forms of frame.h are set up for sixteen triangles side by side, then each
+ * triangle competes for the tiles that its box may still win, sixteen samples
+ * side by side. Two bounds come before the whole distance: the box against a
+ * tile's worst sample, and height and largest excess, which are the distance but
+ * at corners, against each sample.
+ *
+ * All is f32 around the brick's centre; edges are differences in f64, so a fat
+ * triangle keeps some 1e-6 voxel. Slivers and long triangles are set up in f64,
+ * and their edges measured from their point next to the centre.
+ *
+ * Wants LR_LANES_SIMD and LR_SEARCH, the function's name.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "voxel/lanes.h"
+
+enum {
+    EDGES = 3,
+    POLL = 1 << 6 /* batches between looks at the stop word */
+};
+
+/* Rounding of the f32 forms, in voxels: a triangle that is within it of being
+ * the nearest must not be culled. Coordinates up to 3.5 + band in sums of three
+ * products lose a few 2^-24 of that. */
+#define SLACK 1e-4f
+
+/* A triangle is fat where its height is above this share of its longest side,
+ * and that side below so many voxels: then rounding to f32 tilts it by less than
+ * 1e-6. */
+#define FAT   0.1f
+#define SHORT 8.0f
+
+/* Sixteen triangles: value at the brick's centre and gradient of the height, of
+ * each edge's excess and of the place along it; the range of place on the edge;
+ * bounding boxes. */
+typedef struct batch {
+    _Alignas(64) float height[4][LR_LANES]; /* gradient x, y, z; value */
+    _Alignas(64) float excess[EDGES][4][LR_LANES];
+    _Alignas(64) float place[EDGES][4][LR_LANES];
+    _Alignas(64) float lo[EDGES][LR_LANES], hi[EDGES][LR_LANES];
+    _Alignas(64) float middle[3][LR_LANES], half[3][LR_LANES];
+    /* By how much height and excess vary in a tile around its centre. */
+    _Alignas(64) float height_extent[LR_LANES], excess_extent[EDGES][LR_LANES];
+} batch;
+
+typedef struct corners {
+    _Alignas(64) float p[3][3][LR_LANES]; /* relative to the brick's centre */
+    _Alignas(64) float edge[EDGES][3][LR_LANES];
+} corners;
+
+typedef struct vec {
+    lanes x, y, z;
+} vec;
+
+LR_INLINE vec load3(const float (*from)[LR_LANES])
+{
+    return (vec){lanes_load(from[0]), lanes_load(from[1]), lanes_load(from[2])};
+}
+
+LR_INLINE lanes dot3(vec a, vec b)
+{
+    lanes xy = lanes_add(lanes_mul(a.x, b.x), lanes_mul(a.y, b.y));
+    return lanes_add(xy, lanes_mul(a.z, b.z));
+}
+
+LR_INLINE vec cross3(vec a, vec b)
+{
+    return (vec){lanes_sub(lanes_mul(a.y, b.z), lanes_mul(a.z, b.y)),
+                 lanes_sub(lanes_mul(a.z, b.x), lanes_mul(a.x, b.z)),
+                 lanes_sub(lanes_mul(a.x, b.y), lanes_mul(a.y, b.x))};
+}
+
+LR_INLINE vec scale3(vec a, lanes s)
+{
+    return (vec){lanes_mul(a.x, s), lanes_mul(a.y, s), lanes_mul(a.z, s)};
+}
+
+/* The linear form g.(x - on) at all lanes. */
+LR_INLINE void store_form(float (*to)[LR_LANES], vec g, vec on)
+{
+    lanes_store(to[0], g.x);
+    lanes_store(to[1], g.y);
+    lanes_store(to[2], g.z);
+    lanes_store(to[3], lanes_sub(lanes_all(0.0f), dot3(g, on)));
+}
+
+static void gather(const lr_topology *mesh, const double centre[3], const uint32_t *who, int n,
+                   corners *at)
+{
+    for (int l = 0; l < n; l++) {
+        double p[3][3];
+        lr_triangle(mesh, who[l], p);
+        for (int e = 0; e < 3; e++)
+            for (int a = 0; a < 3; a++) {
+                at->p[e][a][l] = (float)(p[e][a] - centre[a]);
+                at->edge[e][a][l] = (float)(p[(e + 1) % 3][a] - p[e][a]);
+            }
+    }
+}
+
+LR_INLINE void set_boxes(const corners *at, batch *b)
+{
+    for (int a = 0; a < 3; a++) {
+        lanes p = lanes_load(at->p[0][a]), q = lanes_load(at->p[1][a]);
+        lanes r = lanes_load(at->p[2][a]), half = lanes_all(0.5f);
+        lanes lo = lanes_min(lanes_min(p, q), r), hi = lanes_max(lanes_max(p, q), r);
+        lanes_store(b->middle[a], lanes_mul(half, lanes_add(lo, hi)));
+        lanes_store(b->half[a], lanes_mul(half, lanes_sub(hi, lo)));
+    }
+}
+
+/* Set up all; returns the lanes of those that are fat and so are right. */
+LR_INLINE uint32_t set_fat(const corners *at, batch *b)
+{
+    const lanes one = lanes_all(1.0f), zero = lanes_all(0.0f);
+    lanes longest = zero, length[EDGES];
+    for (int e = 0; e < EDGES; e++) {
+        vec edge = load3(at->edge[e]);
+        lanes square = dot3(edge, edge);
+        longest = lanes_max(longest, square);
+        length[e] = lanes_sqrt(square);
+    }
+    vec n = cross3(load3(at->edge[0]), load3(at->edge[1]));
+    lanes area = lanes_sqrt(dot3(n, n));
+    lane_mask fat = mask_and(lanes_less(lanes_mul(lanes_all(FAT), longest), area),
+                             lanes_less(longest, lanes_all(SHORT * SHORT)));
+    n = scale3(n, lanes_div(one, area));
+    store_form(b->height, n, load3(at->p[0]));
+    for (int e = 0; e < EDGES; e++) {
+        vec u = scale3(load3(at->edge[e]), lanes_div(one, length[e])), on = load3(at->p[e]);
+        store_form(b->place[e], u, on);
+        store_form(b->excess[e], cross3(u, n), on);
+        lanes_store(b->lo[e], zero);
+        lanes_store(b->hi[e], length[e]);
+    }
+    set_boxes(at, b);
+    return mask_bits(fat);
+}
+
+LR_INLINE void set_form(float (*to)[LR_LANES], int l, const double g[3], double c)
+{
+    for (int a = 0; a < 3; a++)
+        to[a][l] = (float)g[a];
+    to[3][l] = (float)c;
+}
+
+static void begin(double band, lr_nearest *nearest)
+{
+    const float limit = (float)(band * band);
+    for (int tile = 0; tile < LR_TILES; tile++) {
+        nearest->worst[tile] = limit;
+        for (int lane = 0; lane < LR_LANES; lane++) {
+            nearest->d2[tile][lane] = limit;
+            nearest->winner[tile][lane] = -1;
+        }
+    }
+}
+
+/* A step through n places that visits all of them, near n / golden ratio: the
+ * list jumps about, so that the tiles' distances shrink early. */
+static uint32_t golden_step(uint32_t n)
+{
+    uint32_t step = (uint32_t)(0.6180339887 * n);
+    for (;; step++) {
+        uint32_t a = n, b = step;
+        while (b != 0) {
+            uint32_t rest = a % b;
+            a = b;
+            b = rest;
+        }
+        if (a == 1)
+            return step;
+    }
+}
+
+/* One triangle in f64; put out of reach where it has no area. */
+static void set_thin(const lr_topology *mesh, const double centre[3], uint32_t t, int l, batch *b)
+{
+    lr_frame f;
+    lr_triangle(mesh, t, f.p);
+    for (int c = 0; c < 3; c++)
+        lr_sub(f.p[c], centre, f.p[c]);
+    if (!lr_frame_make(&f)) {
+        b->middle[0][l] = INFINITY;
+        return;
+    }
+    set_form(b->height, l, f.n, -lr_dot(f.n, f.p[0]));
+    for (int e = 0; e < EDGES; e++) {
+        double place = -lr_dot(f.u[e], f.p[e]);
+        double next = lr_clamp(place, 0.0, f.length[e]);
+        set_form(b->excess[e], l, f.m[e], -lr_dot(f.m[e], f.p[e]));
+        set_form(b->place[e], l, f.u[e], place - next);
+        b->lo[e][l] = (float)-next;
+        b->hi[e][l] = (float)(f.length[e] - next);
+    }
+}
+
+/* Centres of the tiles relative to the brick's, and of lanes to their tile's. */
+#define TWICE(...) __VA_ARGS__, __VA_ARGS__
+#define FOUR(...)  TWICE(TWICE(__VA_ARGS__))
+_Alignas(64) static const float TILE[3][LR_TILES] = {
+    {FOUR(FOUR(-2, 2))},
+    {FOUR(TWICE(-3), TWICE(-1), TWICE(1), TWICE(3))},
+    {TWICE(FOUR(-3)), TWICE(FOUR(-1)), TWICE(FOUR(1)), TWICE(FOUR(3))},
+};
+_Alignas(64) static const float LANE[3][LR_LANES] = {
+    {FOUR(-1.5f, -0.5f, 0.5f, 1.5f)},
+    {TWICE(FOUR(-0.5f), FOUR(0.5f))},
+    {TWICE(FOUR(-0.5f)), TWICE(FOUR(0.5f))},
+};
+#undef TWICE
+#undef FOUR
+static const float HALF_TILE[3] = {1.5f, 0.5f, 0.5f};
+
+LR_INLINE void set_extent(float (*form)[LR_LANES], float *extent)
+{
+    lanes sum = lanes_all(SLACK);
+    for (int a = 0; a < 3; a++) {
+        lanes size = lanes_mul(lanes_abs(lanes_load(form[a])), lanes_all(HALF_TILE[a]));
+        sum = lanes_add(sum, size);
+    }
+    lanes_store(extent, sum);
+}
+
+/* Set up n triangles. */
+LR_INLINE void set_up(const lr_topology *mesh, const double centre[3], const uint32_t *who, int n,
+                      batch *b)
+{
+    corners at;
+    gather(mesh, centre, who, n, &at);
+    uint32_t fat = set_fat(&at, b);
+    for (int l = 0; l < n; l++)
+        if (!(fat >> l & 1))
+            set_thin(mesh, centre, who[l], l, b);
+    set_extent(b->height, b->height_extent);
+    for (int e = 0; e < EDGES; e++)
+        set_extent(b->excess[e], b->excess_extent[e]);
+}
+
+/* Bit per tile whose worst distance the box may beat. */
+LR_INLINE uint32_t near_box(const batch *b, int l, const float worst[LR_TILES])
+{
+    uint32_t bits = 0;
+    for (int first = 0; first < LR_TILES; first += LR_LANES) {
+        lanes square = lanes_all(0.0f);
+        for (int a = 0; a < 3; a++) {
+            lanes apart = lanes_sub(lanes_load(&TILE[a][first]), lanes_all(b->middle[a][l]));
+            lanes reach = lanes_all(b->half[a][l] + (HALF_TILE[a] + SLACK));
+            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), reach), lanes_all(0.0f));
+            square = lanes_add(square, lanes_mul(gap, gap));
+        }
+        bits |= mask_bits(lanes_less(square, lanes_load(worst + first))) << first;
+    }
+    return bits;
+}
+
+/* Change of a form over the places at[x, y, z][16]. */
+LR_INLINE lanes slope(const float (*form)[LR_LANES], int l, const float *x, const float *y,
+                      const float *z)
+{
+    lanes sum = lanes_add(lanes_mul(lanes_all(form[0][l]), lanes_load(x)),
+                          lanes_mul(lanes_all(form[1][l]), lanes_load(y)));
+    return lanes_add(sum, lanes_mul(lanes_all(form[2][l]), lanes_load(z)));
+}
+
+LR_INLINE lanes over_tile(const float (*form)[LR_LANES], int l)
+{
+    return slope(form, l, LANE[0], LANE[1], LANE[2]);
+}
+
+LR_INLINE lanes at_centres(const float (*form)[LR_LANES], int l, int first)
+{
+    return lanes_add(slope(form, l, &TILE[0][first], &TILE[1][first], &TILE[2][first]),
+                     lanes_all(form[3][l]));
+}
+
+/* Height and excesses at the centres of tiles. */
+typedef struct centres {
+    _Alignas(64) float height[LR_TILES], excess[EDGES][LR_TILES];
+} centres;
+
+/* Fill them where bits are set, and return the bits of those tiles whose worst
+ * distance the triangle may beat by its height and excesses. */
+LR_INLINE uint32_t near_forms(const batch *b, int l, uint32_t bits, const float worst[LR_TILES],
+                              centres *at)
+{
+    const lanes zero = lanes_all(0.0f);
+    uint32_t out = 0;
+    for (int first = 0; first < LR_TILES; first += LR_LANES) {
+        if ((bits >> first & 0xffff) == 0)
+            continue;
+        lanes h = at_centres(b->height, l, first), most = zero;
+        lanes_store(at->height + first, h);
+        for (int e = 0; e < EDGES; e++) {
+            lanes excess = at_centres(b->excess[e], l, first);
+            lanes_store(at->excess[e] + first, excess);
+            most = lanes_max(lanes_sub(excess, lanes_all(b->excess_extent[e][l])), most);
+        }
+        h = lanes_max(lanes_sub(lanes_abs(h), lanes_all(b->height_extent[l])), zero);
+        lanes square = lanes_add(lanes_mul(h, h), lanes_mul(most, most));
+        out |= mask_bits(lanes_less(square, lanes_load(worst + first))) << first;
+    }
+    return bits & out;
+}
+
+/* Squared distance in the plane from those lanes that lie beyond an edge. */
+LR_INLINE lanes beyond_edges(const batch *b, int l, int tile, const lanes excess[EDGES])
+{
+    lanes nearest = lanes_all(INFINITY);
+    const lanes zero = lanes_all(0.0f);
+    for (int e = 0; e < EDGES; e++) {
+        const float (*form)[LR_LANES] = b->place[e];
+        float x = form[0][l] * TILE[0][tile], y = form[1][l] * TILE[1][tile];
+        float centre = form[3][l] + (x + y + form[2][l] * TILE[2][tile]);
+        lanes place = lanes_add(over_tile(form, l), lanes_all(centre));
+        lanes below = lanes_min(lanes_sub(place, lanes_all(b->lo[e][l])), zero);
+        lanes above = lanes_max(lanes_sub(place, lanes_all(b->hi[e][l])), zero);
+        lanes outside = lanes_add(below, above);
+        lanes square = lanes_add(lanes_mul(excess[e], excess[e]), lanes_mul(outside, outside));
+        nearest = lanes_min(square, nearest);
+    }
+    return nearest;
+}
+
+/* Let a triangle compete for the samples of the tiles whose bits are set. */
+LR_INLINE void compete(const batch *b, int l, uint32_t tiles, const centres *at, int32_t who,
+                       lr_nearest *nearest)
+{
+    const lanes zero = lanes_all(0.0f);
+    lanes rise[1 + EDGES];
+    rise[0] = over_tile(b->height, l);
+    for (int e = 0; e < EDGES; e++)
+        rise[1 + e] = over_tile(b->excess[e], l);
+    for (; tiles != 0; tiles &= tiles - 1) {
+        int tile = __builtin_ctz(tiles);
+        lanes d2 = lanes_load(nearest->d2[tile]), excess[EDGES];
+        lanes h = lanes_add(rise[0], lanes_all(at->height[tile]));
+        for (int e = 0; e < EDGES; e++)
+            excess[e] = lanes_add(rise[1 + e], lanes_all(at->excess[e][tile]));
+        lanes most = lanes_max(lanes_max(excess[0], excess[1]), excess[2]);
+        lanes out = lanes_max(most, zero), height2 = lanes_mul(h, h);
+        lanes square = lanes_add(height2, lanes_mul(out, out));
+        lane_mask wins = lanes_less(square, d2), beyond = lanes_less(zero, most);
+        if (mask_bits(wins) == 0)
+            continue;
+        if (mask_bits(mask_and(wins, beyond)) != 0) {
+            lanes edge = beyond_edges(b, l, tile, excess);
+            square = lanes_add(height2, lanes_pick(beyond, edge, zero));
+            wins = lanes_less(square, d2);
+            if (mask_bits(wins) == 0)
+                continue;
+        }
+        float number;
+        memcpy(&number, &who, sizeof number);
+        lanes winner = lanes_load(nearest->winner[tile]);
+        d2 = lanes_pick(wins, square, d2);
+        lanes_store(nearest->d2[tile], d2);
+        lanes_store(nearest->winner[tile], lanes_pick(wins, lanes_all(number), winner));
+        nearest->worst[tile] = lanes_largest(d2);
+    }
+}
+
+bool LR_SEARCH(const lr_topology *mesh, const double centre[3], const uint32_t *list, uint32_t n,
+               double band, const lr_watch *watch, lr_nearest *nearest)
+{
+    batch b;
+    centres at_tiles;
+    uint32_t who[LR_LANES], step = golden_step(n), next = 0;
+    int32_t place[LR_LANES];
+    begin(band, nearest);
+    for (uint32_t first = 0; first < n; first += LR_LANES) {
+        int count = n - first < LR_LANES ? (int)(n - first) : LR_LANES;
+        if (first / LR_LANES % POLL == POLL - 1 && lr_stopped(watch))
+            return false;
+        for (int l = 0; l < count; l++) {
+            place[l] = (int32_t)next;
+            who[l] = list[next];
+            next = next >= n - step ? next - (n - step) : next + step;
+        }
+        set_up(mesh, centre, who, count, &b);
+        for (int l = 0; l < count; l++) {
+            uint32_t tiles = near_box(&b, l, nearest->worst);
+            if (tiles != 0)
+                tiles = near_forms(&b, l, tiles, nearest->worst, &at_tiles);
+            if (tiles != 0)
+                compete(&b, l, tiles, &at_tiles, place[l], nearest);
+        }
+    }
+    return true;
+}
