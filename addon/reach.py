@@ -19,19 +19,23 @@ from . import model
 FILTER = 8.0  # pixels beyond the image's edges that its pixels may see
 SEVERAL = 512  # boxes of what is seen are taken together beyond that number
 SLACK = 1e-9  # of the scene's extent
-FLAGS = tuple(f"visible_{ray}" for ray in ("camera", "shadow", "diffuse", "glossy", "transmission"))
+STRAIGHT_FLAGS = "visible_camera", "visible_shadow", "visible_diffuse"
+SCATTERED_FLAGS = "visible_glossy", "visible_transmission"
 WIDE = math.radians(160)  # a sun of that angle is taken to shine from everywhere
 STRAIGHT = ("diffuse", "transparent", "emission")  # lobes that send no ray elsewhere, but to lights
 
 
 def reached(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.bool_]:
     """For each instance (n,) whether a ray of the camera, or of light from there, may meet it."""
-    flags = np.array([[getattr(i, name) for name in FLAGS] for i in instances], bool).reshape(
-        -1, len(FLAGS)
-    )
-    seen, stops_light = flags.T[:2]
-    if _wander(scene, instances):
+    used = {material for instance in instances for material in instance.materials}
+    kinds = {lobe.kind for material in used for lobe in scene.materials[material].lobes}
+    scatters = not kinds <= set(STRAIGHT)
+    names = (*STRAIGHT_FLAGS, *SCATTERED_FLAGS) if scatters else STRAIGHT_FLAGS
+    flags = np.array([[getattr(i, name) for name in names] for i in instances], bool)
+    flags = flags.reshape(len(instances), len(names))
+    if scatters or (any(scene.world.color) and scene.world.visible_diffuse):
         return flags.any(axis=1)
+    seen, stops_light = flags.T[:2]
     corners = _corners(scene, instances)
     seen = seen & in_view(scene, corners)
     lit = _boxes(corners[seen])
@@ -40,14 +44,6 @@ def reached(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.b
         if light.casts_shadow and len(lit):
             found |= stops_light & _between(corners, lit, light)
     return found
-
-
-def _wander(scene: model.Scene, instances: list[model.Instance]) -> bool:
-    """Whether rays leave the ways between camera, surfaces and lights."""
-    if any(scene.world.color) and scene.world.visible_diffuse:
-        return True
-    used = {material for instance in instances for material in instance.materials}
-    return any(lobe.kind not in STRAIGHT for m in used for lobe in scene.materials[m].lobes)
 
 
 def in_view(scene: model.Scene, corners: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ import scenes
 
 import leapray
 from addon import model, parts, plan
+from addon.cache import Cache
 
 
 def test_there_are_never_too_many_parts():
@@ -46,7 +47,7 @@ def test_crossing_parts_keep_their_shape():
     """Two spheres that cut each other: rays from everywhere meet the nearer one, as computed."""
     centres = np.array([[0.0, 0.0, 0.0], [1.2, 0.3, 0.1]])
     mesh = scenes.join(*((scenes.sphere(n=64), tuple(c)) for c in centres))
-    made = plan.make(scenes.scene([mesh], pixel_error=0.1), {}, leapray.Watch(), 1)
+    made = plan.make(scenes.scene([mesh], pixel_error=0.1), Cache(), leapray.Watch(), 1)
     assert [row["kind"] for row in made.volumes] == ["solid", "solid"]
     assert [row["part"] for row in made.volumes] == [0, 1] and len(made.instances) == 2
     rng = np.random.default_rng(5)
@@ -72,11 +73,11 @@ def test_crossing_parts_keep_their_shape():
 
 def test_a_closed_part_of_an_open_mesh_is_a_solid():
     mesh = scenes.join((scenes.plane(4.0), (0, 0, 0)), (scenes.sphere(n=16), (0, 0, 0.5)))
-    made = plan.make(scenes.scene([mesh]), {}, leapray.Watch(), 1)
+    made = plan.make(scenes.scene([mesh]), Cache(), leapray.Watch(), 1)
     assert sorted(row["kind"] for row in made.volumes) == ["sheet", "solid"]
 
 
 def test_layout_scene_keeps_everything_together():
     mesh = scenes.join((scenes.sphere(n=8), (0, 0, 0)), (scenes.sphere(n=8), (1, 0, 0)))
-    made = plan.make(scenes.scene([mesh], layout="scene"), {}, leapray.Watch(), 1)
+    made = plan.make(scenes.scene([mesh], layout="scene"), Cache(), leapray.Watch(), 1)
     assert len(made.volumes) == 1
