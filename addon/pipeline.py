@@ -46,12 +46,13 @@ def render(
     progress: Callable[[float, str], None] = ignore,
     on_tile: Callable[[int, int, int, int, dict], None] | None = None,
     cache: Cache | None = None,
+    planner: type[plan.Planner] = plan.Planner,
 ) -> model.Frame:
     """Render the scene.
 
     stop, progress(share 0..1, phase) and on_tile(x, y, width, height, passes) are
     called on the calling thread only. cache is the caller's to keep between
-    frames: what has not changed is not voxelized again.
+    frames: what has not changed is not voxelized again. planner chooses the volumes.
     Raises Stopped soon after stop() said so, LeapRayError with one sentence where
     there is nothing to render or the memory does not suffice; no thread outlives it.
     """
@@ -61,7 +62,7 @@ def render(
     check(scene.settings)
     with ThreadPoolExecutor(threads, thread_name_prefix="leapray") as pool:
         crew = Crew(pool, watch, stop, progress)
-        planned = _plan(scene, Cache() if cache is None else cache, crew, threads)
+        planned = _plan(scene, Cache() if cache is None else cache, crew, threads, planner)
         planned_at = time.perf_counter()
         passes, counters, workspace_nbytes = _trace(scene, planned, crew, threads, on_tile)
     ended = time.perf_counter()
@@ -179,14 +180,14 @@ class Crew:
             raise leapray.Stopped("The render was cancelled.")
 
 
-def _plan(scene: model.Scene, cache: Cache, crew: Crew, threads: int) -> plan.Plan:
+def _plan(scene: model.Scene, cache: Cache, crew: Crew, threads: int, planner) -> plan.Plan:
     crew.phase = "Voxelizing"
 
     def advance(share: float) -> None:
         crew.share = max(crew.share, PLANNED * share)
 
     def job(put: Callable) -> None:
-        put(plan.make(scene, cache, crew.watch, threads, advance))
+        put(plan.make(scene, cache, crew.watch, threads, advance, planner))
 
     (planned,) = crew.run([job])
     return planned

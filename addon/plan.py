@@ -118,10 +118,13 @@ class Planner(Levels):
             split = self.cache.put(key, split if len(split) > 1 else [])
         return [(f"{name}/{k}", part) for k, part in enumerate(split)] or [(name, mesh)]
 
+    def first_size(self, work: Work) -> float:
+        """The voxel size to start with, in object space."""
+        n = self.settings.resolution
+        return fixed_size(work.mesh, n) if n else coarsest(work.mesh)
+
     def _start_one(self, work: Work) -> None:
-        size = coarsest(work.mesh)
-        if self.settings.resolution:
-            size = fixed_size(work.mesh, self.settings.resolution)
+        size = self.first_size(work)
         room = self.budget - self.held()
         try:
             self.enter(work, size, room)
@@ -138,6 +141,15 @@ class Planner(Levels):
             self.warnings.append(f"{who} is skipped: {error}.")
             return
         self.works.append(work)
+
+    def improve(self) -> None:
+        """Make all volumes as good as asked for, unless their resolution is fixed."""
+        if self.settings.resolution:
+            return
+        self.refine()
+        if self.flatten():
+            self.refine()
+        self.sharpen()
 
     def refine(self) -> None:
         """Halve the voxels of the worst volume, while one is not good enough and memory lasts."""
@@ -339,8 +351,9 @@ def make(
     watch: leapray.Watch,
     threads: int,
     advance: Callable[[float], None] = lambda share: None,
+    planner: type[Planner] = Planner,
 ) -> Plan:
-    """Choose, voxelize and build everything that the scene needs.
+    """Choose, voxelize and build everything that the scene needs, as the planner sees it.
 
     Raises SceneError where nothing can be rendered within the settings, Stopped
     where watch says so. Uses and refills cache, which together with
@@ -356,17 +369,13 @@ def make(
     if scene.settings.layout == "scene" and instances:
         scene, slot_objects = objects.merge(scene, instances, warnings)
         instances = list(scene.instances)
-    planner = Planner(scene, cache, watch, threads, advance)
-    planner.warnings += warnings
-    planner.start(instances)
-    if instances and not planner.works:
-        raise objects.nothing_left(planner.warnings)
-    if not scene.settings.resolution:
-        planner.refine()
-        if planner.flatten():
-            planner.refine()
-        planner.sharpen()
-    plan = planner.finish(instances)
+    chosen = planner(scene, cache, watch, threads, advance)
+    chosen.warnings += warnings
+    chosen.start(instances)
+    if instances and not chosen.works:
+        raise objects.nothing_left(chosen.warnings)
+    chosen.improve()
+    plan = chosen.finish(instances)
     plan.slot_objects = slot_objects
     spent = time.perf_counter() - began
     plan.seconds["plan"] = spent - plan.seconds["voxelize"] - plan.seconds["structure"]

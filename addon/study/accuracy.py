@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import charts, methods, page, shapes
+from . import charts, embree, methods, page, shapes
 from .folder import study_folder, write_figures
 from .options import chosen, number, numbers
 
@@ -85,7 +85,7 @@ def scenes(count: int) -> list[Scene]:
         found.append(Scene(shape.name, shape, origins, directions, t, shape.normal(points)))
     origins, directions = rays(count)
     try:
-        t, normal = embree(*shapes.knot(), origins, directions)
+        t, normal, _ = embree.first_hits(*shapes.knot(), origins, directions)
     except ModuleNotFoundError:
         print("accuracy: no embreex here, so no mesh", file=sys.stderr)
         return found
@@ -103,24 +103,6 @@ def rays(count: int) -> tuple[NDArray, NDArray]:
     origins = film[:, :1] * across + film[:, 1:] * np.cross(directions, across) - 3 * directions
     origins, directions = (part.astype(np.float32).astype(float) for part in (origins, directions))
     return origins, directions
-
-
-def embree(vertices, triangles, origins, directions) -> tuple[NDArray, NDArray]:
-    """t (n,) and facing normals (n, 3) of the mesh itself."""
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
-    scene = EmbreeScene(robust=True)
-    mesh = TriangleMesh(scene, vertices.astype(np.float32), triangles.astype(np.int32))
-    rays32 = origins.astype(np.float32), directions.astype(np.float32)
-    found = scene.run(*rays32, output=True)
-    del mesh
-    hit = found["primID"] >= 0
-    corner = vertices[triangles[np.maximum(found["primID"], 0)]]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    normal *= -np.sign((normal * directions).sum(axis=1, keepdims=True))
-    return np.where(hit, found["tfar"], np.inf).astype(float), normal
 
 
 def sampled(scene: Scene, size: int, dtype: str) -> leapray.Volume:
