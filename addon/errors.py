@@ -5,7 +5,8 @@ The error at a point of the surface is |f - T| / |grad f|: the distance between
 the point and the field's own surface, to first order. Where a wall is thinner
 than the lattice resolves, the field never reaches T: such points are *lost*.
 At creases the field cuts the corner, and its normal turns within about a voxel
-(*blur*). A sheet is valid in whole cells, so it reaches past its *rim*.
+(*blur*). A sheet is valid in whole cells, so it reaches past its *rim*. Textures
+that are finer than the voxels lose *color*.
 
 Each has a bar of its own. Those of edges come from what can be seen: an outline
 that is half a pixel off on the average changes a quarter of the pixels at the
@@ -39,6 +40,7 @@ THIN_SHARE, THIN_VOXEL = 0.25, 4.0  # lost, of the pixels, to voxels below so ma
 CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
+COLOR_ERROR = 0.03  # of the square root of light, the mean: black and white checks need 0.6 pixel
 RIM_ERROR = 1.0  # of a footprint, the mean that a sheet reaches too far
 SHARP_RIM = 0.5  # of a footprint, likewise: no steps along the rim
 
@@ -52,8 +54,10 @@ class Measure:
     lost: NDArray[np.bool_]
     crease: NDArray[np.float32]
     rim: NDArray[np.float32]
+    color: NDArray[np.float32] | None  # (n, k) as bake.color_errors gives it; None: no colours
     shape: tuple[int, int, int]
     kind: str
+    normals: bool  # smooth ones are in the volume
     why: str  # it is a sheet; "" for solids
     volume_nbytes: int
     structure_nbytes: int
@@ -73,6 +77,7 @@ class Errors:
     crease: float  # the mean along outlines
     blur: float  # the voxel, the mean along creases that are seen; 0 without creases
     rim: float  # the mean
+    color: float  # the mean over the surface; 0 without colours
 
     def of_surface(self, pixel_error: float) -> float:
         """Against the bars of the surface itself; at most 1 is good enough."""
@@ -82,10 +87,14 @@ class Errors:
         """Against the bars of creases and rims; at most 1 is good enough."""
         return max(self.crease / CREASE_ERROR, self.blur / CREASE_VOXEL, self.rim / RIM_ERROR)
 
+    def of_color(self) -> float:
+        """Against the bar of colours; at most 1 is good enough."""
+        return self.color / COLOR_ERROR
+
     def progress(self, pixel_error: float) -> float:
         """What falls with the voxel wherever finer voxels are of any use."""
         lost = self.voxel if self.lost > LOST_SHARE else 0.0
-        return max(self.surface / pixel_error, lost, self.of_edges())
+        return max(self.surface / pixel_error, lost, self.of_color(), self.of_edges())
 
     def thin_wall(self) -> bool:
         """Whether much of the surface is lost to voxels that are already small."""
@@ -101,6 +110,8 @@ class Errors:
         if self.of_surface(pixel_error) > 1:
             ratio = min(self.surface, ROUGH * self.voxel) / pixel_error
             return max(1, math.floor(math.log2(max(ratio, 1.0)) / 2))
+        if self.of_color() > 1:
+            return 1  # a texture may be smooth just below
         ratios = (
             min(self.crease, ROUGH * self.blur) / CREASE_ERROR,
             self.blur / CREASE_VOXEL,
@@ -118,6 +129,8 @@ class Errors:
             return f"an error of {self.surface:.2g} pixels instead of {pixel_error:g}"
         if self.of_surface(pixel_error) > 1:
             return f"{100 * self.lost:.0f} % of its surface thinner than its voxels"
+        if self.of_color() > 1:
+            return f"colours that are {100 * self.color:.0f} % off"
         if self.crease > CREASE_ERROR:
             return f"creases that are {self.crease:.2g} pixels off"
         if self.blur > CREASE_VOXEL:
@@ -127,8 +140,16 @@ class Errors:
         return ""
 
 
-def measure(structure: leapray.Structure, probes: Probes, voxel_size: float) -> Measure:
-    """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes."""
+def measure(
+    structure: leapray.Structure,
+    probes: Probes,
+    voxel_size: float,
+    color: NDArray[np.float32] | None = None,
+) -> Measure:
+    """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
+
+    color: what bake.color_errors measured there.
+    """
     volume = structure.volume
     info, mesh = volume.info, volume.mesh_info
     sheet = info.kind == "sheet"
@@ -147,8 +168,10 @@ def measure(structure: leapray.Structure, probes: Probes, voxel_size: float) -> 
         lost=lost,
         crease=crease,
         rim=rim_excess(rims, outward, voxel_size),
+        color=color,
         shape=info.size,
         kind=info.kind,
+        normals=info.has_normals,
         why=why,
         volume_nbytes=info.nbytes,
         structure_nbytes=structure.nbytes,
@@ -209,7 +232,25 @@ def seen(measure: Measure, weights: Weights) -> Errors:
         crease=mean(m.crease / w.outline_footprint, 1 / w.outline_footprint),
         blur=mean(m.voxel_size / w.crease_footprint, 1 / w.crease_footprint),
         rim=mean(m.rim / w.rim_footprint, 1 / w.rim_footprint) if len(m.rim) else 0.0,
+        color=color_seen(m, w) if m.color is not None else 0.0,
     )
+
+
+def color_seen(measure: Measure, weights: Weights) -> float:
+    """The mean error of colours as pixels show it.
+
+    A pixel shows the texture averaged over its own width, so a voxel of 2^k
+    footprints is measured by column k. A pixel that holds several voxels averages
+    their errors.
+    """
+    ratio = measure.voxel_size / weights.surface_footprint
+    last = measure.color.shape[1] - 1
+    k = np.clip(np.log2(np.maximum(ratio, 1.0)), 0.0, last)
+    below = np.minimum(k.astype(np.int64), last - 1)
+    rows = np.arange(len(k))
+    low, high = measure.color[rows, below], measure.color[rows, below + 1]
+    error = (low + (k - below) * (high - low)) * np.minimum(ratio, 1.0)
+    return mean(error, weights.surface_pixels)
 
 
 def quantile(values: NDArray, weights: NDArray, q: float) -> float:

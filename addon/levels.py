@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 import leapray
 
+from . import bake, errors, model, probes
 from . import cache as caches
-from . import errors, model, probes
 
 FINER = 6  # levels beyond the one asked for on which a volume may still be at hand
 MB = 1 << 20
@@ -31,6 +31,8 @@ class Work:
     matrices: NDArray[np.float64]  # (n, 4, 4) of its instances
     shown: NDArray[np.bool_]  # (n,) whether the camera sees them
     with_ids: bool
+    outfit: bake.Outfit = field(default_factory=bake.Outfit)
+    carries: str = ""  # a digest of what the outfit takes from the mesh; "": nothing
     weights: probes.Weights | None = None
     measure: errors.Measure | None = None
     errors: errors.Errors | None = None
@@ -41,9 +43,10 @@ class Work:
     face: int = 0  # of a plate, from 1 on
     history: list[float] = field(default_factory=list)
 
-    def needs(self, pixel_error: float) -> tuple[float, float]:
-        """How many times too coarse the surface is, and its edges; 1 is good enough."""
-        return max(self.errors.of_surface(pixel_error), 1.0), max(self.errors.of_edges(), 1.0)
+    def needs(self, pixel_error: float) -> tuple[float, float, float]:
+        """How many times too coarse the surface is, its colours and edges; 1 is good enough."""
+        e = self.errors
+        return tuple(max(x, 1.0) for x in (e.of_surface(pixel_error), e.of_color(), e.of_edges()))
 
 
 class Levels:
@@ -58,6 +61,7 @@ class Levels:
     ) -> None:
         self.scene, self.settings = scene, scene.settings
         self.cache, self.watch, self.threads = cache, watch, threads
+        self.wardrobe = bake.Wardrobe(scene, cache, watch)
         self.budget = self.settings.memory_mb * MB
         self.seconds = {"voxelize": 0.0, "structure": 0.0, "plan": 0.0}
         self.warnings: list[str] = []
@@ -70,7 +74,7 @@ class Levels:
 
     def _key(self, work: Work, what: str, voxel_size: float) -> tuple:
         s = self.settings
-        made = what, work.digest, voxel_size, work.with_ids, s.sample_type
+        made = what, work.digest, voxel_size, work.with_ids, work.carries, s.sample_type
         return made if what == "volume" else (*made, s.traverser)
 
     def held(self) -> int:
@@ -115,7 +119,8 @@ class Levels:
 
     def _volume(self, work: Work, voxel_size: float, max_nbytes: int) -> leapray.Volume:
         """The volume of a level: from the cache, from the folder, or made of the mesh."""
-        key, folder = self._key(work, "volume", voxel_size), self.settings.cache_folder
+        key = self._key(work, "volume", voxel_size)
+        folder = "" if work.carries else self.settings.cache_folder  # .vdb holds no attributes
         volume = self.cache.get(key) or (caches.load(folder, key) if folder else None)
         if volume is not None:
             if volume.info.nbytes <= max_nbytes:
@@ -128,6 +133,7 @@ class Levels:
             work.mesh.triangles,
             voxel_size,
             ids=work.mesh.slots if work.with_ids else None,
+            attributes=self.wardrobe.attributes(work.mesh, work.outfit, voxel_size),
             dtype=self.settings.sample_type,
             threads=self.threads,
             watch=self.watch,
@@ -154,7 +160,9 @@ class Levels:
         measure, structure = self.cache.get(key), None
         if measure is None:
             structure = self.structure(work, voxel_size, room, volume_room)
-            measure = errors.measure(structure, self._probes(work), voxel_size)
+            measure = errors.measure(
+                structure, self._probes(work), voxel_size, self._color_errors(work, structure)
+            )
             self.cache.put(key, measure)
         elif measure.nbytes > room or measure.volume_nbytes > volume_room:
             raise leapray.OutOfMemory(
@@ -166,6 +174,15 @@ class Levels:
             work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)
         work.errors = errors.seen(measure, work.weights)
         work.history.append(work.errors.progress(self.settings.pixel_error))
+
+    def _color_errors(self, work: Work, structure: leapray.Structure):
+        volume, at = structure.volume, self._probes(work)
+        if not volume.info.has_colors:
+            return None
+        size = volume.info.object_from_index[0, 0]
+        attributes = self.wardrobe.attributes(work.mesh, work.outfit, size)
+        where = at.surface, at.surface_triangles, at.surface_weights
+        return bake.color_errors(volume, work.mesh, attributes, *where, size)
 
     def take_finer(self, work: Work) -> bool:
         """Take an earlier frame's volume that is finer than asked for, where there is room."""
@@ -181,6 +198,8 @@ class Levels:
         return False
 
     def keep_on_disk(self, work: Work) -> None:
+        if work.carries:
+            return  # .vdb holds no attributes
         key, folder = self._key(work, "volume", work.measure.voxel_size), self.settings.cache_folder
         if not caches.path(folder, key).exists():
             why = caches.store(folder, key, work.structure.volume)

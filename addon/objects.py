@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import model
+from . import bake, model
 
 FARTHEST = 1e18  # coordinates beyond leave no digits for areas; Blender's infinity is 3.4e38
 
@@ -123,6 +123,10 @@ def merge(
         np.concatenate(vertices).astype(np.float32),
         np.concatenate(triangles).astype(np.int32),
         np.concatenate(slots).astype(np.uint16),
+        **bake.joined(
+            [scene.meshes[i.mesh] for i in instances],
+            [np.asarray(i.world_from_object, np.float64)[:3, :3] for i in instances],
+        ),
     )
     whole = model.Instance("Scene", 0, np.eye(4), tuple(materials))
     return dataclasses.replace(scene, meshes=(mesh,), instances=(whole,)), objects

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import model, probes
+from . import bake, model, probes
 
 MOST_LAYERS = 16  # what needs more is a thicket, in which every ray would meet every volume
 RIM_COSINE = np.cos(np.radians(45.0))  # duller edges do not end the face of a plate
@@ -90,5 +90,9 @@ def _only(mesh: model.Mesh, chosen: NDArray[np.bool_]) -> model.Mesh:
     slots = None if mesh.slots is None else mesh.slots[chosen]
     shape = (int(chosen.sum()), 3)
     return model.Mesh(
-        mesh.name, mesh.vertices[used], triangles.reshape(shape).astype(np.int32), slots
+        mesh.name,
+        mesh.vertices[used],
+        triangles.reshape(shape).astype(np.int32),
+        slots,
+        **bake.only(mesh, chosen),
     )

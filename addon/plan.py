@@ -28,8 +28,8 @@ import numpy as np
 
 import leapray
 
+from . import bake, model, objects, parts, reach
 from . import cache as caches
-from . import model, objects, parts, reach
 from .levels import MB, Levels, Work
 from .objects import SceneError
 
@@ -86,10 +86,10 @@ class Planner(Levels):
 
     def start(self, instances: list[model.Instance]) -> None:
         """Put every mesh on its coarsest level, or on the one that the settings ask for."""
-        by_mesh: dict[int, list[model.Instance]] = {}
+        by_mesh: dict[tuple[int, bake.Outfit], list[model.Instance]] = {}
         for instance in instances:
-            by_mesh.setdefault(instance.mesh, []).append(instance)
-        for done, (index, users) in enumerate(by_mesh.items()):
+            by_mesh.setdefault(self._dressed(instance), []).append(instance)
+        for done, ((index, outfit), users) in enumerate(by_mesh.items()):
             self.breathe()
             matrices = np.array([u.world_from_object for u in users], np.float64)
             shown = np.array([u.visible_camera for u in users])
@@ -103,8 +103,16 @@ class Planner(Levels):
                 continue
             for part, (name, mesh) in enumerate(split):
                 ids = several and mesh.slots is not None
-                self._start_one(Work(index, part, users[0].name, mesh, name, matrices, shown, ids))
+                work = Work(index, part, users[0].name, mesh, name, matrices, shown, ids, outfit)
+                work.carries = bake.digest(mesh, outfit)
+                self._start_one(work)
             self.advance(0.3 * (done + 1) / len(by_mesh))
+        self.warnings += self.wardrobe.warnings
+
+    def _dressed(self, instance: model.Instance) -> tuple[int, bake.Outfit]:
+        """What instances share a volume by: the mesh, and where its colours come from."""
+        mesh = self.scene.meshes[instance.mesh]
+        return instance.mesh, self.wardrobe.outfit(mesh, instance.materials)
 
     def _split(self, mesh: model.Mesh) -> list[tuple[str, model.Mesh]]:
         """The parts of the mesh that get volumes of their own, and names of their contents."""
@@ -155,21 +163,21 @@ class Planner(Levels):
         """Halve the voxels of the worst volume, while one is not good enough and memory lasts."""
         bar = self.settings.pixel_error
 
-        def ticket(n: int) -> tuple[float, float, int]:
-            """What sorts first is refined first: surfaces before edges, the worst before others."""
-            surface, edges = self.works[n].needs(bar)
-            return -surface, -edges, n
+        def ticket(n: int) -> tuple[float, float, float, int]:
+            """What sorts first is refined first: surfaces before colours before edges."""
+            surface, color, edges = self.works[n].needs(bar)
+            return -surface, -color, -edges, n
 
         queue = [ticket(n) for n in range(len(self.works)) if not self.works[n].stuck]
         heapq.heapify(queue)
         total, left = 1e-9, 0.0
-        while queue and queue[0][:2] < (-1.0, -1.0):
+        while queue and queue[0][:3] < (-1.0, -1.0, -1.0):
             *_, n = heapq.heappop(queue)
             work = self.works[n]
             work.thin = not work.whole and work.errors.thin_wall()
             if not work.thin and self._refine_one(work):
                 heapq.heappush(queue, ticket(n))
-            left = sum(math.log2(t[0] * t[1]) for t in queue)
+            left = sum(math.log2(-t[0] * t[1] * t[2]) for t in queue)
             total = max(total, left)
             self.advance(0.3 + 0.7 * (1.0 - left / total))
 
@@ -177,7 +185,7 @@ class Planner(Levels):
         """Some levels finer; False where not even one can be, and work.stuck says why."""
         bar = self.settings.pixel_error
         room = self.budget - self.held()
-        edges_only = work.needs(bar)[0] <= 1.0
+        edges_only = work.needs(bar)[:2] == (1.0, 1.0)
         volume_room = self.budget * EDGE_SHARE if edges_only else math.inf
         if len(work.history) > 3 and work.history[-1] > 0.9 * work.history[-4]:
             work.stuck = "halving the voxels three times did not help"
@@ -268,9 +276,9 @@ class Planner(Levels):
         )
 
     def _place(self, instances: list[model.Instance]) -> tuple[list[leapray.Instance], list[int]]:
-        works: dict[int, list[Work]] = {}
+        works: dict[tuple[int, bake.Outfit], list[Work]] = {}
         for work in self.works:
-            works.setdefault(work.index, []).append(work)
+            works.setdefault((work.index, work.outfit), []).append(work)
         first: dict[tuple[int, ...], int] = {}
         slots: list[int] = []
         placed = []
@@ -289,7 +297,7 @@ class Planner(Levels):
                     visible_shadow=instance.visible_shadow,
                     visible_diffuse=instance.visible_diffuse,
                 )
-                for work in works.get(instance.mesh, [])
+                for work in works.get(self._dressed(instance), [])
             ]
         return placed, slots
 
@@ -313,6 +321,10 @@ class Planner(Levels):
             "crease_footprints": round(e.crease, 4),
             "crease_voxel_footprints": round(e.blur, 4),
             "rim_footprints": round(e.rim, 4),
+            "color_error": round(e.color, 4),
+            "carries": [
+                w for w, has in (("colors", m.color is not None), ("normals", m.normals)) if has
+            ],
             "nbytes": m.nbytes,
             "volume_nbytes": m.volume_nbytes,
             "structure_nbytes": m.structure_nbytes,

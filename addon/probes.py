@@ -41,6 +41,8 @@ class Probes:
 
     surface: Points
     surface_normals: Points  # unit
+    surface_triangles: NDArray[np.int64]  # (n,) that the points lie in,
+    surface_weights: NDArray[np.float64]  # (n, 3) barycentric
     creases: Points
     crease_normals: NDArray[np.float64]  # (n, 2, 3): of the triangles on either side, unit
     rims: Points
@@ -143,6 +145,8 @@ def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes
     return Probes(
         surface=surface,
         surface_normals=normals(3 * chosen),
+        surface_triangles=chosen,
+        surface_weights=weights,
         creases=creases,
         crease_normals=sides,
         rims=rims,

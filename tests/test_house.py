@@ -40,7 +40,7 @@ LAYERS = {
     ],
     "addon": [
         "model",
-        "objects tiles probes reach volumes",
+        "objects bake tiles probes reach volumes",
         "cache errors parts",
         "levels",
         "plan",

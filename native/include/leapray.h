@@ -157,7 +157,7 @@ LR_API lr_status lr_texture_new(const float *pixels, int32_t width, int32_t heig
 LR_API void lr_texture_free(lr_texture *texture); /* NULL is fine */
 LR_API uint64_t lr_texture_nbytes(const lr_texture *texture); /* without the pixels */
 
-/* colors[n][3] at uvs[n][2], averaged over about widths[n] texels (NULL: 1). */
+/* colors[n][3] at uvs[n][2], averaged over about widths[n] texels (NULL: 0, a point). */
 LR_API lr_status lr_texture_sample(const lr_texture *texture, const float *uvs,
                                    const float *widths, uint64_t n, float *colors,
                                    lr_error *error);

@@ -65,7 +65,7 @@ class Texture:
         self.nbytes = self.pixels.nbytes + lib.lr_texture_nbytes(self.handle)
 
     def sample(self, uvs: ArrayLike, widths: ArrayLike | None = None) -> NDArray[np.float32]:
-        """Colours (n, 3) at uvs (n, 2), averaged over about widths (n,) texels (None: 1 each)."""
+        """Colours (n, 3) at uvs (n, 2), averaged over some widths (n,) texels (None: at points)."""
         where = np.ascontiguousarray(uvs, dtype=np.float32)
         if where.ndim != 2 or where.shape[1] != 2:
             raise LeapRayError(f"uvs must have the shape (n, 2); it is {where.shape}")

@@ -193,16 +193,24 @@ static void add_texel(const lr_texture *t, int level, double x, double y, double
         rgb[a] += weight * finite_or_black(texel[a]);
 }
 
-static void add_level(const lr_texture *t, int level, const double uv[2], double weight,
-                      double rgb[3])
+/* How the box from -half to +half around x, in texels and no wider than one, is shared
+ * by texel *first and the next: the next one's part. */
+LR_INLINE double next_share(double x, double half, double *first)
 {
-    const double u = uv[0] * t->width[level], v = uv[1] * t->height[level];
-    if (level == 0 && t->interpolation == LR_INTERPOLATION_CLOSEST) {
-        add_texel(t, 0, floor(u), floor(v), weight, rgb);
-        return;
-    }
-    const double x = floor(u - 0.5), y = floor(v - 0.5);
-    const double p = u - 0.5 - x, q = v - 0.5 - y;
+    *first = floor(x - half);
+    return half > 0.0 ? lr_clamp((x + half - *first - 1.0) / (2.0 * half), 0.0, 1.0) : 0.0;
+}
+
+/* The average over a box as wide as a texel, which is bilinear interpolation; of level
+ * 0 without interpolation over a narrower one, down to the closest texel alone. */
+static void add_level(const lr_texture *t, int level, const double uv[2], double width,
+                      double weight, double rgb[3])
+{
+    const bool steps = level == 0 && t->interpolation == LR_INTERPOLATION_CLOSEST;
+    const double half = steps && width < 1.0 ? 0.5 * width : 0.5;
+    double x, y;
+    const double p = next_share(uv[0] * t->width[level], half, &x);
+    const double q = next_share(uv[1] * t->height[level], half, &y);
     for (int n = 0; n < 4; n++) {
         const int right = n & 1, up = n >> 1;
         add_texel(t, level, x + right, y + up, weight * (right ? p : 1.0 - p) * (up ? q : 1.0 - q),
@@ -210,16 +218,16 @@ static void add_level(const lr_texture *t, int level, const double uv[2], double
     }
 }
 
-/* One look as wide as `width` texels. */
-static void add_look(const lr_texture *t, const double uv[2], double width, double weight,
-                     double rgb[3])
+/* One look as wide as `width` texels; textures without interpolation over `box`. */
+static void add_look(const lr_texture *t, const double uv[2], double width, double box,
+                     double weight, double rgb[3])
 {
     const double level = lr_clamp(log2(width), 0.0, t->n_levels - 1);
     const int below = (int)level;
     const double above = level - below;
-    add_level(t, below, uv, weight * (1.0 - above), rgb);
+    add_level(t, below, uv, box, weight * (1.0 - above), rgb);
     if (above > 0.0)
-        add_level(t, below + 1, uv, weight * above, rgb);
+        add_level(t, below + 1, uv, box, weight * above, rgb);
 }
 
 void lr_texture_average(const lr_texture *t, const double uv[2], const lr_footprint *f,
@@ -236,7 +244,7 @@ void lr_texture_average(const lr_texture *t, const double uv[2], const lr_footpr
         const double along = (i + 0.5) / n - 0.5;
         const double at[2] = {uv[0] + along * f->major[0] / t->width[0],
                               uv[1] + along * f->major[1] / t->height[0]};
-        add_look(t, at, width, 1.0 / n, rgb);
+        add_look(t, at, width, f->width, 1.0 / n, rgb);
     }
 }
 
@@ -245,7 +253,7 @@ lr_status lr_texture_sample(const lr_texture *t, const float *uvs, const float *
 {
     for (uint64_t i = 0; i < n; i++) {
         const double uv[2] = {uvs[2 * i], uvs[2 * i + 1]};
-        const double width = widths != NULL ? widths[i] : 1.0;
+        const double width = widths != NULL ? widths[i] : 0.0;
         if (!(width >= 0.0))
             return lr_fail(error, LR_E_ARGUMENT, "widths must be 0 or more; one is %g", width);
         const lr_footprint footprint = {{0.0, 0.0}, width};

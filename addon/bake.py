@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What surfaces carry into their volumes: vertex colours, textures, smooth normals (no bpy).
+
+A volume holds one colour per sample, so what it carries follows from the
+materials in the slots of the instance, its *outfit*: instances of a mesh whose
+outfits differ get volumes of their own, all others share one. A colour is baked
+only for slots whose material asks for it, and a mesh none of whose materials do
+carries none.
+
+Smooth normals are baked where facets show: where corner normals lean from their
+facet by more than LEAN, and the facet is larger than a voxel (on smaller ones
+the field is smoother than its facets, and its own gradient is as good), on at
+least SHOWS of the area. Flat-shaded meshes have no corner normals at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+import leapray
+from leapray import VERTEX, WHITE
+
+from . import model
+
+LEAN = np.radians(0.5)  # light on a surface that it grazes changes by less than 1 %
+SHOWS = 0.01  # of the area
+
+
+@dataclass(frozen=True)
+class Outfit:
+    """Where the colours of a mesh's slots come from. Equal outfits share a volume."""
+
+    sources: tuple[int, ...] = ()  # per slot: WHITE, VERTEX or the number of an image; (): none
+    images: tuple[str, ...] = ()  # digests
+
+
+class Wardrobe:
+    """The outfits of a scene, and their textures, kept over frames.
+
+    cache: has get(key) and put(key, value), as cache.Cache.
+    """
+
+    def __init__(self, scene: model.Scene, cache, watch: leapray.Watch) -> None:
+        self.scene, self.cache, self.watch = scene, cache, watch
+        self.warnings: list[str] = []
+        self._digests: dict[int, str] = {}
+        self._images: dict[str, model.Image] = {}
+
+    def outfit(self, mesh: model.Mesh, materials: tuple[int, ...]) -> Outfit:
+        """Of an instance of the mesh with those materials in its slots."""
+        sources: list[int] = []
+        images: list[str] = []
+        for material in (self.scene.materials[m] for m in materials):
+            source, why = self._source(mesh, material, images)
+            if why and why not in self.warnings:
+                self.warnings.append(why)
+            sources.append(source)
+        if all(source == WHITE for source in sources):
+            return Outfit()
+        return Outfit(tuple(sources), tuple(images))
+
+    def _source(
+        self, mesh: model.Mesh, material: model.Material, images: list[str]
+    ) -> tuple[int, str]:
+        if not material.color_source or not any(lobe.textured for lobe in material.lobes):
+            return WHITE, ""
+        who = f"Material {material.name!r} on mesh {mesh.name!r}"
+        if material.color_source == "vertex":
+            if mesh.corner_colors is None:
+                return WHITE, f"{who} has no vertex colours {material.attribute!r}: white instead."
+            return VERTEX, ""
+        if material.image is None or not material.image.pixels.size:
+            return WHITE, f"{who} has a texture without an image: white instead."
+        if mesh.corner_uvs is None:
+            return WHITE, f"{who} has no UVs {material.attribute!r}: white instead."
+        name = self._digest(material.image)
+        if name not in images:
+            images.append(name)
+        return images.index(name), ""
+
+    def _digest(self, image: model.Image) -> str:
+        if id(image.pixels) not in self._digests:
+            name = hashlib.blake2b(
+                repr((image.interpolation, image.extension, image.pixels.shape)).encode(),
+                digest_size=16,
+            )
+            name.update(np.ascontiguousarray(image.pixels).view(np.uint8))
+            self._digests[id(image.pixels)] = name.hexdigest()
+            self._images[name.hexdigest()] = image
+        return self._digests[id(image.pixels)]
+
+    def textures(self, outfit: Outfit) -> tuple[leapray.Texture, ...]:
+        """Made once; raises Stopped."""
+        made = []
+        for name in outfit.images:
+            texture = self.cache.get(("texture", name))
+            if texture is None:
+                image = self._images[name]
+                texture = leapray.Texture(
+                    image.pixels, image.interpolation, image.extension, watch=self.watch
+                )
+                self.cache.put(("texture", name), texture)
+            made.append(texture)
+        return tuple(made)
+
+    def attributes(
+        self, mesh: model.Mesh, outfit: Outfit, voxel_size: float
+    ) -> leapray.Attributes | None:
+        """What a volume of the mesh, or of a part of it, is to carry; None: nothing."""
+        normals = mesh.corner_normals if facets_show(mesh, voxel_size) else None
+        sources = slot_sources(mesh, outfit)
+        if sources is None and normals is None:
+            return None
+        wanted = set() if sources is None else set(np.unique(sources).tolist())
+        return leapray.Attributes(
+            normals=normals,
+            color_sources=sources,
+            colors=mesh.corner_colors if VERTEX in wanted else None,
+            uvs=mesh.corner_uvs if wanted - {VERTEX, WHITE} else None,
+            textures=self.textures(outfit),
+        )
+
+
+def digest(mesh: model.Mesh, outfit: Outfit) -> str:
+    """A name for all that the mesh may carry; "" for nothing."""
+    used = [mesh.corner_normals]
+    used.append(mesh.corner_colors if VERTEX in outfit.sources else None)
+    used.append(mesh.corner_uvs if outfit.images else None)
+    if not outfit.sources and mesh.corner_normals is None:
+        return ""
+    name = hashlib.blake2b(repr(outfit).encode(), digest_size=16)
+    for array in used:
+        if array is not None:
+            name.update(np.ascontiguousarray(array).view(np.uint8))
+        name.update(b"|")
+    return name.hexdigest()
+
+
+def slot_sources(mesh: model.Mesh, outfit: Outfit) -> NDArray[np.int32] | None:
+    """For each triangle where its colour comes from; None where all are white."""
+    if not outfit.sources:
+        return None
+    table = np.array(outfit.sources, np.int32)
+    slots = np.zeros(len(mesh.triangles), np.int64) if mesh.slots is None else mesh.slots
+    sources = table[np.minimum(slots, len(table) - 1)]
+    return None if (sources == WHITE).all() else sources
+
+
+def facets_show(mesh: model.Mesh, voxel_size: float) -> bool:
+    """Whether smooth normals would be missed at that voxel size."""
+    if mesh.corner_normals is None or not len(mesh.triangles):
+        return False
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]].astype(np.float64) for k in range(3))
+    cross = np.cross(b - a, c - a)
+    twice = np.linalg.norm(cross, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cosine = np.einsum("mka,ma->mk", mesh.corner_normals, cross / twice[:, None])
+    leans = cosine.min(axis=1) < np.cos(LEAN)
+    large = twice > voxel_size**2
+    return bool(twice[leans & large].sum() > SHOWS * twice.sum())
+
+
+# ---- what a mesh's corners carry when it changes -------------------------------
+
+
+def only(mesh: model.Mesh, chosen: NDArray[np.bool_]) -> dict[str, NDArray[np.float32]]:
+    """The corners' attributes of the chosen triangles, by their names in model.Mesh."""
+    arrays = {name: getattr(mesh, name) for name in CORNERS}
+    return {name: array[chosen] for name, array in arrays.items() if array is not None}
+
+
+CORNERS = {"corner_normals": 3, "corner_colors": 3, "corner_uvs": 2}  # names, components
+
+
+def joined(
+    meshes: list[model.Mesh], linear: list[NDArray[np.float64]]
+) -> dict[str, NDArray[np.float32]]:
+    """The corners' attributes of meshes that become one, each moved by a linear map (3, 3).
+
+    What a mesh lacks and another has is filled in: its facets' normals, white, zero.
+    Corners of triangles that a mirroring map turns change places as objects.merge's do.
+    """
+    made = {}
+    for name, n in CORNERS.items():
+        if all(getattr(mesh, name) is None for mesh in meshes):
+            continue
+        rows = []
+        for mesh, matrix in zip(meshes, linear, strict=True):
+            array = getattr(mesh, name)
+            if array is None:
+                array = _default(mesh, name, n)
+            if name == "corner_normals":
+                array = array @ np.linalg.inv(matrix)
+                length = np.linalg.norm(array, axis=2, keepdims=True)
+                array = np.divide(array, length, out=np.zeros_like(array), where=length > 0)
+            rows.append(array[:, ::-1] if np.linalg.det(matrix) < 0 else array)
+        made[name] = np.concatenate(rows).astype(np.float32)
+    return made
+
+
+def _default(mesh: model.Mesh, name: str, n: int) -> NDArray[np.float64]:
+    shape = (len(mesh.triangles), 3, n)
+    if name != "corner_normals":
+        return np.full(shape, 1.0 if name == "corner_colors" else 0.0)
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]].astype(np.float64) for k in range(3))
+    return np.broadcast_to(np.cross(b - a, c - a)[:, None], shape)
+
+
+# ---- how far a volume's colours are from the mesh's ----------------------------
+
+SHARPER = 7  # widths that textures are averaged over: a voxel, half of one, ...
+ROOT = 0.5  # of linear light: equal steps look about equal
+
+
+def color_errors(
+    volume: leapray.Volume,
+    mesh: model.Mesh,
+    attributes: leapray.Attributes,
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    voxel_size: float,
+) -> NDArray[np.float32]:
+    """(n, SHARPER): what the volume's colours lack at n points of the mesh.
+
+    points (n, 3) lie in triangles (n,) by barycentric weights (n, 3). Column k
+    compares with the texture averaged over 2^-k voxels, which is what a pixel of
+    that width would show. Differences are of square roots, RMS over the channels.
+    """
+    ids = None
+    if volume.info.has_ids and mesh.slots is not None:
+        ids = mesh.slots[triangles]
+    baked, _ = volume.attributes(points, ids)
+    baked = np.nan_to_num(baked, nan=1.0) ** ROOT
+    columns = []
+    for k in range(SHARPER):
+        true = true_colors(mesh, attributes, triangles, weights, voxel_size / 2**k) ** ROOT
+        columns.append(np.sqrt(np.mean((baked - true) ** 2, axis=1)))
+    return np.stack(columns, axis=1).astype(np.float32)
+
+
+def true_colors(
+    mesh: model.Mesh,
+    attributes: leapray.Attributes,
+    triangles: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    width: float,
+) -> NDArray[np.float64]:
+    """(n, 3) linear RGB at points of the mesh, textures averaged over width in object space."""
+    sources = attributes.color_sources[triangles]
+    colors = np.ones((len(triangles), 3))
+    painted = sources == VERTEX
+    if painted.any():
+        corners = attributes.colors[triangles[painted]]
+        colors[painted] = np.einsum("nk,nkc->nc", weights[painted], corners)
+    for number, texture in enumerate(attributes.textures):
+        chosen = sources == number
+        if not chosen.any():
+            continue
+        corners = attributes.uvs[triangles[chosen]].astype(np.float64)
+        uv = np.einsum("nk,nkc->nc", weights[chosen], corners)
+        edges = (corners[:, 1:] - corners[:, :1]) * texture.pixels.shape[1::-1]
+        in_texels = np.abs(np.linalg.det(edges))
+        p = mesh.vertices[mesh.triangles[triangles[chosen]]].astype(np.float64)
+        area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+        texels = width * np.sqrt(in_texels / np.maximum(area, np.finfo(np.float64).tiny))
+        colors[chosen] = texture.sample(uv, np.minimum(texels, 1e9))
+    return np.clip(colors, 0.0, None)

@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What materials ask of a mesh reaches its volume, and no more; the plan measures its error."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scenes import camera, join, place, plane, scene, sphere
+
+import leapray
+from addon import bake, model, objects, parts, plan
+from addon.cache import Cache
+
+TEXTURED = (model.Lobe("diffuse", (1.0, 1.0, 1.0), textured=True),)
+
+
+def image(n=32, seed=0, name="noise", **options):
+    pixels = np.random.default_rng(seed).random((n, n, 3)).astype(np.float32)
+    return model.Image(name, pixels, **options)
+
+
+def material(picture=None, source="image", name="Textured"):
+    return model.Material(name, TEXTURED, source, "UVMap", picture)
+
+
+def with_uvs(mesh):
+    """UVs from x and y, the mesh's box on the unit square."""
+    flat = mesh.vertices[:, :2]
+    lo, size = flat.min(axis=0), np.ptp(flat, axis=0)
+    return dataclasses.replace(mesh, corner_uvs=((flat - lo) / size)[mesh.triangles])
+
+
+def smooth(mesh):
+    """A sphere's own normals, round the middle of its box."""
+    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+    outward = mesh.vertices - middle
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    return dataclasses.replace(mesh, corner_normals=outward[mesh.triangles])
+
+
+def dressed(meshes, instances, materials, **more):
+    return dataclasses.replace(scene(meshes, instances, **more), materials=tuple(materials))
+
+
+def planned(what):
+    return plan.make(what, Cache(), leapray.Watch(), 1)
+
+
+def looking_down(**more):
+    return camera(eye=(0.0, -0.01, 3.0), **more)
+
+
+# ---- who shares a volume --------------------------------------------------------
+
+
+def test_instances_share_a_volume_where_their_colours_are_the_same():
+    mesh = with_uvs(plane())
+    materials = [material(image(seed=0)), material(image(seed=1)), material(image(seed=0))]
+    instances = [place(0, at=(3.0 * i, 0, 0), materials=(i,)) for i in range(3)]
+    made = planned(dressed([mesh], instances, materials, resolution=40))
+    volumes = [i.structure.volume for i in made.instances]
+    assert volumes[0] is volumes[2] and volumes[0] is not volumes[1]
+    assert len(made.volumes) == 2
+    assert all(v.info.has_colors for v in volumes)
+
+
+def test_only_what_materials_ask_for_is_baked():
+    mesh = dataclasses.replace(with_uvs(plane()), corner_colors=np.full((2, 3, 3), 0.5, np.float32))
+    plain = model.Material("Plain", (model.Lobe("diffuse"),))
+    unused = model.Material("Unused", (model.Lobe("diffuse"),), "image", "UVMap", image())
+    for asked in (plain, unused):
+        made = planned(dressed([mesh], [place(0)], [asked], resolution=40))
+        assert made.volumes[0]["carries"] == []
+    made = planned(dressed([mesh], [place(0)], [material(source="vertex")], resolution=40))
+    assert made.volumes[0]["carries"] == ["colors"]
+    got, _ = made.instances[0].structure.volume.attributes([[0.1, 0.2, 0.0]])
+    assert_allclose(got, 0.5, atol=0.002)
+
+
+def test_every_slot_has_its_own_source():
+    left = plane(2.0)
+    both = with_uvs(join((left, (0, 0, 0)), (left, (2.0, 0, 0))))
+    both = dataclasses.replace(
+        both,
+        slots=np.array([0, 0, 1, 1], np.uint16),
+        corner_colors=np.full((4, 3, 3), (0.9, 0.5, 0.1), np.float32),
+    )
+    blue = model.Image("blue", np.broadcast_to(np.float32((0, 0, 1)), (4, 4, 3)))
+    materials = [material(blue), material(source="vertex")]
+    made = planned(dressed([both], [place(0, materials=(0, 1))], materials, resolution=60))
+    (volume,) = {i.structure.volume for i in made.instances}
+    got, _ = volume.attributes([[-0.5, 0.3, 0], [2.4, 0.3, 0]], [0, 1])
+    assert_allclose(got, [(0, 0, 1), (0.9, 0.5, 0.1)], atol=0.002)
+
+
+@pytest.mark.parametrize(
+    "mesh, asked, words",
+    [
+        (plane(), material(image()), "no UVs 'UVMap'"),
+        (plane(), material(source="vertex"), "no vertex colours"),
+        (with_uvs(plane()), material(None), "texture without an image"),
+    ],
+)
+def test_what_is_missing_is_said_once_and_white(mesh, asked, words):
+    instances = [place(0), place(0, at=(3, 0, 0))]
+    made = planned(dressed([mesh], instances, [asked], resolution=40))
+    assert sum(words in warning for warning in made.warnings) == 1
+    assert "'Textured'" in " ".join(made.warnings)
+    assert made.volumes[0]["carries"] == []
+
+
+# ---- smooth normals -------------------------------------------------------------
+
+
+def test_coarse_smooth_meshes_carry_normals_and_others_do_not():
+    coarse, fine = sphere(n=6), sphere(n=64)
+    assert bake.facets_show(smooth(coarse), 0.02)
+    assert not bake.facets_show(coarse, 0.02)  # flat
+    assert not bake.facets_show(smooth(fine), 0.1)  # facets smaller than voxels
+    made = planned(scene([smooth(coarse), coarse], [place(0), place(1, at=(3, 0, 0))]))
+    assert [row["carries"] for row in made.volumes] == [["normals"], []]
+
+
+def test_normals_along_the_facets_are_not_worth_it():
+    flat = plane()
+    up = np.broadcast_to(np.float32((0, 0, 1)), (2, 3, 3))
+    assert not bake.facets_show(dataclasses.replace(flat, corner_normals=up), 0.01)
+
+
+# ---- meshes that change ---------------------------------------------------------
+
+
+def test_parts_keep_what_their_corners_carry():
+    ball = smooth(with_uvs(sphere(n=4)))
+    two = join((ball, (0, 0, 0)), (ball, (0.5, 0, 0)))
+    two = dataclasses.replace(
+        two,
+        corner_normals=np.concatenate([ball.corner_normals] * 2),
+        corner_uvs=np.concatenate([ball.corner_uvs, ball.corner_uvs + 1]),
+    )
+    split = parts.split(two)
+    assert len(split) == 2
+    for part in split:
+        assert len(part.corner_normals) == len(part.corner_uvs) == len(part.triangles)
+        assert part.corner_colors is None
+    assert {int(part.corner_uvs.min() >= 1) for part in split} == {0, 1}
+
+
+def test_one_volume_for_all_keeps_every_objects_colours_and_normals():
+    ball = smooth(sphere(n=6))
+    tile = with_uvs(plane())
+    red = model.Image("red", np.broadcast_to(np.float32((1, 0, 0)), (4, 4, 3)))
+    mirrored = np.diag([-2.0, 1.0, 1.0, 1.0])
+    mirrored[0, 3] = 4.0
+    instances = [
+        dataclasses.replace(place(0, materials=(1,)), world_from_object=mirrored),
+        place(1, at=(0, 0, -0.5)),
+    ]
+    plain = model.Material("Plain", (model.Lobe("diffuse"),))
+    what = dressed([ball, tile], instances, [material(red), plain], layout="scene", resolution=120)
+    merged, _ = objects.merge(what, instances, [])
+    (mesh,) = merged.meshes
+    corners = mesh.vertices[mesh.triangles]
+    on_ball = mesh.slots == 0
+    # of an ellipsoid the normal is the place over the squared half axes
+    want = (corners[on_ball] - np.float32((4, 0, 0))) / np.float32((4, 1, 1))
+    want /= np.linalg.norm(want, axis=2, keepdims=True)
+    assert_allclose(mesh.corner_normals[on_ball], want, atol=1e-5)
+    assert_allclose(mesh.corner_uvs[~on_ball], tile.corner_uvs)
+    made = planned(what)
+    volume = made.instances[0].structure.volume
+    assert made.volumes[0]["carries"] == ["colors", "normals"]
+    got, _ = volume.attributes([[0.0, 0.0, -0.5], [2.0, 0.0, 0.0]], [1, 0])
+    assert_allclose(got, [(1, 0, 0), (1, 1, 1)], atol=0.002)
+
+
+# ---- the plan -------------------------------------------------------------------
+
+
+def checks(n, **options):
+    board = np.add.outer(np.arange(n), np.arange(n)) % 2
+    pixels = np.repeat(board[..., None], 3, axis=2).astype(np.float32)
+    return model.Image("checks", pixels, "closest", **options)
+
+
+def test_a_texture_is_worth_voxels_that_a_plain_floor_is_not():
+    y, x = np.mgrid[0:64, 0:64] / 64.0
+    ramp = model.Image("ramp", np.stack([x, y, x * y], -1).astype(np.float32), extension="extend")
+    mesh = with_uvs(plane(6.0))
+    plain = model.Material("Plain", (model.Lobe("diffuse"),))
+    view = looking_down(width=100, height=100)  # the rims are far outside of it
+    made = {
+        name: planned(dressed([mesh], [place(0)], [worn], view=view, width=100, height=100))
+        for name, worn in (
+            ("plain", plain),
+            ("ramp", material(ramp)),
+            ("checks", material(checks(32))),
+        )
+    }
+    rows = {name: what.volumes[0] for name, what in made.items()}
+    assert rows["plain"]["color_error"] == 0.0
+    assert 0.0 < rows["ramp"]["color_error"] <= 0.03
+    assert rows["plain"]["voxel_size"] <= 2 * rows["ramp"]["voxel_size"]
+    assert rows["ramp"]["voxel_size"] >= 4 * rows["checks"]["voxel_size"]
+    assert 0.0 < rows["checks"]["color_error"] <= 0.03
+    assert rows["checks"]["voxel_footprints"] > 0.5  # and no finer than pixels show
+    assert not made["checks"].warnings
+
+
+def test_what_the_budget_leaves_of_a_texture_is_said():
+    mesh = with_uvs(plane())
+    view = looking_down(width=400, height=400)
+    what = dressed(
+        [mesh], [place(0)], [material(image(512))], view=view, width=400, height=400, memory_mb=4
+    )
+    made = planned(what)
+    assert any("colours that are" in warning for warning in made.warnings)
+
+
+def test_the_measured_error_is_the_one_that_a_picture_shows():
+    """Column k is the difference to what a pixel of 2^-k voxels would show."""
+    mesh = with_uvs(plane())
+    picture = image(64)
+    wardrobe = bake.Wardrobe(
+        dressed([mesh], [place(0)], [material(picture)]), Cache(), leapray.Watch()
+    )
+    outfit = wardrobe.outfit(mesh, (0,))
+    attributes = wardrobe.attributes(mesh, outfit, 1 / 16)
+    volume = leapray.voxelize(mesh.vertices, mesh.triangles, 1 / 16, attributes=attributes)
+    rng = np.random.default_rng(3)
+    weights = rng.dirichlet((1, 1, 1), 3000)
+    triangles = rng.integers(0, 2, 3000)
+    points = np.einsum("nk,nkc->nc", weights, mesh.vertices[mesh.triangles[triangles]])
+    points = np.clip(points, -0.9, 0.9)
+    inside = np.abs(points).max(axis=1) < 0.9
+    columns = bake.color_errors(
+        volume, mesh, attributes, points, triangles, weights, 1 / 16
+    )[inside].mean(axis=0)  # fmt: skip
+    assert (np.diff(columns) > -1e-3).all()  # sharper pixels miss more
+    uv = (points[inside, :2] + 1) / 2
+    got, _ = volume.attributes(points[inside])
+    true = leapray.Texture(picture.pixels).sample(uv)
+    error = np.sqrt(np.mean((np.sqrt(got) - np.sqrt(true)) ** 2, axis=1)).mean()
+    assert columns[-1] == pytest.approx(error, rel=0.02)
+
+
+def test_an_edited_texture_or_normal_makes_a_new_volume():
+    cache = Cache()
+    mesh = with_uvs(plane())
+    seen = []
+    for picture in (image(seed=0), image(seed=0), image(seed=5)):
+        made = plan.make(
+            dressed([mesh], [place(0)], [material(picture)], resolution=40),
+            cache, leapray.Watch(), 1,
+        )  # fmt: skip
+        seen.append(made.instances[0].structure.volume)
+    assert seen[0] is seen[1] and seen[1] is not seen[2]
