@@ -36,6 +36,7 @@ LAYERS = {
         "volume attributes",
         "voxelization tracing",
         "rendering",
+        "imaging",
         "__init__",
     ],
     "addon": [
@@ -57,7 +58,7 @@ LAYERS = {
         "__init__",
     ],
 }
-C_LAYERS = ["", "volume", "distance voxel", "trace", "traversers", "render"]
+C_LAYERS = ["", "volume", "distance voxel", "trace", "traversers", "image render"]
 WITHOUT_BLENDER = ("addon.model", "addon.plan", "addon.pipeline", "addon.tiles", "leapray")
 BLENDER = {"bpy", "bpy_extras", "bmesh", "gpu", "mathutils", "bl_math", "blf", "imbuf"}
 

@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 10 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 11 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -536,5 +536,44 @@ LR_API uint64_t lr_render_nbytes(const lr_scene *scene, int32_t width, int32_t h
 LR_API lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile,
                                 const lr_passes *passes, void *workspace, uint64_t nbytes,
                                 lr_counters *counters, const lr_watch *watch, lr_error *error);
+
+/* ---- whole images ------------------------------------------------------ */
+
+/* How far it is empty around every cell of a volume, which must live longer. */
+typedef struct lr_radii lr_radii;
+
+/* metric: lr_metric; Euclid's gives the largest radii. */
+LR_API lr_status lr_radii_build(const lr_volume *volume, int32_t metric, const lr_watch *watch,
+                                lr_radii **radii, lr_error *error);
+LR_API void lr_radii_free(lr_radii *radii); /* NULL is fine */
+LR_API uint64_t lr_radii_nbytes(const lr_radii *radii); /* without the volume */
+
+typedef enum lr_pixel_skip {
+    LR_SKIP_SAFE = 0, /* around a ray that misses, the pixels that are sure to miss too */
+    LR_SKIP_NONE = 1, /* no pixel */
+    LR_SKIP_PAPER = 2 /* those nearer than the least radius of its samples: loses pixels */
+} lr_pixel_skip;
+
+typedef enum lr_pixel {
+    LR_PIXEL_MISS = 0,
+    LR_PIXEL_HIT = 1,
+    LR_PIXEL_SKIPPED = 2 /* not traced: a miss */
+} lr_pixel;
+
+typedef struct lr_image {
+    int32_t x, y, width, height; /* pixels of the film; row 0 is the lowest */
+    double *t;      /* [height][width], along forward; infinity where nothing is */
+    int32_t *cell;  /* [height][width][3]; the least int32_t where nothing is */
+    uint8_t *pixel; /* [height][width], lr_pixel */
+} lr_image;
+
+/* The first object cell behind every pixel's centre, as lr_trace finds it in
+ * LR_MODE_BINARY. camera: LR_ORTHOGRAPHIC, in object space; LR_E_ARGUMENT for a
+ * perspective one. skip: lr_pixel_skip. Parts of a film may be asked for side by side;
+ * a pixel is skipped only for one of the same part. counters is added to, of rays that
+ * were traced; NULL costs nothing. */
+LR_API lr_status lr_first_cells(const lr_radii *radii, const lr_camera *camera, int32_t skip,
+                                const lr_image *image, lr_counters *counters,
+                                const lr_watch *watch, lr_error *error);
 
 #endif

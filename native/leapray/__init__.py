@@ -4,6 +4,7 @@
 from ._abi import LR_VERSION as __version__
 from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
 from .attributes import VERTEX, WHITE, Attributes, Texture
+from .imaging import SKIPS, Clearance, FirstCells, first_cells
 from .rendering import PASSES, Camera, Instance, Light, Lobe, Material, Scene, World
 from .tracing import (
     HIT_TESTS,
@@ -34,10 +35,13 @@ __all__ = [
     "NORMALS",
     "PASSES",
     "ROOTS",
+    "SKIPS",
     "VERTEX",
     "WHITE",
     "Attributes",
     "Camera",
+    "Clearance",
+    "FirstCells",
     "Hits",
     "Instance",
     "LeapRayError",
@@ -61,6 +65,7 @@ __all__ = [
     "add_counters",
     "build",
     "distance",
+    "first_cells",
     "mesh_layers",
     "trace",
     "trace_options",

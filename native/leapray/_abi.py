@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 10
+LR_ABI = 11
 
 
 class lr_status(IntEnum):
@@ -133,6 +133,18 @@ class lr_lobe_flag(IntEnum):
     LR_LOBE_MULTISCATTER = 2
 
 
+class lr_pixel_skip(IntEnum):
+    LR_SKIP_SAFE = 0
+    LR_SKIP_NONE = 1
+    LR_SKIP_PAPER = 2
+
+
+class lr_pixel(IntEnum):
+    LR_PIXEL_MISS = 0
+    LR_PIXEL_HIT = 1
+    LR_PIXEL_SKIPPED = 2
+
+
 LR_OK, LR_E_ARGUMENT, LR_E_SIZE, LR_E_MEMORY, LR_E_STOPPED = lr_status
 LR_U8, LR_U16, LR_F32 = lr_sample_type
 LR_KIND_AUTO, LR_KIND_SOLID, LR_KIND_SHEET = lr_kind
@@ -153,6 +165,8 @@ LR_LIGHT_SUN, LR_LIGHT_POINT, LR_LIGHT_SPOT, LR_LIGHT_AREA = lr_light_kind
 LR_LIGHT_ROUND, LR_LIGHT_FULL = lr_light_shape
 LR_LOBE_DIFFUSE, LR_LOBE_GLOSSY, LR_LOBE_GLASS, LR_LOBE_REFRACTION, LR_LOBE_TRANSPARENT, LR_LOBE_EMISSION, LR_LOBE_PRINCIPLED = lr_lobe_kind
 LR_LOBE_TEXTURED, LR_LOBE_MULTISCATTER = lr_lobe_flag
+LR_SKIP_SAFE, LR_SKIP_NONE, LR_SKIP_PAPER = lr_pixel_skip
+LR_PIXEL_MISS, LR_PIXEL_HIT, LR_PIXEL_SKIPPED = lr_pixel
 
 
 class lr_error(ctypes.Structure):
@@ -452,6 +466,22 @@ class lr_passes(ctypes.Structure):
     )
 
 
+class lr_radii(ctypes.Structure):
+    pass  # opaque
+
+
+class lr_image(ctypes.Structure):
+    _fields_ = (
+        ("x", ctypes.c_int32),
+        ("y", ctypes.c_int32),
+        ("width", ctypes.c_int32),
+        ("height", ctypes.c_int32),
+        ("t", ctypes.POINTER(ctypes.c_double)),
+        ("cell", ctypes.POINTER(ctypes.c_int32)),
+        ("pixel", ctypes.POINTER(ctypes.c_uint8)),
+    )
+
+
 PROTOTYPES = {
     "lr_abi": (ctypes.c_int32, ()),
     "lr_version": (ctypes.c_char_p, ()),
@@ -630,6 +660,28 @@ PROTOTYPES = {
         ctypes.POINTER(lr_passes),
         ctypes.c_void_p,
         ctypes.c_uint64,
+        ctypes.POINTER(lr_counters),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_radii_build": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.c_int32,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(ctypes.POINTER(lr_radii)),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_radii_free": (None, (
+        ctypes.POINTER(lr_radii),
+    )),
+    "lr_radii_nbytes": (ctypes.c_uint64, (
+        ctypes.POINTER(lr_radii),
+    )),
+    "lr_first_cells": (ctypes.c_int, (
+        ctypes.POINTER(lr_radii),
+        ctypes.POINTER(lr_camera),
+        ctypes.c_int32,
+        ctypes.POINTER(lr_image),
         ctypes.POINTER(lr_counters),
         ctypes.POINTER(lr_watch),
         ctypes.POINTER(lr_error),

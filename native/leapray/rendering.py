@@ -181,7 +181,7 @@ class Scene:
             "slots": np.asarray(slots, np.uint32),
         }
         desc = _abi.lr_scene_desc()
-        desc.camera = _camera(camera)
+        desc.camera = camera_struct(camera)
         types = dict(_abi.lr_scene_desc._fields_)
         for name, table in tables.items():
             setattr(desc, name, ctypes.cast(table.ctypes.data, types[name]))
@@ -275,7 +275,8 @@ def _vector(values: ArrayLike, what: str, shape: tuple[int, ...] = (3,)) -> NDAr
     return array
 
 
-def _camera(camera: Camera) -> _abi.lr_camera:
+def camera_struct(camera: Camera) -> _abi.lr_camera:
+    """A camera as C has it. Raises LeapRayError that names what is wrong."""
     result = _abi.lr_camera()
     result.projection = choice(PROJECTIONS, camera.projection, "projection")
     for name in ("eye", "forward", "corner", "dx", "dy"):

@@ -45,15 +45,6 @@ LR_INLINE bool lr_walk_boxes(const void *data, const lr_volume *v, const lr_ray 
 #define LR_WALK lr_walk_boxes
 #endif
 
-/* A start inside an object cell is a binary hit before any step. */
-LR_INLINE bool lr_starts_inside(const lr_volume *v, const lr_ray *r, double t_min, lr_cursor *u)
-{
-    lr_ray copy = *r;
-    const int32_t lo[3] = {1, 1, 1};
-    const int32_t hi[3] = {v->desc.nx + 1, v->desc.ny + 1, v->desc.nz + 1};
-    return lr_enter(&copy, u, lo, hi, t_min) && u->axis < 0 && lr_object_cell(v, u->c);
-}
-
 /* Leave a surface: stand on its cell, whatever rounding says. */
 LR_INLINE bool lr_leave(const lr_volume *v, lr_ray *r, lr_cursor *u, const lr_start *start,
                         double t_min)
