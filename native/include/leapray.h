@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 11 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 12 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -366,6 +366,7 @@ typedef struct lr_counters {
     uint64_t samples; /* evaluations of f */
     uint64_t hits;
     uint64_t most_cells; /* in which a single ray stood: the largest, not a sum */
+    uint64_t forgotten; /* times that a ray was in more solids than it can keep in mind */
 } lr_counters;
 
 /* counters is added to; NULL costs nothing. */
@@ -488,6 +489,9 @@ typedef struct lr_instance {
     int32_t object_index;    /* the value of the object index pass */
     uint32_t first_material; /* id m of a hit has material slots[first_material + min(m, n_materials-1)] */
     uint32_t n_materials;    /* at least 1 */
+    int32_t volume_index;    /* the value of the volume pass */
+    int32_t reserved;
+    double error;            /* of its surface, in world space, for the error pass */
 } lr_instance;
 
 typedef struct lr_scene_desc {
@@ -502,6 +506,8 @@ typedef struct lr_scene_desc {
     const int32_t *slot_objects; /* [n_slots] object index of hits with that slot; NULL: their instance's */
     uint64_t n_slots;
     lr_world world;
+    double mist_start, mist_depth; /* of the mist pass: distances from the camera */
+    double mist_power;       /* of the way into the mist: 1, 2 or 1/2 in Blender */
     int32_t film_transparent;
     int32_t reserved;
 } lr_scene_desc;
@@ -513,10 +519,26 @@ typedef struct lr_scene lr_scene;
 LR_API lr_status lr_scene_new(const lr_scene_desc *desc, lr_scene **scene, lr_error *error);
 LR_API void lr_scene_free(lr_scene *scene); /* NULL is fine */
 
+typedef enum lr_pixel_filter {
+    LR_PIXEL_BOX = 0,             /* of one pixel */
+    LR_PIXEL_BLACKMAN_HARRIS = 1 /* of Cycles: it reaches filter_width to either side */
+} lr_pixel_filter;
+
+/* Limits of bounces count as in Cycles: a ray beyond its limit still finds lights,
+ * the world and shining surfaces, but is not scattered again. */
 typedef struct lr_tile {
     int32_t x, y, width, height; /* pixels of the image; row 0 is the lowest */
-    int32_t samples;             /* per pixel, box filter of one pixel */
+    int32_t samples;             /* per pixel; the most, where there is a threshold */
+    int32_t min_samples;         /* before a pixel may be settled; 0: by the threshold */
+    double noise_threshold;      /* below which a pixel is settled, as in Cycles; 0: never */
+    int32_t filter;              /* lr_pixel_filter */
     uint32_t seed;
+    double filter_width;         /* pixels */
+    int32_t max_bounces;         /* in all, without transparent_bounces */
+    int32_t diffuse_bounces, glossy_bounces, transmission_bounces, transparent_bounces;
+    int32_t branches;            /* rays of one sample that may be on their way at a time, 1..16:
+                                    where a surface sends off more, some are left to chance */
+    double ao_distance;          /* reach of ambient occlusion in world space */
     lr_trace_options trace;      /* mode must be LR_MODE_SURFACE */
 } lr_tile;
 
@@ -527,12 +549,21 @@ typedef struct lr_passes {
     float *depth;        /* [height][width], along the camera's axis; 1e10 where nothing is */
     float *normal;       /* [height][width][3], world space, towards the camera's side */
     float *position;     /* [height][width][3], world space */
-    float *object_index; /* [height][width] */
+    float *object_index; /* [height][width], as all that follow unless said */
+    float *material_index;
+    float *mist;         /* 0..1, 1 where nothing is */
+    float *ao;           /* share of the sky that is seen within ao_distance */
+    float *emission;     /* [height][width][3] */
+    float *environment;  /* [height][width][3] */
+    float *error;        /* lr_instance.error in widths of a pixel there */
+    float *volume;       /* lr_instance.volume_index */
 } lr_passes;
 
-/* Bytes of working memory that lr_render_tile wants for a tile of that size. The
- * passes of a tile that was stopped are undefined. */
-LR_API uint64_t lr_render_nbytes(const lr_scene *scene, int32_t width, int32_t height);
+/* Bytes of working memory that lr_render_tile wants for a tile of that size and
+ * so many branches, whatever the limits of bounces. The passes of a tile that was
+ * stopped are undefined. */
+LR_API uint64_t lr_render_nbytes(const lr_scene *scene, int32_t width, int32_t height,
+                                 int32_t branches);
 LR_API lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile,
                                 const lr_passes *passes, void *workspace, uint64_t nbytes,
                                 lr_counters *counters, const lr_watch *watch, lr_error *error);

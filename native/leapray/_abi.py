@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 11
+LR_ABI = 12
 
 
 class lr_status(IntEnum):
@@ -133,6 +133,11 @@ class lr_lobe_flag(IntEnum):
     LR_LOBE_MULTISCATTER = 2
 
 
+class lr_pixel_filter(IntEnum):
+    LR_PIXEL_BOX = 0
+    LR_PIXEL_BLACKMAN_HARRIS = 1
+
+
 class lr_pixel_skip(IntEnum):
     LR_SKIP_SAFE = 0
     LR_SKIP_NONE = 1
@@ -165,6 +170,7 @@ LR_LIGHT_SUN, LR_LIGHT_POINT, LR_LIGHT_SPOT, LR_LIGHT_AREA = lr_light_kind
 LR_LIGHT_ROUND, LR_LIGHT_FULL = lr_light_shape
 LR_LOBE_DIFFUSE, LR_LOBE_GLOSSY, LR_LOBE_GLASS, LR_LOBE_REFRACTION, LR_LOBE_TRANSPARENT, LR_LOBE_EMISSION, LR_LOBE_PRINCIPLED = lr_lobe_kind
 LR_LOBE_TEXTURED, LR_LOBE_MULTISCATTER = lr_lobe_flag
+LR_PIXEL_BOX, LR_PIXEL_BLACKMAN_HARRIS = lr_pixel_filter
 LR_SKIP_SAFE, LR_SKIP_NONE, LR_SKIP_PAPER = lr_pixel_skip
 LR_PIXEL_MISS, LR_PIXEL_HIT, LR_PIXEL_SKIPPED = lr_pixel
 
@@ -339,6 +345,7 @@ class lr_counters(ctypes.Structure):
         ("samples", ctypes.c_uint64),
         ("hits", ctypes.c_uint64),
         ("most_cells", ctypes.c_uint64),
+        ("forgotten", ctypes.c_uint64),
     )
 
 
@@ -419,6 +426,9 @@ class lr_instance(ctypes.Structure):
         ("object_index", ctypes.c_int32),
         ("first_material", ctypes.c_uint32),
         ("n_materials", ctypes.c_uint32),
+        ("volume_index", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
+        ("error", ctypes.c_double),
     )
 
 
@@ -435,6 +445,9 @@ class lr_scene_desc(ctypes.Structure):
         ("slot_objects", ctypes.POINTER(ctypes.c_int32)),
         ("n_slots", ctypes.c_uint64),
         ("world", lr_world),
+        ("mist_start", ctypes.c_double),
+        ("mist_depth", ctypes.c_double),
+        ("mist_power", ctypes.c_double),
         ("film_transparent", ctypes.c_int32),
         ("reserved", ctypes.c_int32),
     )
@@ -451,7 +464,18 @@ class lr_tile(ctypes.Structure):
         ("width", ctypes.c_int32),
         ("height", ctypes.c_int32),
         ("samples", ctypes.c_int32),
+        ("min_samples", ctypes.c_int32),
+        ("noise_threshold", ctypes.c_double),
+        ("filter", ctypes.c_int32),
         ("seed", ctypes.c_uint32),
+        ("filter_width", ctypes.c_double),
+        ("max_bounces", ctypes.c_int32),
+        ("diffuse_bounces", ctypes.c_int32),
+        ("glossy_bounces", ctypes.c_int32),
+        ("transmission_bounces", ctypes.c_int32),
+        ("transparent_bounces", ctypes.c_int32),
+        ("branches", ctypes.c_int32),
+        ("ao_distance", ctypes.c_double),
         ("trace", lr_trace_options),
     )
 
@@ -463,6 +487,13 @@ class lr_passes(ctypes.Structure):
         ("normal", ctypes.POINTER(ctypes.c_float)),
         ("position", ctypes.POINTER(ctypes.c_float)),
         ("object_index", ctypes.POINTER(ctypes.c_float)),
+        ("material_index", ctypes.POINTER(ctypes.c_float)),
+        ("mist", ctypes.POINTER(ctypes.c_float)),
+        ("ao", ctypes.POINTER(ctypes.c_float)),
+        ("emission", ctypes.POINTER(ctypes.c_float)),
+        ("environment", ctypes.POINTER(ctypes.c_float)),
+        ("error", ctypes.POINTER(ctypes.c_float)),
+        ("volume", ctypes.POINTER(ctypes.c_float)),
     )
 
 
@@ -651,6 +682,7 @@ PROTOTYPES = {
     )),
     "lr_render_nbytes": (ctypes.c_uint64, (
         ctypes.POINTER(lr_scene),
+        ctypes.c_int32,
         ctypes.c_int32,
         ctypes.c_int32,
     )),

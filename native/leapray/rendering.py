@@ -16,9 +16,42 @@ from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import choice, pointer
 from .tracing import Structure, trace_options
 
-# Channels of every pass, by Blender's names; the geometry passes come from the pixel's centre.
-PASSES = {"Combined": 4, "Depth": 1, "Normal": 3, "Position": 3, "Object Index": 1}
+# Channels of every pass, by Blender's names; those that show what is seen first come from the
+# pixel's centre, the others are means over its samples.
+PASSES = {
+    "Combined": 4,
+    "Depth": 1,
+    "Normal": 3,
+    "Position": 3,
+    "Object Index": 1,
+    "Material Index": 1,
+    "Mist": 1,
+    "Ambient Occlusion": 1,
+    "Emission": 3,
+    "Environment": 3,
+    "Error": 1,
+    "Volume": 1,
+}
 MEMBERS = {name: name.lower().replace(" ", "_") for name in PASSES}  # of lr_passes
+MEMBERS["Ambient Occlusion"] = "ao"
+USUAL_PASSES = ("Combined", "Depth", "Normal", "Position", "Object Index")
+
+# How a tile is sampled, as of lr_tile; branches 0: few samples split, many choose.
+SAMPLING = {
+    "min_samples": 0,
+    "noise_threshold": 0.0,
+    "pixel_filter": "box",
+    "filter_width": 1.5,
+    "max_bounces": 12,
+    "diffuse_bounces": 0,
+    "glossy_bounces": 4,
+    "transmission_bounces": 12,
+    "transparent_bounces": 8,
+    "branches": 0,
+    "ao_distance": 10.0,
+}
+PIXEL_FILTERS = {"box": _abi.LR_PIXEL_BOX, "blackman_harris": _abi.LR_PIXEL_BLACKMAN_HARRIS}
+MIST_POWERS = {"LINEAR": 1.0, "QUADRATIC": 2.0, "INVERSE_QUADRATIC": 0.5}  # Blender's falloffs
 
 PROJECTIONS = {"perspective": _abi.LR_PERSPECTIVE, "orthographic": _abi.LR_ORTHOGRAPHIC}
 VISIBILITIES = {
@@ -149,6 +182,8 @@ class Instance:
     visible_diffuse: bool = True
     visible_glossy: bool = True
     visible_transmission: bool = True
+    volume_index: int = 0  # of the Volume pass
+    error: float = 0.0  # of the surface, in world space, for the Error pass
 
 
 class Scene:
@@ -156,8 +191,8 @@ class Scene:
 
     camera, lights and materials are of the classes above, or have attributes of
     the same names. slots are indices into materials; slot_objects, one per slot,
-    replaces the object index of the hits with that slot. Structures are kept
-    alive.
+    replaces the object index of the hits with that slot. mist: start, depth and
+    Blender's falloff of the Mist pass. Structures are kept alive.
     Raises LeapRayError with a sentence that names the culprit.
     """
 
@@ -171,6 +206,7 @@ class Scene:
         world: World | None = None,
         film_transparent: bool = False,
         slot_objects: Sequence[int] | None = None,
+        mist: tuple[float, float, str] = (5.0, 25.0, "QUADRATIC"),
     ) -> None:
         self._structures = [i.structure for i in instances]  # kept alive
         lobes = _lobes(materials)
@@ -191,6 +227,8 @@ class Scene:
             desc.slot_objects = pointer(objects, ctypes.c_int32)
         desc.world, pixels = _world(world or World())
         desc.film_transparent = int(film_transparent)
+        desc.mist_start, desc.mist_depth = mist[:2]
+        desc.mist_power = choice(MIST_POWERS, mist[2], "falloff of the mist")
         self.handle = ctypes.POINTER(_abi.lr_scene)()
         error = _abi.lr_error()
         status = lib.lr_scene_new(
@@ -200,9 +238,9 @@ class Scene:
         del lobes, pixels  # copied
         weakref.finalize(self, lib.lr_scene_free, self.handle)
 
-    def workspace(self, width: int, height: int) -> NDArray[np.uint8]:
+    def workspace(self, width: int, height: int, branches: int = 4) -> NDArray[np.uint8]:
         """Working memory for tiles of up to that size; one per thread, to be used again."""
-        return np.empty(lib.lr_render_nbytes(self.handle, width, height), np.uint8)
+        return np.empty(lib.lr_render_nbytes(self.handle, width, height, branches), np.uint8)
 
     def render_tile(
         self,
@@ -214,16 +252,17 @@ class Scene:
         samples: int = 16,
         seed: int = 0,
         options: Mapping[str, str] | None = None,
-        passes: Sequence[str] | Mapping[str, NDArray[np.float32]] = tuple(PASSES),
+        passes: Sequence[str] | Mapping[str, NDArray[np.float32]] = USUAL_PASSES,
         workspace: NDArray[np.uint8] | None = None,
         watch: Watch | None = None,
         counters: _abi.lr_counters | None = None,
+        **sampling: float | str,
     ) -> dict[str, NDArray[np.float32]]:
         """The passes of the width x height pixels from (x, y) on; rows from below.
 
-        options: hit_test, root and normal, as of `trace`. passes: names, or the
-        arrays to fill, float32 (height, width, channels), in rows without gaps;
-        Combined always comes along. counters is added to.
+        options: hit_test, root and normal, as of `trace`. sampling: see SAMPLING.
+        passes: names, or the arrays to fill, float32 (height, width, channels), in
+        rows without gaps; Combined always comes along. counters is added to.
         Raises LeapRayError, Stopped where the watch says so.
         """
         given = passes if isinstance(passes, Mapping) else dict.fromkeys(passes)
@@ -238,10 +277,12 @@ class Scene:
         pointers = _abi.lr_passes()
         for name, array in filled.items():
             setattr(pointers, MEMBERS[name], pointer(array, ctypes.c_float))
-        if workspace is None:
-            workspace = self.workspace(width, height)
+        tile = _tile(samples, sampling)
+        tile.x, tile.y, tile.width, tile.height, tile.seed = x, y, width, height, seed
         names = {"hit_test": "extrema", "root": "newton", "normal": "central", **(options or {})}
-        tile = _abi.lr_tile(x, y, width, height, samples, seed, trace_options(**names))
+        tile.trace = trace_options(**names)
+        if workspace is None:
+            workspace = self.workspace(width, height, tile.branches)
         call(
             lib.lr_render_tile,
             self.handle,
@@ -253,6 +294,29 @@ class Scene:
             watch=watch,
         )
         return filled
+
+
+def _tile(samples: int, sampling: Mapping[str, float | str]) -> _abi.lr_tile:
+    """A tile without a place; the sampling that is not given is SAMPLING's."""
+    unknown = set(sampling) - set(SAMPLING)
+    if unknown:
+        raise LeapRayError(f"sampling is {', '.join(SAMPLING)}, not {', '.join(sorted(unknown))}")
+    tile = _abi.lr_tile()
+    tile.samples = samples
+    values = {**SAMPLING, **sampling}
+    tile.filter = choice(PIXEL_FILTERS, values.pop("pixel_filter"), "pixel filter")
+    values["branches"] = values["branches"] or branches_for(samples)
+    for name, value in values.items():
+        setattr(tile, name, value)
+    return tile
+
+
+def branches_for(samples: int) -> int:
+    """How many rays of a sample may be on their way where the user does not say.
+
+    Splitting spares few samples the noise of choosing; many have none to spare.
+    """
+    return max(1, min(4, 16 // max(samples, 1)))
 
 
 def _dtype(struct: type[ctypes.Structure]) -> np.dtype:
@@ -299,7 +363,7 @@ def _instances(instances: Sequence[Instance]) -> NDArray:
         for key, structure in structures.items()
     }
     table["structure"] = [addresses[id(i.structure)] for i in instances]
-    for name in ("object_index", "first_material", "n_materials"):
+    for name in ("object_index", "first_material", "n_materials", "volume_index", "error"):
         table[name] = [getattr(i, name) for i in instances]
     table["visibility"] = [_visibility(i) for i in instances]
     return table

@@ -24,6 +24,15 @@ typedef struct lr_caster {
     lr_error *error;
 } lr_caster;
 
+/* May ray i hit this instance at all? */
+static bool meets(const lr_caster *c, uint32_t i, uint32_t instance)
+{
+    const lr_placed *placed = &c->scene->instances[instance];
+    const bool wanted =
+        placed->clear ? c->options->among != LR_AMONG_OPAQUE : c->options->among != LR_AMONG_CLEAR;
+    return wanted && (placed->visibility & c->w->wave.visibility[i]) != 0;
+}
+
 /* Take ray i's walk up again. */
 static uint32_t walk(const lr_caster *c, uint32_t i)
 {
@@ -36,8 +45,7 @@ static uint32_t walk(const lr_caster *c, uint32_t i)
     for (;;) {
         const uint32_t instance = lr_hierarchy_next(hierarchy, &ray, c->options->t_min, wave->t[i],
                                                     stack, &wave->stacked[i]);
-        if (instance == LR_NOWHERE ||
-            (c->scene->instances[instance].visibility & c->options->visibility) != 0)
+        if (instance == LR_NOWHERE || meets(c, i, instance))
             return instance;
     }
 }
@@ -168,7 +176,6 @@ static void begin(const lr_caster *c, uint32_t n)
 {
     lr_wave *wave = &c->w->wave;
     for (uint32_t i = 0; i < n; i++) {
-        wave->t[i] = c->options->t_max;
         wave->instance[i] = LR_NOWHERE;
         wave->stacked[i] = c->scene->hierarchy.n_nodes > 0 ? 1 : 0;
         wave->stack[(size_t)i * c->scene->hierarchy.height] = (lr_branch){c->options->t_min, 0};

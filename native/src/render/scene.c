@@ -7,6 +7,7 @@
 #include "render/light.h"
 #include "trace/structure.h"
 #include "volume/affine.h"
+#include "volume/volume.h"
 
 enum {
     VISIBILITY_ALL = LR_VISIBLE_CAMERA | LR_VISIBLE_SHADOW | LR_VISIBLE_DIFFUSE |
@@ -89,6 +90,12 @@ static lr_status check(const lr_scene_desc *desc, lr_error *error)
         (desc->n_materials > 0 && desc->materials == NULL) ||
         (desc->n_slots > 0 && desc->slots == NULL))
         return lr_fail(error, LR_E_ARGUMENT, "a list of the scene is NULL but not empty");
+    if (!isfinite(desc->mist_start) || !(desc->mist_depth >= 0) || !(desc->mist_power > 0))
+        return lr_fail(
+            error, LR_E_ARGUMENT,
+            "mist must have a finite start, a depth of 0 or more and a power above 0, it "
+            "has %g, %g and %g",
+            desc->mist_start, desc->mist_depth, desc->mist_power);
     if (desc->n_instances > INT32_MAX)
         return lr_fail(error, LR_E_SIZE, "a scene holds up to %d instances, there are %llu",
                        INT32_MAX, (unsigned long long)desc->n_instances);
@@ -137,6 +144,8 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
         .object_index = instance->object_index,
         .first_material = instance->first_material,
         .n_materials = instance->n_materials,
+        .volume_index = instance->volume_index,
+        .error = instance->error,
     };
     if (!lr_affine_invert(instance->world_from_object, placed->object_from_world))
         return lr_fail(error, LR_E_ARGUMENT,
@@ -147,6 +156,33 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
         return lr_fail(error, LR_E_SIZE, "instance %llu reaches beyond all numbers",
                        (unsigned long long)i);
     return LR_OK;
+}
+
+static bool has_extent(const lr_light *light)
+{
+    if (light->kind == LR_LIGHT_SUN)
+        return light->angle > 0;
+    return light->kind == LR_LIGHT_AREA || light->radius > 0;
+}
+
+/* What instances may do to rays. */
+static void judge(lr_scene *scene)
+{
+    const uint32_t media = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
+    for (uint32_t i = 0; i < scene->n_instances; i++) {
+        lr_placed *placed = &scene->instances[i];
+        uint32_t flags = 0;
+        for (uint32_t k = 0; k < placed->n_materials; k++)
+            flags |= scene->materials[scene->slots[placed->first_material + k]].flags;
+        const bool solid = lr_structure_volume(placed->structure)->desc.kind != LR_KIND_SHEET;
+        placed->clear = (flags & LR_MATERIAL_CLEAR) != 0;
+        placed->enterable = solid && (flags & media) != 0;
+        scene->has_clear |= placed->clear;
+        scene->has_media |= placed->enterable;
+        scene->shines |= (flags & LR_MATERIAL_EMITS) != 0;
+    }
+    for (uint64_t k = 0; k < scene->n_lights; k++)
+        scene->has_lamps |= has_extent(&scene->lights[k]);
 }
 
 static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error *error)
@@ -160,6 +196,8 @@ static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error 
         status = place(&desc->instances[i], i, &scene->instances[i], &boxes[i], error);
     if (status == LR_OK)
         status = lr_hierarchy_build(boxes, (uint32_t)desc->n_instances, &scene->hierarchy, error);
+    if (status == LR_OK)
+        judge(scene);
     free(boxes);
     return status;
 }
@@ -181,6 +219,9 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     scene->world_visibility = desc->world.visibility;
     for (int a = 0; a < 3; a++)
         scene->world_shines |= desc->world.color[a] > 0;
+    scene->mist_start = desc->mist_start;
+    scene->mist_depth = desc->mist_depth;
+    scene->mist_power = desc->mist_power;
     scene->film_transparent = desc->film_transparent != 0;
     scene->instances = copy(NULL, desc->n_instances, sizeof *scene->instances);
     scene->lights = copy(desc->lights, desc->n_lights, sizeof *scene->lights);

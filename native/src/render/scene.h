@@ -15,6 +15,10 @@ typedef struct lr_placed {
     uint32_t visibility; /* lr_visibility */
     int32_t object_index;
     uint32_t first_material, n_materials;
+    int32_t volume_index;
+    double error;   /* of its surface, in world space */
+    bool clear;     /* lets some light straight through */
+    bool enterable; /* a solid that bends or absorbs light */
 } lr_placed;
 
 struct lr_scene {
@@ -30,6 +34,10 @@ struct lr_scene {
     lr_environment environment;
     uint32_t world_visibility; /* lr_visibility */
     bool world_shines;         /* its color is not black */
+    bool has_clear, has_media; /* instances that are clear, enterable */
+    bool has_lamps;            /* lights that rays can meet */
+    bool shines;               /* some material does */
+    double mist_start, mist_depth, mist_power;
     bool film_transparent;
     lr_hierarchy hierarchy;
 };

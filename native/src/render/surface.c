@@ -16,8 +16,10 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/surface.h"
 
+#include "render/inside.h"
 #include "trace/structure.h"
 #include "volume/affine.h"
+#include "volume/attributes.h"
 #include "volume/field.h"
 
 /* To world space and to unit length. A vanishing gradient tells nothing: then the
@@ -60,19 +62,26 @@ static double remainder_at(const lr_volume *v, const int32_t c[3], const double 
     return sum;
 }
 
-/* From the hit to the smooth surface above it, in world space; false where that
- * is not above. */
-static bool rise(const lr_placed *placed, const lr_surfel *s, double offset[3])
+/* Where the hit lies: its storage cell and the place in it. */
+static void locate(const lr_placed *placed, const lr_surfel *s, int32_t c[3], double p[3])
 {
     const lr_volume *v = lr_structure_volume(placed->structure);
-    double object[3], p[3], g[3], g_object[3], g_world[3];
-    int32_t c[3];
+    double object[3];
     lr_map_point(placed->object_from_world, s->position, object);
     lr_map_point(v->storage_from_object, object, p);
     for (int a = 0; a < 3; a++) {
         c[a] = s->start.cell[a] + LR_PAD;
         p[a] = lr_clamp(p[a] - c[a], 0, 1);
     }
+}
+
+/* From the hit, at p of storage cell c, to the smooth surface above it, in world
+ * space; false where that is not above. */
+static bool rise(const lr_placed *placed, const lr_surfel *s, const int32_t c[3], const double p[3],
+                 double offset[3])
+{
+    const lr_volume *v = lr_structure_volume(placed->structure);
+    double g[3], g_object[3], g_world[3];
     const double left_out = remainder_at(v, c, p, g);
     const double slope = sqrt(lr_dot(g, g));
     lr_map_gradient(v->storage_from_object, g, g_object);
@@ -81,42 +90,86 @@ static bool rise(const lr_placed *placed, const lr_surfel *s, double offset[3])
         lr_clamp(left_out, -RISE_MAX * slope, RISE_MAX * slope) / lr_dot(g_world, g_world);
     for (int a = 0; a < 3; a++)
         offset[a] = -share * g_world[a];
-    return fabs(left_out) > RISE_MIN * slope && lr_dot(offset, s->normal) > 0;
+    return fabs(left_out) > RISE_MIN * slope && lr_dot(offset, s->point.facing) > 0;
 }
 
-void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i, lr_surfel *surfel)
+/* Indices of refraction on the viewer's side over that on the far side. Where
+ * the viewer is inside, the solid is left, else entered. */
+static double eta(const lr_scene *scene, const lr_surfel *s, const lr_insides *insides)
+{
+    const bool solid = scene->instances[s->instance].enterable;
+    lr_insides beyond = *insides;
+    if (s->point.inside && solid) {
+        lr_insides_leave(&beyond, s->instance);
+        const bool known = beyond.n < insides->n;
+        return (known ? lr_insides_ior(scene, insides) : s->material->ior) /
+               lr_insides_ior(scene, &beyond);
+    }
+    const double around = lr_insides_ior(scene, &beyond);
+    return s->point.inside ? s->material->ior / around : around / s->material->ior;
+}
+
+void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
+                     const lr_insides *insides, lr_surfel *surfel)
 {
     const lr_placed *placed = &scene->instances[wave->instance[i]];
     const lr_hits *hit = &wave->hit;
+    lr_point *point = &surfel->point;
     const double o[3] = {wave->ray.ox[i], wave->ray.oy[i], wave->ray.oz[i]};
     const double d[3] = {wave->ray.dx[i], wave->ray.dy[i], wave->ray.dz[i]};
     const double normal[3] = {hit->nx[i], hit->ny[i], hit->nz[i]};
     const double field_normal[3] = {hit->gx[i], hit->gy[i], hit->gz[i]};
-    double facing[3];
-    for (int a = 0; a < 3; a++)
+    const double length = sqrt(lr_dot(d, d));
+    for (int a = 0; a < 3; a++) {
         surfel->position[a] = o[a] + wave->t[i] * d[a];
-    world_normal(placed, normal, d, surfel->normal);
-    world_normal(placed, field_normal, d, facing);
-    const bool inside = lr_dot(d, facing) > 0;
-    if (inside)
-        for (int a = 0; a < 3; a++)
-            surfel->normal[a] = -surfel->normal[a];
-    surfel->instance = wave->instance[i];
-    surfel->start = (lr_start){{hit->ci[i], hit->cj[i], hit->ck[i]}, inside ? 1 : -1};
-    double offset[3];
-    memcpy(surfel->origin, surfel->position, sizeof surfel->origin);
-    if (rise(placed, surfel, offset)) {
-        for (int a = 0; a < 3; a++)
-            surfel->origin[a] += offset[a];
-        surfel->start.side = 0;
+        point->view[a] = -d[a] / length;
+        point->color[a] = 1;
     }
-    const uint32_t id = (uint32_t)lr_max_i(hit->id[i], 0);
-    const uint32_t last = placed->n_materials - 1;
-    const uint32_t slot = placed->first_material + (id < last ? id : last);
+    world_normal(placed, normal, d, point->normal);
+    world_normal(placed, field_normal, d, point->facing);
+    point->inside = lr_dot(d, point->facing) > 0;
+    if (point->inside)
+        for (int a = 0; a < 3; a++) {
+            point->normal[a] = -point->normal[a];
+            point->facing[a] = -point->facing[a];
+        }
+    if (!(lr_dot(point->normal, point->view) > 0)) /* at the rim */
+        memcpy(point->normal, point->facing, sizeof point->normal);
+    surfel->instance = wave->instance[i];
+    surfel->start = (lr_start){{hit->ci[i], hit->cj[i], hit->ck[i]}, point->inside ? 1 : -1};
+    double offset[3], p[3];
+    int32_t c[3];
+    locate(placed, surfel, c, p);
+    lr_volume_color(lr_structure_volume(placed->structure), c, p, hit->id[i], point->color);
+    memcpy(surfel->origin, surfel->position, sizeof surfel->origin);
+    surfel->risen = rise(placed, surfel, c, p, offset);
+    for (int a = 0; a < 3 && surfel->risen; a++)
+        surfel->origin[a] += offset[a];
+    uint32_t slot;
+    surfel->material_index = lr_material_of(scene, surfel->instance, hit->id[i], &slot);
+    surfel->material = &scene->materials[surfel->material_index];
     surfel->object_index =
         scene->slot_objects != NULL ? scene->slot_objects[slot] : placed->object_index;
-    const lr_material *material = &scene->materials[scene->slots[slot]];
-    memset(surfel->color, 0, sizeof surfel->color);
-    if (material->n_lobes > 0)
-        memcpy(surfel->color, material->lobes[0].color, sizeof surfel->color);
+    point->eta =
+        (surfel->material->flags & LR_MATERIAL_REFRACTS) != 0 ? eta(scene, surfel, insides) : 1;
+    lr_bsdf_at(surfel->material, point, &surfel->bsdf);
+}
+
+lr_start lr_surface_start(const lr_surfel *surfel, bool beyond)
+{
+    lr_start start = surfel->start;
+    start.side = beyond ? -start.side : surfel->risen ? 0 : start.side;
+    return start;
+}
+
+bool lr_surface_cross(const lr_scene *scene, const lr_surfel *surfel, lr_insides *insides)
+{
+    const uint32_t media = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
+    if (!scene->instances[surfel->instance].enterable)
+        return false;
+    if (!surfel->point.inside && (surfel->material->flags & media) != 0)
+        return lr_insides_enter(insides, surfel->instance, surfel->material_index);
+    if (surfel->point.inside)
+        lr_insides_leave(insides, surfel->instance);
+    return false;
 }

@@ -6,9 +6,19 @@
 
 #include "render/workspace.h"
 
-/* The point that ray i of the wave has hit. Surfaces have two sides; the
- * direction of the ray against the field's own normal tells which one is seen,
- * and the normal is turned to it. */
-void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i, lr_surfel *surfel);
+/* The point that ray i of the wave, which is in these solids, has hit. Surfaces
+ * have two sides; the direction of the ray against the field's own normal tells
+ * which one is seen, and the normals are turned to it. Sets all but path and
+ * chance. */
+void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
+                     const lr_insides *insides, lr_surfel *surfel);
+
+/* What a ray is in after it has gone through the surface; true where that was too
+ * much and something was forgotten. */
+bool lr_surface_cross(const lr_scene *scene, const lr_surfel *surfel, lr_insides *insides);
+
+/* Where rays leave the surface: those on the viewer's side start at
+ * surfel->origin, those beyond at surfel->position. */
+lr_start lr_surface_start(const lr_surfel *surfel, bool beyond);
 
 #endif

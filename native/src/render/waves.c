@@ -1,125 +1,205 @@
-/* Waves of light.
+/* Waves: the paths of a stretch of pixels, one bounce at a time.
  *
- * Lambertian surfaces: radiance = color / pi * irradiance. One wave per light
- * asks whether it reaches the surfels that face it; one wave of cosine-weighted
- * rays, one per surfel, asks for the world. Light from the other side of the
- * surface than the viewer's does not reach the viewer.
- *
- * A ray of light leaves in the very cell and on the very side of the hit, so
- * that it needs no offset to clear its own surface.
+ * Every round empties one queue and fills the next. A wave takes whole pixels,
+ * so that a pixel's sums grow in the same order whatever the stretch. Paths
+ * that are not scattered any more come in waves of their own: where only the
+ * world can be found, these ask no more than whether anything is hit.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/waves.h"
 
-#include "render/cast.h"
-#include "render/sampling.h"
+#include "render/direct.h"
+#include "render/environment.h"
+#include "render/inside.h"
+#include "render/light.h"
+#include "render/passes.h"
+#include "render/scatter.h"
+#include "render/surface.h"
 
-static const double PI = 3.141592653589793;
-
-/* Where a light is seen from p: d leads there with t in 0..*t_max. Returns the
- * irradiance of a surface that faces it, as a share of the light's color. */
-static double look(const lr_light *light, const double p[3], double d[3], double *t_max)
+static void add(const lr_job *job, const lr_path *path, const double rgb[3], const double weight[3],
+                double share)
 {
-    if (light->kind == LR_LIGHT_SUN) {
-        memcpy(d, light->direction, 3 * sizeof *d);
-        *t_max = INFINITY;
-        return 1;
-    }
+    double *part = job->workspace->pixels[path->pixel].part[job->sample % LR_PARTS];
     for (int a = 0; a < 3; a++)
-        d[a] = light->position[a] - p[a];
-    *t_max = 1;
-    return 1 / lr_dot(d, d);
+        part[a] += share * weight[a] * rgb[a];
 }
 
-static void aim(lr_workspace *w, uint32_t ray, uint32_t surfel, const double d[3])
+/* The share of what a scattered ray finds by itself; the rest comes from asking
+ * the lamp, which chooses the ray's direction with the density pdf. */
+static double found_share(const lr_job *job, const lr_path *path, double pdf)
 {
-    const lr_surfel *s = &w->surfels[surfel];
-    lr_wave *wave = &w->wave;
-    wave->ray.ox[ray] = s->origin[0];
-    wave->ray.oy[ray] = s->origin[1];
-    wave->ray.oz[ray] = s->origin[2];
-    wave->ray.dx[ray] = d[0];
-    wave->ray.dy[ray] = d[1];
-    wave->ray.dz[ray] = d[2];
-    wave->from[ray] = s->instance;
-    wave->start[ray] = s->start;
-    w->lit[ray] = surfel;
+    return lr_mis(path->pdf, pdf * lr_lamp_chance(job->scene, path->bounces[LR_RAY_CAMERA] - 1u));
 }
 
-/* Add color x light x reflectance for every ray of the wave that nothing stops. */
-static void receive(const lr_workspace *w, uint32_t n, const double color[3], bool all)
+/* Lamps with extent that the path meets before its end. */
+static void find_lamps(const lr_job *job, const lr_path *path, const double d[3], double length)
 {
+    const lr_scene *scene = job->scene;
+    double o[3];
+    for (int a = 0; a < 3; a++)
+        o[a] = path->origin[a] - path->travelled * d[a];
+    for (uint64_t k = 0; k < scene->n_lights; k++) {
+        double t, color[3], pdf, weight[3];
+        if ((scene->lights[k].visibility & path->visibility) == 0 ||
+            !lr_light_hit(&scene->lights[k], o, d, path->travelled + length, &t, color, &pdf) ||
+            t < path->travelled)
+            continue;
+        memcpy(weight, path->weight, sizeof weight);
+        lr_insides_absorb(scene, &path->insides, t - path->travelled, weight);
+        add(job, path, color, weight, found_share(job, path, pdf));
+    }
+}
+
+/* The path goes off into the world. */
+static void miss(const lr_job *job, const lr_path *path, const double d[3])
+{
+    const lr_scene *scene = job->scene;
+    lr_pixel *pixel = &job->workspace->pixels[path->pixel];
+    double rgb[3];
+    if (path->seen && scene->film_transparent) {
+        pixel->alpha -= (path->weight[0] + path->weight[1] + path->weight[2]) / 3;
+        return;
+    }
+    if ((scene->world_visibility & path->visibility) == 0)
+        return;
+    lr_environment_radiance(&scene->environment, d, rgb);
+    add(job, path, rgb, path->weight,
+        found_share(job, path, lr_environment_pdf(&scene->environment, d)));
+    for (int a = 0; a < 3 && path->seen; a++)
+        pixel->environment[a] += path->weight[a] * rgb[a];
+}
+
+/* Take up to `room` rays of whole pixels from *pixel on into a wave; those of
+ * paths that are scattered no more, or the others. Returns how many. */
+static uint32_t gather(const lr_job *job, uint32_t *pixel, uint32_t n_pixels, bool last)
+{
+    lr_workspace *w = job->workspace;
+    uint32_t n = 0;
+    for (; *pixel < n_pixels && n + w->now.n[*pixel] <= w->room; ++*pixel)
+        for (uint32_t k = 0; k < w->now.n[*pixel]; k++) {
+            lr_path *path = &w->now.paths[(size_t)*pixel * job->branches + k];
+            if (path->last != last)
+                continue;
+            lr_aim(&w->wave, n, path->origin, path->direction, path->t_max);
+            w->wave.from[n] = path->from;
+            w->wave.start[n] = path->start;
+            w->wave.visibility[n] = path->visibility;
+            w->flying[n++] = path;
+        }
+    return n;
+}
+
+/* What surfel s, which path i of the wave has hit, sends off by itself. */
+static void shine(const lr_job *job, const lr_surfel *s)
+{
+    lr_pixel *pixel = &job->workspace->pixels[s->path->pixel];
+    if ((s->material->flags & LR_MATERIAL_EMITS) == 0)
+        return;
+    add(job, s->path, s->bsdf.emission, s->path->weight, 1);
+    for (int a = 0; a < 3 && s->path->seen; a++)
+        pixel->emission[a] += s->path->weight[a] * s->bsdf.emission[a];
+}
+
+/* Lamps, world and surfaces that the wave has found; the surfaces are the
+ * surfels. Returns how many. */
+static uint32_t see(const lr_job *job, uint32_t n, bool any)
+{
+    lr_workspace *w = job->workspace;
+    uint32_t n_surfels = 0;
     for (uint32_t i = 0; i < n; i++) {
-        if (!all && w->wave.instance[i] != LR_NOWHERE)
-            continue;
-        const lr_surfel *s = &w->surfels[w->lit[i]];
-        for (int a = 0; a < 3; a++)
-            w->sum[s->pixel][a] += w->light[i] * color[a] * s->color[a];
+        lr_path *path = w->flying[i];
+        const bool hit = w->wave.instance[i] != LR_NOWHERE;
+        const double unit = sqrt(lr_dot(path->direction, path->direction));
+        const double length = w->wave.t[i] * unit;
+        const double d[3] = {path->direction[0] / unit, path->direction[1] / unit,
+                             path->direction[2] / unit};
+        if (job->scene->has_lamps)
+            find_lamps(job, path, d, length);
+        if (path->insides.n > 0)
+            lr_insides_absorb(job->scene, &path->insides, length, path->weight);
+        if (!hit) {
+            miss(job, path, d);
+        } else if (!any) {
+            lr_surfel *s = &w->surfels[n_surfels++];
+            lr_surface_find(job->scene, &w->wave, i, &path->insides, s);
+            s->path = path;
+            s->ray = i;
+            s->left = (path->t_max - w->wave.t[i]) * unit;
+            shine(job, s);
+        }
     }
+    return n_surfels;
 }
 
-static lr_status cast(const lr_job *job, uint32_t n, uint32_t visibility, double t_max)
+/* The passes that the camera's own rays bring. */
+static lr_status show(const lr_job *job, uint32_t n_surfels, uint64_t first, bool geometry)
 {
+    if (geometry)
+        lr_write_geometry(job, n_surfels, first);
+    for (uint32_t k = 0; k < n_surfels; k++)
+        lr_add_mist(job, &job->workspace->surfels[k]);
+    return job->passes->ao != NULL ? lr_ambient_occlusion(job, n_surfels) : LR_OK;
+}
+
+static lr_status fly(const lr_job *job, uint32_t n, bool any, uint64_t first, bool camera,
+                     bool geometry)
+{
+    lr_workspace *w = job->workspace;
     const lr_cast_options options = {
-        .visibility = visibility,
-        .t_max = t_max,
-        .any = true,
-        .leaving = true,
-        .trace = job->trace,
+        .t_min = camera ? job->scene->camera.clip_start : 0,
+        .any = any,
+        .leaving = !camera,
+        .trace = job->tile->trace,
     };
-    return lr_cast(job->scene, job->workspace, n, &options, job->counters, job->watch, job->error);
-}
-
-static lr_status light_by(const lr_job *job, const lr_light *light, uint32_t n)
-{
-    lr_workspace *w = job->workspace;
-    uint32_t n_rays = 0;
-    double t_max = 0;
-    for (uint32_t k = 0; k < n; k++) {
-        const lr_surfel *s = &w->surfels[k];
-        double d[3];
-        const double facing = look(light, s->origin, d, &t_max);
-        const double cosine = lr_dot(s->normal, d) / sqrt(lr_dot(d, d));
-        if (!(cosine > 0) || !(facing < INFINITY))
-            continue;
-        aim(w, n_rays, k, d);
-        w->light[n_rays++] = cosine * facing / PI;
-    }
-    const bool stopped = (light->visibility & LR_VISIBLE_SHADOW) != 0;
-    if (stopped) {
-        const lr_status status = cast(job, n_rays, LR_VISIBLE_SHADOW, t_max);
-        if (status != LR_OK)
-            return status;
-    }
-    receive(w, n_rays, light->color, !stopped);
-    return LR_OK;
-}
-
-static lr_status light_by_world(const lr_job *job, uint32_t n, uint32_t sample)
-{
-    lr_workspace *w = job->workspace;
-    uint32_t n_rays = 0;
-    for (uint32_t k = 0; k < n; k++) {
-        const lr_surfel *s = &w->surfels[k];
-        double u, v, d[3];
-        lr_sphere_sample(w->hash[s->pixel], sample, &u, &v);
-        lr_cosine_direction(s->normal, u, v, d);
-        aim(w, n_rays, k, d);
-        w->light[n_rays++] = 1;
-    }
-    const lr_status status = cast(job, n_rays, LR_VISIBLE_DIFFUSE, INFINITY);
+    lr_status status = lr_cast_wave(job, n, &options);
+    if (status != LR_OK)
+        return status;
+    const uint32_t n_surfels = see(job, n, any);
+    for (uint32_t k = 0; k < n_surfels; k++)
+        lr_scatter_choose(job, &w->surfels[k], &w->spare[w->surfels[k].path->pixel]);
+    status = show(job, n_surfels, first, geometry);
     if (status == LR_OK)
-        receive(w, n_rays, job->scene->environment.color, false);
+        status = lr_light_surfels(job, n_surfels);
+    for (uint32_t k = 0; k < n_surfels && status == LR_OK; k++)
+        lr_scatter_on(job, &w->surfels[k]);
     return status;
 }
 
-lr_status lr_light_surfels(const lr_job *job, uint32_t n, uint32_t sample)
+/* All paths of the present queue, those that are scattered first. */
+static lr_status fly_all(const lr_job *job, uint32_t n_pixels, uint64_t first, bool camera,
+                         bool geometry)
 {
     const lr_scene *scene = job->scene;
     lr_status status = LR_OK;
-    for (uint64_t k = 0; k < scene->n_lights && status == LR_OK; k++)
-        status = light_by(job, &scene->lights[k], n);
-    if (scene->world_shines && status == LR_OK)
-        status = light_by_world(job, n, sample);
+    for (int last = 0; last < 2; last++) {
+        const bool any = last != 0 && !scene->has_clear && !scene->has_media && !scene->shines &&
+                         !scene->has_lamps;
+        for (uint32_t pixel = 0; pixel < n_pixels && status == LR_OK;) {
+            const uint32_t n = gather(job, &pixel, n_pixels, last != 0);
+            if (n > 0)
+                status = fly(job, n, any, first, camera, geometry);
+        }
+    }
     return status;
+}
+
+lr_status lr_follow(const lr_job *job, uint32_t n_pixels, uint64_t first, bool geometry)
+{
+    lr_workspace *w = job->workspace;
+    for (bool camera = true;; camera = false) {
+        uint32_t n = 0;
+        for (uint32_t p = 0; p < n_pixels; p++) {
+            n += w->now.n[p];
+            w->next.n[p] = 0;
+            w->spare[p] = job->branches - w->now.n[p];
+        }
+        if (n == 0)
+            return LR_OK;
+        const lr_status status = fly_all(job, n_pixels, first, camera, geometry && camera);
+        if (status != LR_OK)
+            return status;
+        const lr_queue swap = w->now;
+        w->now = w->next;
+        w->next = swap;
+    }
 }

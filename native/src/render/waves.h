@@ -1,23 +1,15 @@
-/* Waves of light: the surfels of a wave lit by every light and by the world.
+/* Waves: the paths of a stretch of pixels, one bounce at a time.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_WAVES_H
 #define LR_WAVES_H
 
-#include "render/workspace.h"
+#include "render/job.h"
 
-/* What the waves of a tile have in common. */
-typedef struct lr_job {
-    const lr_scene *scene;
-    lr_workspace *workspace;
-    lr_trace_options trace;
-    lr_counters *counters;
-    const lr_watch *watch;
-    lr_error *error;
-} lr_job;
-
-/* Add the radiance that the first n surfels send to the viewer in this sample to
- * workspace->sum. The wave is overwritten. */
-lr_status lr_light_surfels(const lr_job *job, uint32_t n, uint32_t sample);
+/* Follow the camera's paths, of which there is one in workspace->now for every
+ * pixel p < n_pixels with now.n[p] = 1, to their end and add what they bring to
+ * workspace->pixels. geometry: write the passes that show what is seen first,
+ * pixel 0 at `first`. */
+lr_status lr_follow(const lr_job *job, uint32_t n_pixels, uint64_t first, bool geometry);
 
 #endif

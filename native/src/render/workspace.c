@@ -51,15 +51,27 @@ static lr_hits take_hits(lr_arena *arena, uint64_t n)
     return hit;
 }
 
-uint64_t lr_workspace_lay(void *base, uint64_t n_pixels, uint32_t height, lr_workspace *workspace)
+static lr_queue take_queue(lr_arena *arena, uint64_t n, uint32_t branches)
 {
-    const uint64_t n = n_pixels < LR_STRETCH ? n_pixels : LR_STRETCH;
+    lr_queue queue;
+    queue.paths = take(arena, n * branches, sizeof *queue.paths);
+    queue.n = take(arena, n, sizeof *queue.n);
+    return queue;
+}
+
+uint64_t lr_workspace_lay(void *base, uint64_t n_pixels, uint32_t branches, uint32_t height,
+                          lr_workspace *workspace)
+{
+    const uint64_t n_least = n_pixels < LR_STRETCH ? n_pixels : LR_STRETCH;
+    const uint64_t n = n_least > branches ? n_least : branches; /* a wave holds one pixel's rays */
     const uint64_t skip = (LINE - (uintptr_t)base % LINE) % LINE;
     lr_arena arena = {base != NULL ? (char *)base + skip : NULL, 0};
     lr_workspace w;
+    w.room = (uint32_t)n;
     w.wave.ray = take_rays(&arena, n);
     w.wave.from = take(&arena, n, sizeof *w.wave.from);
     w.wave.start = take(&arena, n, sizeof *w.wave.start);
+    w.wave.visibility = take(&arena, n, sizeof *w.wave.visibility);
     w.wave.instance = take(&arena, n, sizeof *w.wave.instance);
     w.wave.hit = take_hits(&arena, n);
     w.wave.t = w.wave.hit.t;
@@ -73,11 +85,19 @@ uint64_t lr_workspace_lay(void *base, uint64_t n_pixels, uint32_t height, lr_wor
     w.pairs = take(&arena, n, sizeof *w.pairs);
     w.pairs_sorted = take(&arena, n, sizeof *w.pairs_sorted);
     w.active = take(&arena, n, sizeof *w.active);
+    w.now = take_queue(&arena, n, branches);
+    w.next = take_queue(&arena, n, branches);
+    w.spare = take(&arena, n, sizeof *w.spare);
+    w.flying = take(&arena, n, sizeof *w.flying);
     w.surfels = take(&arena, n, sizeof *w.surfels);
-    w.lit = take(&arena, n, sizeof *w.lit);
-    w.light = take_doubles(&arena, n);
-    w.sum = take(&arena, n, sizeof *w.sum);
+    w.beams = take(&arena, n, sizeof *w.beams);
+    w.beam_insides = take(&arena, n, sizeof *w.beam_insides);
+    w.carried = take(&arena, n, sizeof *w.carried);
+    w.pixels = take(&arena, n, sizeof *w.pixels);
     w.hash = take(&arena, n, sizeof *w.hash);
+    w.sampled = take(&arena, n, sizeof *w.sampled);
+    w.settled = take(&arena, n, sizeof *w.settled);
+    w.filter = take_doubles(&arena, LR_FILTER_TABLE + 1);
     *workspace = w;
     return arena.used + (base != NULL ? skip : LINE);
 }

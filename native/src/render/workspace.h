@@ -2,18 +2,26 @@
  * the passes, laid out in the caller's buffer.
  *
  * Pixels are rendered in stretches of at most LR_STRETCH; one sample of each
- * makes a wave. So memory depends neither on the size of the image nor on the
- * number of samples.
+ * makes a first wave. What its rays spawn waits in a queue with a fixed number of
+ * places per pixel. So memory depends neither on the size of the image nor on the
+ * number of samples nor on the depth of recursion, and what is left out where the
+ * queue is full depends on the pixel alone.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_WORKSPACE_H
 #define LR_WORKSPACE_H
 
+#include "render/path.h"
 #include "render/scene.h"
 
-/* Measured on one sphere, a thousand and a hundred thousand: 512 to 4096 differ by
- * less than a tenth. Small tiles of memory, batches that end soon. */
-enum { LR_STRETCH = 1024 };
+enum {
+    /* Measured on one sphere, a thousand and a hundred thousand: 512 to 4096 differ by
+     * less than a tenth. Small tiles of memory, batches that end soon. */
+    LR_STRETCH = 1024,
+    LR_BRANCHES_MAX = 16, /* places of a pixel in the queue */
+    LR_PARTS = 4,         /* of a pixel's samples, for the estimate of its noise */
+    LR_FILTER_TABLE = 512
+};
 
 typedef struct lr_rays_buffer {
     double *ox, *oy, *oz, *dx, *dy, *dz;
@@ -22,12 +30,13 @@ typedef struct lr_rays_buffer {
 /* Rays in world space and what they hit. */
 typedef struct lr_wave {
     lr_rays_buffer ray;
-    uint32_t *from;     /* the instance whose surface the ray leaves */
-    lr_start *start;    /* where there */
-    double *t;          /* of the nearest hit so far */
-    uint32_t *instance; /* of that hit, or LR_NOWHERE */
-    lr_hits hit;        /* in object space; its t is not used */
-    lr_branch *stack;   /* [n][height]: what is left of each ray's walk */
+    uint32_t *from;       /* the instance whose surface the ray leaves */
+    lr_start *start;      /* where there */
+    uint32_t *visibility; /* instances with one of these flags count */
+    double *t;            /* at first where the ray ends, then of the nearest hit so far */
+    uint32_t *instance;   /* of that hit, or LR_NOWHERE */
+    lr_hits hit;          /* in object space; its t is not used */
+    lr_branch *stack;     /* [n][height]: what is left of each ray's walk */
     uint32_t *stacked;
 } lr_wave;
 
@@ -44,32 +53,68 @@ typedef struct lr_pair {
     uint32_t ray, instance;
 } lr_pair;
 
-/* A point of a surface that is to be lit. */
+/* A point of a surface that is to be lit and scatters. */
 typedef struct lr_surfel {
+    lr_point point;
+    lr_bsdf bsdf;
     double position[3];
-    double origin[3];    /* of rays of light */
-    double normal[3];    /* unit, turned to the viewer's side */
-    double color[3];     /* reflectance */
-    uint32_t pixel;      /* of the stretch */
-    uint32_t instance;
+    double origin[3]; /* of rays on the viewer's side */
+    lr_start start;   /* in the cell of the hit, on the viewer's side */
+    bool risen;       /* origin lies above the cell's own surface */
+    const lr_path *path;
+    uint32_t ray; /* of the wave that found it */
+    double left;  /* of the path's way */
+    const lr_material *material;
+    uint32_t instance, material_index;
     int32_t object_index;
-    lr_start start; /* of rays of light */
+    double chance[LR_RAY_KINDS]; /* that rays of this kind are followed: 1, 0 or between */
 } lr_surfel;
+
+/* A ray towards a light. */
+typedef struct lr_beam {
+    double brings[3]; /* if nothing more is in its way */
+    double ends;      /* distance to the lamp from where its ray is now */
+    const lr_surfel *surfel;
+    uint32_t clear; /* transparent surfaces that its path has passed */
+} lr_beam;
+
+/* The sums over a pixel's samples. */
+typedef struct lr_pixel {
+    double part[LR_PARTS][3]; /* radiance */
+    double alpha, mist, ao;
+    double emission[3], environment[3];
+} lr_pixel;
+
+/* Paths of one wave, some for every pixel: those of pixel p are n[p] at its
+ * `branches` places. */
+typedef struct lr_queue {
+    lr_path *paths;
+    uint32_t *n;
+} lr_queue;
 
 typedef struct lr_workspace {
     lr_wave wave;
     lr_batch batch;
     lr_pair *pairs, *pairs_sorted;
     uint32_t *active; /* rays whose walk goes on */
+    uint32_t room;    /* rays in a wave */
+    lr_queue now, next;
+    uint32_t *spare;  /* per pixel, places of the next queue that no path of this one needs */
+    lr_path **flying; /* the path of each ray of a wave */
     lr_surfel *surfels;
-    uint32_t *lit;    /* the surfel of each ray of a wave of light */
-    double *light;    /* what the ray brings: the cosine over the square of the distance */
-    double (*sum)[4]; /* per pixel, over its samples */
-    uint32_t *hash;   /* per pixel */
+    lr_beam *beams;
+    lr_insides *beam_insides; /* of each beam's ray */
+    uint32_t *carried;        /* the beam of each ray of a wave */
+    lr_pixel *pixels;
+    uint32_t *hash;    /* per pixel */
+    uint32_t *sampled; /* per pixel, how often */
+    bool *settled;     /* per pixel, whether it wants no more */
+    double *filter;    /* offsets from the pixel's centre by the integral of the filter */
 } lr_workspace;
 
 /* Lay the arrays out from base, which may be NULL to ask for the size. Returns
  * the bytes used. */
-uint64_t lr_workspace_lay(void *base, uint64_t n_pixels, uint32_t height, lr_workspace *workspace);
+uint64_t lr_workspace_lay(void *base, uint64_t n_pixels, uint32_t branches, uint32_t height,
+                          lr_workspace *workspace);
 
 #endif

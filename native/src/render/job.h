@@ -1,0 +1,39 @@
+/* What the waves of a tile have in common.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_JOB_H
+#define LR_JOB_H
+
+#include "render/cast.h"
+
+typedef struct lr_job {
+    const lr_scene *scene;
+    lr_workspace *workspace;
+    const lr_tile *tile;
+    const lr_passes *passes;
+    lr_counters *counters;
+    const lr_watch *watch;
+    lr_error *error;
+    uint32_t branches; /* places of a pixel in the queue */
+    uint32_t sample;   /* the one that is on its way */
+    bool last_brings;  /* a ray that is not scattered any more may still find light */
+} lr_job;
+
+/* Aim ray i of the wave. */
+LR_INLINE void lr_aim(lr_wave *wave, uint32_t i, const double o[3], const double d[3], double t_max)
+{
+    wave->ray.ox[i] = o[0];
+    wave->ray.oy[i] = o[1];
+    wave->ray.oz[i] = o[2];
+    wave->ray.dx[i] = d[0];
+    wave->ray.dy[i] = d[1];
+    wave->ray.dz[i] = d[2];
+    wave->t[i] = t_max;
+}
+
+LR_INLINE lr_status lr_cast_wave(const lr_job *job, uint32_t n, const lr_cast_options *options)
+{
+    return lr_cast(job->scene, job->workspace, n, options, job->counters, job->watch, job->error);
+}
+
+#endif

@@ -1,0 +1,190 @@
+/* Where paths go on from the surfaces that they have hit.
+ *
+ * A surface sends off rays of several kinds: scattered by its diffuse lobes, by
+ * its glossy ones, refracted, straight through. Where the queue has places for all
+ * that matter, each is followed; else the heaviest are, and of the others one,
+ * chosen at random by their shares. A ray that has become light lives on with a
+ * chance. Both are made up for in the weight.
+ *
+ * Limits count as in Cycles: a ray beyond its limit still finds lamps, the world
+ * and shining surfaces, but is not scattered any more.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/scatter.h"
+
+#include "render/direct.h"
+#include "render/sampling.h"
+#include "render/surface.h"
+
+/* Weights below this are left to chance: splitting costs as much as for large ones. */
+static const double LIGHT_WEIGHT = 1.0 / 64;
+
+enum { LOTTERY = 8, LIVE = 16, TURN = 24, TURN_MORE = 32, CHILD = 40 }; /* choices: see lr_key */
+
+static double heaviest(const double weight[3])
+{
+    return fmax(weight[0], fmax(weight[1], weight[2]));
+}
+
+/* Whether a ray of this kind is not scattered again. */
+static bool is_last(const lr_job *job, const lr_path *path, int kind)
+{
+    const lr_tile *tile = job->tile;
+    const int32_t limit[LR_RAY_KINDS] = {tile->max_bounces, tile->diffuse_bounces,
+                                         tile->glossy_bounces, tile->transmission_bounces,
+                                         tile->transparent_bounces};
+    if (path->last || path->bounces[kind] >= limit[kind])
+        return true;
+    return kind != LR_RAY_TRANSPARENT && path->bounces[LR_RAY_CAMERA] >= limit[LR_RAY_CAMERA];
+}
+
+/* Whether following this kind may bring anything. */
+static bool worth(const lr_job *job, const lr_surfel *s, int kind)
+{
+    if (!(s->bsdf.share[kind] > 0))
+        return false;
+    if (kind == LR_RAY_TRANSPARENT && s->path->bounces[kind] > job->tile->transparent_bounces)
+        return false;
+    if (kind == LR_RAY_TRANSPARENT) /* the camera sees through to alpha */
+        return s->path->seen || job->last_brings || !is_last(job, s->path, kind);
+    return !s->path->last && (job->last_brings || !is_last(job, s->path, kind));
+}
+
+void lr_scatter_choose(const lr_job *job, lr_surfel *s, uint32_t *spare)
+{
+    int order[LR_RAY_KINDS];
+    uint32_t n = 0, sure = 0;
+    double rest = 0;
+    for (int kind = 0; kind < LR_RAY_KINDS; kind++) {
+        s->chance[kind] = 0;
+        if (kind == LR_RAY_CAMERA || !worth(job, s, kind))
+            continue;
+        uint32_t at = n++;
+        for (; at > 0 && s->bsdf.share[order[at - 1]] < s->bsdf.share[kind]; at--)
+            order[at] = order[at - 1];
+        order[at] = kind;
+    }
+    const double weight = heaviest(s->path->weight);
+    while (sure < n && sure < *spare + (*spare + 1 >= n) &&
+           s->bsdf.share[order[sure]] * weight >= LIGHT_WEIGHT)
+        s->chance[order[sure++]] = 1;
+    for (uint32_t k = sure; k < n; k++)
+        rest += s->bsdf.share[order[k]];
+    for (uint32_t k = sure; k < n; k++)
+        s->chance[order[k]] = k + 1 == n && k == sure ? 1 : s->bsdf.share[order[k]] / rest;
+    const uint32_t followed = sure + (sure < n);
+    *spare -= followed > 1 ? followed - 1 : 0;
+}
+
+/* Of the kinds that are left to chance the one whose turn it is, or none (0). */
+static int draw(const lr_job *job, const lr_surfel *s)
+{
+    double u = lr_sample_one(lr_key(s->path->key, LOTTERY), job->sample);
+    int drawn = 0;
+    for (int kind = 0; kind < LR_RAY_KINDS; kind++) {
+        if (!(s->chance[kind] > 0 && s->chance[kind] < 1))
+            continue;
+        drawn = kind; /* the last one where rounding left a rest */
+        if (u < s->chance[kind])
+            break;
+        u -= s->chance[kind];
+    }
+    return drawn;
+}
+
+/* Scattered to the wrong side of the surface itself, as normals of their own have
+ * it: to the right side by the same angle. */
+static void turn_to_side(const lr_surfel *s, bool beyond, double d[3])
+{
+    const double height = lr_dot(d, s->point.facing);
+    if ((height < 0) == beyond && height != 0)
+        return;
+    for (int a = 0; a < 3; a++)
+        d[a] -= 2 * height * s->point.facing[a];
+}
+
+static bool survives(const lr_job *job, uint32_t key, double weight[3])
+{
+    const double most = heaviest(weight);
+    if (most >= LIGHT_WEIGHT)
+        return true;
+    const double chance = most / LIGHT_WEIGHT;
+    for (int a = 0; a < 3; a++)
+        weight[a] /= chance;
+    return lr_sample_one(lr_key(key, LIVE), job->sample) < chance;
+}
+
+/* Straight on, as the path came. */
+static void go_through(const lr_surfel *s, lr_path *child)
+{
+    const double *o = s->path->origin;
+    const double way[3] = {s->position[0] - o[0], s->position[1] - o[1], s->position[2] - o[2]};
+    for (int a = 0; a < 3; a++) {
+        child->direction[a] = -s->point.view[a];
+        child->weight[a] *= s->bsdf.transparency[a];
+    }
+    child->travelled += sqrt(lr_dot(way, way));
+    child->t_max = s->left;
+}
+
+/* A direction of this kind; false where the light is lost. */
+static bool turn(const lr_job *job, const lr_surfel *s, int kind, lr_path *child)
+{
+    static const uint32_t sees[LR_RAY_KINDS] = {LR_VISIBLE_CAMERA, LR_VISIBLE_DIFFUSE,
+                                                LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION, 0};
+    lr_scatter sample;
+    double u[3];
+    lr_sample_pair(lr_key(s->path->key, TURN + (uint32_t)kind), job->sample, u);
+    u[2] = lr_sample_one(lr_key(s->path->key, TURN_MORE + (uint32_t)kind), job->sample);
+    if (!lr_bsdf_sample(&s->bsdf, kind, u, &sample))
+        return false;
+    for (int a = 0; a < 3; a++) {
+        child->direction[a] = sample.direction[a];
+        child->weight[a] *= sample.weight[a];
+    }
+    child->pdf = sample.delta ? INFINITY : sample.pdf * s->chance[kind];
+    child->travelled = 0;
+    child->t_max = INFINITY;
+    child->visibility = sees[kind];
+    child->seen = false;
+    child->bounces[LR_RAY_CAMERA]++;
+    return true;
+}
+
+static void follow(const lr_job *job, const lr_surfel *s, int kind)
+{
+    lr_workspace *w = job->workspace;
+    const uint32_t pixel = s->path->pixel;
+    lr_path *child = &w->next.paths[(size_t)pixel * job->branches + w->next.n[pixel]];
+    *child = *s->path;
+    for (int a = 0; a < 3; a++)
+        child->weight[a] /= s->chance[kind];
+    child->last = is_last(job, s->path, kind);
+    child->key = lr_key(s->path->key, CHILD + (uint32_t)kind);
+    child->bounces[kind]++;
+    if (kind == LR_RAY_TRANSPARENT)
+        go_through(s, child);
+    else if (!turn(job, s, kind, child))
+        return;
+    if (!survives(job, child->key, child->weight))
+        return;
+    const bool beyond =
+        kind >= LR_RAY_TRANSMISSION && lr_dot(child->direction, s->point.normal) < 0;
+    if (kind != LR_RAY_TRANSPARENT && (beyond || !s->risen))
+        turn_to_side(s, beyond, child->direction);
+    memcpy(child->origin, beyond ? s->position : s->origin, sizeof child->origin);
+    child->from = s->instance;
+    child->start = lr_surface_start(s, beyond);
+    if (beyond && job->scene->has_media && lr_surface_cross(job->scene, s, &child->insides) &&
+        job->counters != NULL)
+        job->counters->forgotten++;
+    w->next.n[pixel]++;
+}
+
+void lr_scatter_on(const lr_job *job, const lr_surfel *s)
+{
+    const int drawn = draw(job, s);
+    for (int kind = LR_RAY_DIFFUSE; kind < LR_RAY_KINDS; kind++)
+        if (s->chance[kind] >= 1 || (kind == drawn && drawn != 0))
+            follow(job, s, kind);
+}
