@@ -5,16 +5,20 @@
 
 Run it with Blender's wheel (or `blender -b -P`), in the oldest Blender that is supported: newer
 ones open its files. What is large (subdivision, scattering) is left to modifiers, so that each file
-stays small. The scenes keep to what both engines can draw: diffuse surfaces, one sun without
-extent, a world of one colour, no bounced light; Cycles is the engine in the file, so that it opens
-anywhere.
+stays small. Cycles is the engine in the file, so that it opens anywhere. The first five are about
+shape: diffuse surfaces, one sun without extent, a world of one colour, no bounced light. Those of
+lit_scenes.py are about light.
 
-sphere   one ball
-suzanne  Suzanne, subdivided, on a floor of 100 m
-gallery  instances from 3 m down to 2 cm: mirrored, squeezed, nested in collections, scattered by
-         geometry nodes
-cad      a closed part with holes and creases, seen by an orthographic camera
-thin     open and thin things: paper, a grid of wires, leaves
+sphere    one ball
+suzanne   Suzanne, subdivided, on a floor of 100 m
+gallery   instances from 3 m down to 2 cm: mirrored, squeezed, nested in collections, scattered by
+          geometry nodes
+cad       a closed part with holes and creases, seen by an orthographic camera
+thin      open and thin things: paper, a grid of wires, leaves
+cornell   a box with coloured walls under a square light; light bounces
+still     glass and metal, clear and rough, under a sky with two windows
+textured  images and vertex colours, on solids and on sheets
+mirrors   a hall between two mirrors
 """
 
 from __future__ import annotations
@@ -29,152 +33,31 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))  # `blender -P` does not
 
-# Linear reflectances.
-WHITE = (0.80, 0.80, 0.78)
-SAND = (0.62, 0.52, 0.40)
-SLATE = (0.10, 0.13, 0.17)
-CORAL = (0.80, 0.20, 0.12)
-TEAL = (0.05, 0.38, 0.40)
-OCHRE = (0.80, 0.46, 0.08)
-LEAF = (0.14, 0.40, 0.06)
-PLUM = (0.32, 0.08, 0.24)
-STEEL = (0.42, 0.47, 0.53)
-ENAMEL = (0.12, 0.46, 0.50)
-
-
-def new_scene(
-    world: tuple[float, float, float], width: int = 960, height: int = 540
-) -> bpy.types.Scene:
-    """An empty scene, ready to be rendered by Cycles with the light that both engines share."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    scene.render.engine = "CYCLES"
-    scene.cycles.samples = 64
-    scene.cycles.use_denoising = False
-    scene.cycles.max_bounces = 0
-    scene.cycles.pixel_filter_type = "BOX"
-    scene.render.resolution_x, scene.render.resolution_y = width, height
-    scene.view_settings.view_transform = "Standard"
-    scene.world = bpy.data.worlds.new("World")
-    scene.world.color = world
-    scene.world.use_nodes = True
-    scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (*world, 1.0)
-    return scene
-
-
-def material(name: str, color: tuple[float, float, float]) -> bpy.types.Material:
-    """A diffuse material."""
-    made = bpy.data.materials.new(name)
-    made.diffuse_color = (*color, 1.0)
-    made.use_nodes = True
-    tree = made.node_tree
-    tree.nodes.clear()
-    bsdf = tree.nodes.new("ShaderNodeBsdfDiffuse")
-    bsdf.inputs["Color"].default_value = (*color, 1.0)
-    output = tree.nodes.new("ShaderNodeOutputMaterial")
-    output.location.x = 240
-    tree.links.new(bsdf.outputs["BSDF"], output.inputs["Surface"])
-    return made
-
-
-def link(
-    data: bpy.types.ID | None,
-    name: str,
-    *,
-    at=(0, 0, 0),
-    turn=(0, 0, 0),
-    scale=(1, 1, 1),
-    into=None,
-):
-    """Put an object with this data into the scene; angles in degrees, scale one number or three."""
-    made = bpy.data.objects.new(name, data)
-    made.location = at
-    made.rotation_euler = [math.radians(angle) for angle in turn]
-    made.scale = (scale,) * 3 if isinstance(scale, (int, float)) else scale
-    (into or bpy.context.scene.collection).objects.link(made)
-    return made
-
-
-def mesh(name: str, build, paint: bpy.types.Material, *, smooth: bool = True) -> bpy.types.Mesh:
-    """A mesh that `build(bm)` fills."""
-    bm = bmesh.new()
-    build(bm)
-    bmesh.ops.recalc_face_normals(bm, faces=bm.faces)
-    made = bpy.data.meshes.new(name)
-    bm.to_mesh(made)
-    bm.free()
-    made.shade_smooth() if smooth else made.shade_flat()
-    made.materials.append(paint)
-    return made
-
-
-def grid(name: str, nx: int, ny: int, place, paint) -> bpy.types.Mesh:
-    """An open sheet of nx x ny faces; place(u, v) with 0 <= u, v <= 1 gives the points."""
-    points = [place(i / nx, j / ny) for j in range(ny + 1) for i in range(nx + 1)]
-    corner = lambda i, j: j * (nx + 1) + i  # noqa: E731
-    faces = [
-        (corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1))
-        for j in range(ny)
-        for i in range(nx)
-    ]
-    made = bpy.data.meshes.new(name)
-    made.from_pydata(points, [], faces)
-    made.shade_smooth()
-    made.materials.append(paint)
-    return made
-
-
-def plane(name: str, size: float, paint) -> bpy.types.Mesh:
-    half = size / 2
-    made = bpy.data.meshes.new(name)
-    made.from_pydata(
-        [(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)], [], [(0, 1, 2, 3)]
-    )
-    made.materials.append(paint)
-    return made
-
-
-def sun(energy: float, towards) -> None:
-    """A sun without extent that stands in the direction `towards`."""
-    data = bpy.data.lights.new("Sun", "SUN")
-    data.energy = energy
-    data.angle = 0.0
-    lamp = link(data, "Sun", at=Vector(towards).normalized() * 10)
-    lamp.rotation_euler = Vector(towards).to_track_quat("Z", "Y").to_euler()
-
-
-def camera(
-    at, look_at, *, lens: float = 50.0, width: float | None = None, clip_end: float = 200.0
-) -> None:
-    """The scene's camera; with a width it is orthographic and sees so many metres."""
-    data = bpy.data.cameras.new("Camera")
-    data.lens = lens
-    data.clip_end = clip_end
-    if width is not None:
-        data.type = "ORTHO"
-        data.ortho_scale = width
-    made = link(data, "Camera", at=at)
-    made.rotation_euler = (Vector(look_at) - Vector(at)).to_track_quat("-Z", "Y").to_euler()
-    bpy.context.scene.camera = made
-
-
-def subdivide(thing, levels: int) -> None:
-    modifier = thing.modifiers.new("Subdivision", "SUBSURF")
-    modifier.levels = modifier.render_levels = levels
-
-
-def ball_mesh(name: str, paint) -> bpy.types.Mesh:
-    """A sphere of radius 1 as a closed quad mesh of 1536 faces."""
-
-    def build(bm):
-        bmesh.ops.create_cube(bm, size=2.0)
-        bmesh.ops.subdivide_edges(bm, edges=bm.edges, cuts=15, use_grid_fill=True)
-        for vertex in bm.verts:
-            # Equal angles between the grid's lines keep the quads even.
-            vertex.co = Vector([math.tan(c * math.pi / 4) for c in vertex.co]).normalized()
-
-    return mesh(name, build, paint)
+from kit import (  # noqa: E402
+    CORAL,
+    ENAMEL,
+    LEAF,
+    OCHRE,
+    PLUM,
+    SAND,
+    SLATE,
+    STEEL,
+    TEAL,
+    WHITE,
+    ball_mesh,
+    camera,
+    grid,
+    link,
+    material,
+    mesh,
+    new_scene,
+    plane,
+    subdivide,
+    sun,
+)
+from lit_scenes import make_cornell, make_mirrors, make_still, make_textured  # noqa: E402
 
 
 def make_sphere() -> None:
@@ -513,6 +396,10 @@ MAKERS = {
     "gallery": make_gallery,
     "cad": make_cad,
     "thin": make_thin,
+    "cornell": make_cornell,
+    "still": make_still,
+    "textured": make_textured,
+    "mirrors": make_mirrors,
 }
 
 
