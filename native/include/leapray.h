@@ -519,10 +519,10 @@ typedef struct lr_scene lr_scene;
 LR_API lr_status lr_scene_new(const lr_scene_desc *desc, lr_scene **scene, lr_error *error);
 LR_API void lr_scene_free(lr_scene *scene); /* NULL is fine */
 
-typedef enum lr_pixel_filter {
-    LR_PIXEL_BOX = 0,             /* of one pixel */
-    LR_PIXEL_BLACKMAN_HARRIS = 1 /* of Cycles: it reaches filter_width to either side */
-} lr_pixel_filter;
+typedef enum lr_film_filter {
+    LR_FILM_BOX = 0,             /* of one pixel */
+    LR_FILM_BLACKMAN_HARRIS = 1 /* of Cycles: it reaches filter_width to either side */
+} lr_film_filter;
 
 /* Limits of bounces count as in Cycles: a ray beyond its limit still finds lights,
  * the world and shining surfaces, but is not scattered again. */
@@ -531,7 +531,7 @@ typedef struct lr_tile {
     int32_t samples;             /* per pixel; the most, where there is a threshold */
     int32_t min_samples;         /* before a pixel may be settled; 0: by the threshold */
     double noise_threshold;      /* below which a pixel is settled, as in Cycles; 0: never */
-    int32_t filter;              /* lr_pixel_filter */
+    int32_t filter;              /* lr_film_filter */
     uint32_t seed;
     double filter_width;         /* pixels */
     int32_t max_bounces;         /* in all, without transparent_bounces */

@@ -133,9 +133,9 @@ class lr_lobe_flag(IntEnum):
     LR_LOBE_MULTISCATTER = 2
 
 
-class lr_pixel_filter(IntEnum):
-    LR_PIXEL_BOX = 0
-    LR_PIXEL_BLACKMAN_HARRIS = 1
+class lr_film_filter(IntEnum):
+    LR_FILM_BOX = 0
+    LR_FILM_BLACKMAN_HARRIS = 1
 
 
 class lr_pixel_skip(IntEnum):
@@ -170,7 +170,7 @@ LR_LIGHT_SUN, LR_LIGHT_POINT, LR_LIGHT_SPOT, LR_LIGHT_AREA = lr_light_kind
 LR_LIGHT_ROUND, LR_LIGHT_FULL = lr_light_shape
 LR_LOBE_DIFFUSE, LR_LOBE_GLOSSY, LR_LOBE_GLASS, LR_LOBE_REFRACTION, LR_LOBE_TRANSPARENT, LR_LOBE_EMISSION, LR_LOBE_PRINCIPLED = lr_lobe_kind
 LR_LOBE_TEXTURED, LR_LOBE_MULTISCATTER = lr_lobe_flag
-LR_PIXEL_BOX, LR_PIXEL_BLACKMAN_HARRIS = lr_pixel_filter
+LR_FILM_BOX, LR_FILM_BLACKMAN_HARRIS = lr_film_filter
 LR_SKIP_SAFE, LR_SKIP_NONE, LR_SKIP_PAPER = lr_pixel_skip
 LR_PIXEL_MISS, LR_PIXEL_HIT, LR_PIXEL_SKIPPED = lr_pixel
 

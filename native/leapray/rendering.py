@@ -50,7 +50,7 @@ SAMPLING = {
     "branches": 0,
     "ao_distance": 10.0,
 }
-PIXEL_FILTERS = {"box": _abi.LR_PIXEL_BOX, "blackman_harris": _abi.LR_PIXEL_BLACKMAN_HARRIS}
+PIXEL_FILTERS = {"box": _abi.LR_FILM_BOX, "blackman_harris": _abi.LR_FILM_BLACKMAN_HARRIS}
 MIST_POWERS = {"LINEAR": 1.0, "QUADRATIC": 2.0, "INVERSE_QUADRATIC": 0.5}  # Blender's falloffs
 
 PROJECTIONS = {"perspective": _abi.LR_PERSPECTIVE, "orthographic": _abi.LR_ORTHOGRAPHIC}

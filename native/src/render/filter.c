@@ -34,7 +34,7 @@ void lr_filter_make(int32_t filter, double width, double *table)
 {
     for (int k = 0; k <= LR_FILTER_TABLE; k++) {
         const double share = (double)k / LR_FILTER_TABLE;
-        table[k] = filter == LR_PIXEL_BOX ? share - 0.5 : 2 * width * (inverse(share) - 0.5);
+        table[k] = filter == LR_FILM_BOX ? share - 0.5 : 2 * width * (inverse(share) - 0.5);
     }
     table[LR_FILTER_TABLE / 2] = 0;
 }

@@ -86,7 +86,7 @@ void lr_write_sums(const lr_job *job, uint64_t first, uint32_t n)
     const lr_workspace *w = job->workspace;
     const lr_passes *passes = job->passes;
     for (uint32_t i = 0; i < n; i++) {
-        const lr_pixel *pixel = &w->pixels[i];
+        const lr_sum *pixel = &w->pixels[i];
         const uint64_t p = first + i;
         const double samples = w->sampled[i];
         for (uint64_t a = 0; a < 3; a++) {

@@ -50,9 +50,9 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
         if (bounces[k] < 0 || bounces[k] > BOUNCES_MAX)
             return lr_fail(error, LR_E_ARGUMENT, "limits of bounces must be 0 to %d, one is %d",
                            BOUNCES_MAX, bounces[k]);
-    if (tile->filter != LR_PIXEL_BOX && tile->filter != LR_PIXEL_BLACKMAN_HARRIS)
+    if (tile->filter != LR_FILM_BOX && tile->filter != LR_FILM_BLACKMAN_HARRIS)
         return lr_fail(error, LR_E_ARGUMENT, "the pixel's filter must be %d or %d, it is %d",
-                       LR_PIXEL_BOX, LR_PIXEL_BLACKMAN_HARRIS, tile->filter);
+                       LR_FILM_BOX, LR_FILM_BLACKMAN_HARRIS, tile->filter);
     if (!(tile->filter_width > 0 && tile->filter_width <= 100))
         return lr_fail(error, LR_E_ARGUMENT,
                        "the filter's width must be above 0 and up to 100 pixels, it is %g",
@@ -139,7 +139,7 @@ static void begin(const lr_job *job, uint64_t first, uint32_t n)
 
 /* The noise of a pixel's mean after n samples, relative to the root of its
  * brightness, as Cycles weighs it. */
-static double noise(const lr_pixel *pixel, uint32_t n)
+static double noise(const lr_sum *pixel, uint32_t n)
 {
     double sum = 0, error = 0;
     for (int a = 0; a < 3; a++) {

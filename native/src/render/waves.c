@@ -54,7 +54,7 @@ static void find_lamps(const lr_job *job, const lr_path *path, const double d[3]
 static void miss(const lr_job *job, const lr_path *path, const double d[3])
 {
     const lr_scene *scene = job->scene;
-    lr_pixel *pixel = &job->workspace->pixels[path->pixel];
+    lr_sum *pixel = &job->workspace->pixels[path->pixel];
     double rgb[3];
     if (path->seen && scene->film_transparent) {
         pixel->alpha -= (path->weight[0] + path->weight[1] + path->weight[2]) / 3;
@@ -92,7 +92,7 @@ static uint32_t gather(const lr_job *job, uint32_t *pixel, uint32_t n_pixels, bo
 /* What surfel s, which path i of the wave has hit, sends off by itself. */
 static void shine(const lr_job *job, const lr_surfel *s)
 {
-    lr_pixel *pixel = &job->workspace->pixels[s->path->pixel];
+    lr_sum *pixel = &job->workspace->pixels[s->path->pixel];
     if ((s->material->flags & LR_MATERIAL_EMITS) == 0)
         return;
     add(job, s->path, s->bsdf.emission, s->path->weight, 1);

@@ -79,11 +79,11 @@ typedef struct lr_beam {
 } lr_beam;
 
 /* The sums over a pixel's samples. */
-typedef struct lr_pixel {
+typedef struct lr_sum {
     double part[LR_PARTS][3]; /* radiance */
     double alpha, mist, ao;
     double emission[3], environment[3];
-} lr_pixel;
+} lr_sum;
 
 /* Paths of one wave, some for every pixel: those of pixel p are n[p] at its
  * `branches` places. */
@@ -105,7 +105,7 @@ typedef struct lr_workspace {
     lr_beam *beams;
     lr_insides *beam_insides; /* of each beam's ray */
     uint32_t *carried;        /* the beam of each ray of a wave */
-    lr_pixel *pixels;
+    lr_sum *pixels;
     uint32_t *hash;    /* per pixel */
     uint32_t *sampled; /* per pixel, how often */
     bool *settled;     /* per pixel, whether it wants no more */
