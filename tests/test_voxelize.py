@@ -12,7 +12,9 @@ from addon import volumes
 from leapray import LeapRayError, OutOfMemory, voxelization
 from leapray.voxelization import voxelize
 
+TURN = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
 CLOSED = {
+    "large": (meshes.spiky(5, levels=1)[0] * [9, 1, 1] @ TURN, meshes.spiky(5, levels=1)[1]),
     "icosphere": meshes.icosphere(2),
     "torus": meshes.torus(30, 15),
     "box": meshes.box(),
@@ -369,6 +371,16 @@ def test_the_budget_is_kept_before_work_begins():
     volume = voxelize(*mesh, 0.05)
     estimate = voxelize(*mesh, 0.05, max_nbytes=2 * volume.info.nbytes).info.nbytes
     assert estimate == volume.info.nbytes
+
+
+def test_the_estimate_is_tight_for_long_thin_diagonal_meshes():
+    """Bricks that the box of a large triangle holds but its band does not reach are not counted."""
+    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    vertices, triangles = meshes.box((0, 0, 0), (10, 0.05, 0.05))
+    with pytest.raises(OutOfMemory) as refused:
+        voxelize(vertices @ turn, triangles, 0.03, max_nbytes=40_000)
+    volume = voxelize(vertices @ turn, triangles, 0.03)
+    assert volume.info.nbytes <= refused.value.nbytes < 1.3 * volume.info.nbytes
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e6])

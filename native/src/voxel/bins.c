@@ -1,133 +1,185 @@
 /* Binning by a counting sort over the volume's table of bricks.
  *
  * A brick is a candidate where the triangle's box, widened by the band, meets
- * it; of those, one is dropped if the plane of the triangle, or the plane that
- * stands on an edge, keeps it out of reach. The second test matters for large
- * triangles, whose box is mostly empty.
+ * it. A small triangle, at most two bricks along each axis, takes them all, and
+ * they are remembered between counting and listing. The box of a large one is
+ * mostly empty: its rows are cut by the triangle's plane and by those that stand
+ * on its edges, and of the bricks left, one is dropped if its centre is farther
+ * than its samples and the band reach.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxel/bins.h"
 
+#include "voxel/frame.h"
+
 enum {
     POLL = 1 << 14,  /* triangles, or bricks of one triangle, between looks at the stop word */
     MAX_PARTS = 512, /* enough for an even end on many threads */
-    BRICK_WORK = 400 /* of a brick without triangles, in units of a listed triangle */
+    BRICK_WORK = 400, /* of a brick without triangles, in units of a listed triangle */
+    PLANES = 5
 };
 
 /* Samples of a brick lie within HALF of its centre on every axis. */
 #define HALF 3.5
+#define HALF_DIAGONAL 6.0622
+
+/* What is remembered of a triangle: its lowest brick's place in the table (27 bits)
+ * and, per axis, whether it reaches the next one; or one of these. */
+#define SECOND_BRICK (1u << 27)
+#define NOWHERE 0xffffffffu
+#define LARGE 0xfffffffeu
+
+typedef struct binning {
+    const lr_topology *mesh;
+    int32_t size[3]; /* of the table */
+    double band;
+    uint32_t *count;  /* [table]: triangles, then the active brick's number */
+    uint32_t *box;    /* [n_triangles] */
+    uint64_t *next;   /* [n_active] */
+    uint32_t *list;   /* NULL while counting */
+    const lr_watch *watch;
+} binning;
 
 /* The bricks that a triangle can reach. */
 typedef struct reach {
     int32_t lo[3], hi[3];
-    double plane[4][4]; /* n.c + d > 0: out of reach, c the brick's place in the table */
-    int n_planes;
+    lr_frame frame;
+    double plane[PLANES][4]; /* n.c + d > 0: out of reach, c the brick's place in the table */
 } reach;
 
-/* Out of reach where n.(p - on) > slack for the whole brick; n is unit. */
-static void add_plane(reach *r, const double n[3], const double on[3], double band)
+LR_INLINE void put(binning *b, size_t brick, uint32_t t)
 {
-    double *out = r->plane[r->n_planes++];
+    if (b->list == NULL)
+        b->count[brick]++;
+    else
+        b->list[b->next[b->count[brick]]++] = t;
+}
+
+static void put_small(binning *b, uint32_t box, uint32_t t)
+{
+    size_t place = box & (SECOND_BRICK - 1), row = (size_t)b->size[0];
+    size_t layer = row * (size_t)b->size[1];
+    uint32_t nx = box >> 27 & 1, ny = box >> 28 & 1, nz = box >> 29 & 1;
+    for (uint32_t z = 0; z <= nz; z++)
+        for (uint32_t y = 0; y <= ny; y++)
+            for (uint32_t x = 0; x <= nx; x++)
+                put(b, place + x + y * row + z * layer, t);
+}
+
+/* Out of reach where n.(p - on) > slack for the whole brick; n is unit. */
+static void set_plane(double out[4], const double n[3], const double on[3], double band)
+{
     double extent = HALF * (fabs(n[0]) + fabs(n[1]) + fabs(n[2]));
     for (int a = 0; a < 3; a++)
         out[a] = 8.0 * n[a];
     out[3] = HALF * (n[0] + n[1] + n[2]) - lr_dot(n, on) - extent - band;
 }
 
-static void add_edge_planes(reach *r, const double p[3][3], const double n[3], double band)
+/* The row's range of bricks that no plane keeps out of reach; one to spare at either
+ * end for rounding. */
+static void cut_row(const reach *r, int32_t y, int32_t z, int32_t *first, int32_t *last)
 {
-    for (int e = 0; e < 3; e++) {
-        double along[3], out[3];
-        lr_sub(p[(e + 1) % 3], p[e], along);
-        lr_cross_product(along, n, out);
-        double length = sqrt(lr_dot(out, out));
-        if (!(length > 0.0))
-            continue;
-        for (int a = 0; a < 3; a++)
-            out[a] /= length;
-        if (r->n_planes < 4)
-            add_plane(r, out, p[e], band);
+    double lo = r->lo[0], hi = r->hi[0];
+    for (int i = 0; i < PLANES; i++) {
+        const double *p = r->plane[i];
+        double rest = p[1] * y + p[2] * z + p[3];
+        if (p[0] > 1e-6)
+            hi = fmin(hi, floor(-rest / p[0]) + 1.0);
+        else if (p[0] < -1e-6)
+            lo = fmax(lo, ceil(-rest / p[0]) - 1.0);
     }
+    *first = lo > hi ? 0 : (int32_t)lo;
+    *last = lo > hi ? -1 : (int32_t)hi;
 }
 
-static bool reach_of(const lr_topology *m, uint64_t t, const int32_t table_size[3], double band,
-                     reach *r)
+static bool in_reach(const reach *r, double band, int32_t x, int32_t y, int32_t z)
 {
-    double p[3][3], n[3];
-    lr_triangle(m, t, p);
-    if (!lr_counts(m, t) || !lr_normal_of((const double(*)[3])p, n))
-        return false;
-    int64_t n_candidates = 1;
-    for (int a = 0; a < 3; a++) {
-        double lo = fmin(fmin(p[0][a], p[1][a]), p[2][a]) - band;
-        double hi = fmax(fmax(p[0][a], p[1][a]), p[2][a]) + band;
-        r->lo[a] = (int32_t)lr_clamp(ceil((lo - 2.0 * HALF) / 8.0), 0.0, table_size[a]);
-        r->hi[a] = (int32_t)lr_clamp(floor(hi / 8.0), -1.0, table_size[a] - 1);
-        n_candidates *= lr_max_i(r->hi[a] - r->lo[a] + 1, 0);
-    }
-    r->n_planes = 0;
-    if (n_candidates <= 1)
-        return true;
-    /* Both sides of the plane as one test are two planes; small triangles do
-     * with the box alone. */
-    double back[3] = {-n[0], -n[1], -n[2]};
-    add_plane(r, n, p[0], band);
-    add_plane(r, back, p[0], band);
-    if (n_candidates > 27)
-        add_edge_planes(r, (const double(*)[3])p, n, band);
-    return true;
-}
-
-static bool out_of_reach(const reach *r, int32_t x, int32_t y, int32_t z)
-{
-    for (int i = 0; i < r->n_planes; i++) {
+    for (int i = 0; i < PLANES; i++) {
         const double *p = r->plane[i];
         if (p[0] * x + p[1] * y + p[2] * z + p[3] > 0.0)
-            return true;
+            return false;
     }
-    return false;
+    const double centre[3] = {8.0 * x + HALF, 8.0 * y + HALF, 8.0 * z + HALF};
+    double most = band + HALF_DIAGONAL;
+    return lr_frame_distance2(&r->frame, centre) <= most * most;
 }
 
-/* Count the triangle in (list NULL), or list it in, every brick that it reaches. */
-static bool visit(const reach *r, const int32_t size[3], uint32_t t, uint32_t *count,
-                  const uint32_t *active, uint64_t *next, uint32_t *list, const lr_watch *watch)
+/* False where stopped. */
+static bool put_large(binning *b, const reach *r, uint32_t t)
 {
     for (int32_t z = r->lo[2]; z <= r->hi[2]; z++)
         for (int32_t y = r->lo[1]; y <= r->hi[1]; y++) {
-            if (r->hi[0] - r->lo[0] > 64 && lr_stopped(watch))
+            int32_t first, last;
+            if (lr_stopped(b->watch))
                 return false;
-            size_t row = ((size_t)z * (size_t)size[1] + (size_t)y) * (size_t)size[0];
-            for (int32_t x = r->lo[0]; x <= r->hi[0]; x++) {
-                if (out_of_reach(r, x, y, z))
-                    continue;
-                if (list == NULL)
-                    count[row + (size_t)x]++;
-                else
-                    list[next[active[row + (size_t)x]]++] = t;
-            }
+            cut_row(r, y, z, &first, &last);
+            size_t row = ((size_t)z * (size_t)b->size[1] + (size_t)y) * (size_t)b->size[0];
+            for (int32_t x = first; x <= last; x++)
+                if (in_reach(r, b->band, x, y, z))
+                    put(b, row + (size_t)x, t);
         }
     return true;
 }
 
-static lr_status visit_all(const lr_topology *m, const int32_t size[3], double band,
-                           uint32_t *count, uint64_t *next, uint32_t *list, const lr_watch *watch,
-                           lr_error *error)
+/* The frame is made already. */
+static void set_planes(reach *r, double band)
 {
-    for (uint64_t t = 0; t < m->source.n_triangles; t++) {
+    lr_frame *f = &r->frame;
+    double back[3] = {-f->n[0], -f->n[1], -f->n[2]};
+    set_plane(r->plane[0], f->n, f->p[0], band);
+    set_plane(r->plane[1], back, f->p[0], band);
+    for (int e = 0; e < 3; e++)
+        set_plane(r->plane[2 + e], f->m[e], f->p[e], band);
+}
+
+static uint32_t box_of(const binning *b, uint64_t t, reach *r)
+{
+    double cross[3];
+    const double(*p)[3] = (const double(*)[3])r->frame.p;
+    lr_triangle(b->mesh, t, r->frame.p);
+    if (!lr_counts(b->mesh, t) || !lr_cross_of(p, cross))
+        return NOWHERE;
+    uint32_t second = 0;
+    bool large = false;
+    for (int a = 0; a < 3; a++) {
+        double lo = fmin(fmin(p[0][a], p[1][a]), p[2][a]) - b->band;
+        double hi = fmax(fmax(p[0][a], p[1][a]), p[2][a]) + b->band;
+        r->lo[a] = (int32_t)lr_clamp(ceil((lo - 2.0 * HALF) / 8.0), 0.0, b->size[a]);
+        r->hi[a] = (int32_t)lr_clamp(floor(hi / 8.0), -1.0, b->size[a] - 1);
+        if (r->hi[a] < r->lo[a])
+            return NOWHERE;
+        second |= (uint32_t)(r->hi[a] > r->lo[a]) << a;
+        large = large || r->hi[a] > r->lo[a] + 1;
+    }
+    size_t row = (size_t)r->lo[2] * (size_t)b->size[1] + (size_t)r->lo[1];
+    return large ? LARGE : (uint32_t)(row * (size_t)b->size[0] + (size_t)r->lo[0]) |
+                               second * SECOND_BRICK;
+}
+
+static lr_status visit_all(binning *b, lr_error *error)
+{
+    for (uint64_t t = 0; t < b->mesh->source.n_triangles; t++) {
+        if (t % POLL == 0 && lr_stopped(b->watch))
+            return lr_fail_stopped(error);
         reach r;
-        if (t % POLL == 0 && lr_stopped(watch))
-            return lr_fail_stopped(error);
-        if (!reach_of(m, t, size, band, &r))
-            continue;
-        if (!visit(&r, size, (uint32_t)t, count, count, next, list, watch))
-            return lr_fail_stopped(error);
+        if (b->list == NULL || b->box[t] == LARGE)
+            b->box[t] = box_of(b, t, &r);
+        if (b->box[t] < LARGE) {
+            put_small(b, b->box[t], (uint32_t)t);
+        } else if (b->box[t] == LARGE && lr_frame_make(&r.frame)) {
+            set_planes(&r, b->band);
+            if (!put_large(b, &r, (uint32_t)t))
+                return lr_fail_stopped(error);
+        }
     }
     return LR_OK;
 }
 
 /* From counts to active bricks; count then says which active brick it is. */
-static lr_status make_active(uint32_t *count, size_t n_table, lr_bins *bins, lr_error *error)
+static lr_status make_active(uint32_t *count, const int32_t size[3], lr_bins *bins,
+                             lr_error *error)
 {
+    size_t n_table = (size_t)size[0] * (size_t)size[1] * (size_t)size[2];
     for (size_t i = 0; i < n_table; i++)
         bins->n_active += count[i] != 0;
     bins->brick = malloc(((size_t)bins->n_active + 1) * sizeof *bins->brick);
@@ -171,31 +223,43 @@ static lr_status make_parts(lr_bins *bins, lr_error *error)
     return LR_OK;
 }
 
+static lr_status list_all(binning *b, lr_bins *bins, lr_error *error)
+{
+    lr_status status = visit_all(b, error);
+    if (status == LR_OK)
+        status = make_active(b->count, b->size, bins, error);
+    if (status != LR_OK)
+        return status;
+    b->next = malloc(((size_t)bins->n_active + 1) * sizeof *b->next);
+    if (b->next == NULL)
+        return lr_fail_memory(error, (uint64_t)bins->n_active * 8, "the list of bricks");
+    memcpy(b->next, bins->start, (size_t)bins->n_active * sizeof *b->next);
+    b->list = bins->list;
+    status = visit_all(b, error);
+    return status == LR_OK ? make_parts(bins, error) : status;
+}
+
 lr_status lr_bins_make(const lr_topology *m, const int32_t table_size[3], double band,
                        const lr_watch *watch, lr_bins *bins, lr_error *error)
 {
     *bins = (lr_bins){0};
-    size_t n_table = (size_t)table_size[0] * (size_t)table_size[1] * (size_t)table_size[2];
-    uint32_t *count = calloc(n_table, sizeof *count);
-    if (count == NULL)
-        return lr_fail_memory(error, n_table * 4, "the table of bricks");
-    lr_status status = visit_all(m, table_size, band, count, NULL, NULL, watch, error);
-    if (status == LR_OK)
-        status = make_active(count, n_table, bins, error);
-    uint64_t *next = NULL;
-    if (status == LR_OK) {
-        next = malloc(((size_t)bins->n_active + 1) * sizeof *next);
-        if (next == NULL)
-            status = lr_fail_memory(error, (uint64_t)bins->n_active * 8, "the list of bricks");
+    binning b = {.mesh = m, .band = band, .watch = watch};
+    size_t n_table = 1;
+    for (int a = 0; a < 3; a++) {
+        b.size[a] = table_size[a];
+        n_table *= (size_t)table_size[a];
     }
-    if (status == LR_OK) {
-        memcpy(next, bins->start, (size_t)bins->n_active * sizeof *next);
-        status = visit_all(m, table_size, band, count, next, bins->list, watch, error);
-    }
-    if (status == LR_OK)
-        status = make_parts(bins, error);
-    free(next);
-    free(count);
+    b.count = calloc(n_table, sizeof *b.count);
+    b.box = malloc(m->source.n_triangles * sizeof *b.box);
+    lr_status status = LR_OK;
+    if (b.count == NULL || b.box == NULL)
+        status = lr_fail_memory(error, (n_table + m->source.n_triangles) * 4,
+                                "the table of bricks");
+    else
+        status = list_all(&b, bins, error);
+    free(b.next);
+    free(b.box);
+    free(b.count);
     return status;
 }
 

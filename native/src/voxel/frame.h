@@ -36,4 +36,20 @@ LR_INLINE bool lr_frame_make(lr_frame *f)
     return true;
 }
 
+/* Squared distance of a point. */
+LR_INLINE double lr_frame_distance2(const lr_frame *f, const double p[3])
+{
+    double edge = INFINITY, from[3];
+    bool in_face = true;
+    for (int e = 0; e < 3; e++) {
+        lr_sub(p, f->p[e], from);
+        double excess = lr_dot(f->m[e], from), place = lr_dot(f->u[e], from);
+        double outside = place - lr_clamp(place, 0.0, f->length[e]);
+        edge = fmin(edge, excess * excess + outside * outside);
+        in_face = in_face && excess <= 0.0;
+    }
+    double h = lr_dot(f->n, from);
+    return h * h + (in_face ? 0.0 : edge);
+}
+
 #endif

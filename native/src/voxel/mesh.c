@@ -1,23 +1,29 @@
 /* Mesh set-up: check, weld, edges, pseudonormals, orientation.
  *
- * Vertices at exactly equal positions are one vertex. Half-edges are sorted by
- * their two vertices (two counting passes, higher vertex first), so that those
+ * Vertices at exactly equal positions are one vertex. Half-edges are dealt out to
+ * the lower of their vertices and sorted there by the other one, so that those
  * of one edge lie side by side and are linked into a ring. The pseudonormal of
  * an edge is the sum of its faces' unit normals, that of a vertex weights them
  * by the angle; for a closed mesh the sign of (p - c).n at the closest point c
- * tells inside from outside, wherever c lies.
+ * tells inside from outside, wherever c lies. They are summed where they are asked
+ * for, around the rings, since few samples ask.
  *
  * Source: Baerentzen and Aanaes 2005, Signed distance computation using the
  * angle weighted pseudonormal.
  * Departures: 1. border edges and vertices have pseudonormals of the faces they
- * have, which gives a sheet its local sides; 2. a triangle without area keeps its
+ * have, which gives a sheet its local sides; a fan ends where more than two faces
+ * share an edge; 2. a triangle without area keeps its
  * place among the edges, but has no normal and no distance of its own; 3. of
  * triangles on the same three places, wound either way, the first one counts.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxel/mesh.h"
 
-enum { POLL = 1 << 16 }; /* loop turns between looks at the stop word: some ms */
+enum {
+    POLL = 1 << 16, /* loop turns between looks at the stop word: some ms */
+    AHEAD = 16,     /* vertices whose slots are fetched together; divides POLL */
+    SMALL = 32      /* half-edges that insertion sorts */
+};
 
 /* Beyond this distance from the object's origin, in voxels, f64 coordinates
  * are coarser than 1e-5 voxel. */
@@ -74,7 +80,8 @@ static void widen(lr_topology *m, const int32_t corner[3])
         }
 }
 
-static lr_status find_bounds(lr_topology *m, const lr_watch *watch, lr_error *error)
+/* Bounds, and triangles without area. */
+static lr_status measure(lr_topology *m, const lr_watch *watch, lr_error *error)
 {
     for (int a = 0; a < 3; a++) {
         m->lo[a] = INFINITY;
@@ -85,7 +92,7 @@ static lr_status find_bounds(lr_topology *m, const lr_watch *watch, lr_error *er
             return lr_fail_stopped(error);
         double p[3][3], n[3];
         lr_triangle(m, t, p);
-        if (lr_normal_of((const double(*)[3])p, n))
+        if (lr_cross_of((const double(*)[3])p, n))
             widen(m, m->source.triangles + 3 * t);
         else
             m->n_degenerate++;
@@ -114,10 +121,10 @@ static bool same_place(const double *a, const double *b)
 }
 
 /* Open addressing; a slot holds a vertex + 1. */
-static uint32_t first_at(const double *vertices, uint32_t v, uint32_t *slot, uint64_t mask)
+static uint32_t first_at(const double *vertices, uint32_t v, uint32_t *slot, uint64_t at,
+                         uint64_t mask)
 {
     const double *p = vertices + 3 * (size_t)v;
-    uint64_t at = mix(mix(mix(0, p[0]), p[1]), p[2]) & mask;
     while (slot[at] != 0 && !same_place(vertices + 3 * (size_t)(slot[at] - 1), p))
         at = (at + 1) & mask;
     if (slot[at] == 0)
@@ -136,13 +143,21 @@ static lr_status weld(lr_topology *m, const lr_watch *watch, lr_error *error)
         free(slot);
         return lr_fail_memory(error, (n_slots + n) * 4, "the mesh's vertices");
     }
-    for (uint64_t v = 0; v < n; v++) {
+    for (uint64_t v = 0; v < n; v += AHEAD) {
         if (v % POLL == 0 && lr_stopped(watch)) {
             free(slot);
             return lr_fail_stopped(error);
         }
-        m->weld[v] = first_at(m->source.vertices, (uint32_t)v, slot, n_slots - 1);
-        n_double += m->weld[v] != v;
+        uint64_t at[AHEAD], end = v + AHEAD < n ? v + AHEAD : n;
+        for (uint64_t w = v; w < end; w++) {
+            const double *p = m->source.vertices + 3 * w;
+            at[w - v] = mix(mix(mix(0, p[0]), p[1]), p[2]) & (n_slots - 1);
+            __builtin_prefetch(&slot[at[w - v]]);
+        }
+        for (uint64_t w = v; w < end; w++) {
+            m->weld[w] = first_at(m->source.vertices, (uint32_t)w, slot, at[w - v], n_slots - 1);
+            n_double += m->weld[w] != w;
+        }
     }
     free(slot);
     if (n_double == 0) {
@@ -168,53 +183,109 @@ static bool collapsed(const lr_topology *m, uint64_t t)
     return a == b || b == c || c == a;
 }
 
-static uint32_t lower(const lr_topology *m, uint32_t half_edge)
+/* The two ends of a half-edge as lower and higher vertex. */
+static void order_ends(const lr_topology *m, uint32_t half_edge, uint32_t *lower, uint32_t *higher)
 {
     uint32_t v[2];
     ends(m, half_edge, v);
-    return v[0] < v[1] ? v[0] : v[1];
+    *lower = v[0] < v[1] ? v[0] : v[1];
+    *higher = v[0] < v[1] ? v[1] : v[0];
 }
 
-static uint32_t higher(const lr_topology *m, uint32_t half_edge)
-{
-    uint32_t v[2];
-    ends(m, half_edge, v);
-    return v[0] < v[1] ? v[1] : v[0];
-}
+/* Half-edges by their lower vertex: key[start[v]..start[v + 1]] are those of v, each as
+ * higher vertex << 32 | half-edge. */
+typedef struct buckets {
+    uint32_t *start; /* [n_vertices + 1] */
+    uint64_t *key;   /* [3 n_triangles] */
+} buckets;
 
-/* Stable counting sort of half-edges by one of their vertices. */
-static bool sort_by(const lr_topology *m, uint32_t (*key)(const lr_topology *, uint32_t),
-                    const uint32_t *in, uint32_t n, uint32_t *count, uint32_t *out,
-                    const lr_watch *watch)
+/* Call for all half-edges: count them, then put them. */
+static bool deal(const lr_topology *m, bool put, buckets *b, const lr_watch *watch)
 {
-    memset(count, 0, m->source.n_vertices * sizeof *count);
-    for (uint32_t i = 0; i < n; i++) {
-        if (i % POLL == 0 && lr_stopped(watch))
+    uint32_t n = (uint32_t)m->source.n_triangles;
+    for (uint32_t t = 0; t < n; t++) {
+        if (t % POLL == 0 && lr_stopped(watch))
             return false;
-        count[key(m, in[i])]++;
-    }
-    uint32_t sum = 0;
-    for (uint64_t v = 0; v < m->source.n_vertices; v++) {
-        uint32_t here = count[v];
-        count[v] = sum;
-        sum += here;
-    }
-    for (uint32_t i = 0; i < n; i++) {
-        if (i % POLL == 0 && lr_stopped(watch))
-            return false;
-        out[count[key(m, in[i])]++] = in[i];
+        if (collapsed(m, t))
+            continue;
+        for (uint32_t h = 3 * t; h < 3 * t + 3; h++) {
+            uint32_t lower, higher;
+            order_ends(m, h, &lower, &higher);
+            if (put)
+                b->key[b->start[lower]++] = (uint64_t)higher << 32 | h;
+            else
+                b->start[lower + 1]++;
+        }
     }
     return true;
 }
 
+/* Fill the buckets, each in the order of the half-edges. */
+static bool fill(const lr_topology *m, buckets *b, const lr_watch *watch)
+{
+    uint64_t n = m->source.n_vertices;
+    if (!deal(m, false, b, watch))
+        return false;
+    for (uint64_t v = 0; v < n; v++)
+        b->start[v + 1] += b->start[v];
+    if (!deal(m, true, b, watch))
+        return false;
+    memmove(b->start + 1, b->start, n * sizeof *b->start); /* putting has moved them on */
+    b->start[0] = 0;
+    return true;
+}
+
+static void sift(uint64_t *key, uint32_t root, uint32_t n)
+{
+    uint64_t moved = key[root];
+    for (uint32_t child; (child = 2 * root + 1) < n; root = child) {
+        child += child + 1 < n && key[child + 1] > key[child];
+        if (key[child] <= moved)
+            break;
+        key[root] = key[child];
+    }
+    key[root] = moved;
+}
+
+/* Ascending, in place; insertion or, for the rare vertex with a large fan, heap sort. */
+static bool sort(uint64_t *key, uint32_t n, const lr_watch *watch)
+{
+    for (uint32_t i = 1; n <= SMALL && i < n; i++) {
+        uint64_t moved = key[i];
+        uint32_t to = i;
+        for (; to > 0 && key[to - 1] > moved; to--)
+            key[to] = key[to - 1];
+        key[to] = moved;
+    }
+    for (uint32_t i = n > SMALL ? n / 2 : 0; i-- > 0;) {
+        if (i % POLL == 0 && lr_stopped(watch))
+            return false;
+        sift(key, i, n);
+    }
+    for (uint32_t last = n > SMALL ? n - 1 : 0; last > 0; last--) {
+        if (last % POLL == 0 && lr_stopped(watch))
+            return false;
+        uint64_t top = key[0];
+        key[0] = key[last];
+        key[last] = top;
+        sift(key, 0, last);
+    }
+    return true;
+}
+
+static uint32_t third_place(const lr_topology *m, uint32_t h)
+{
+    return lr_welded(m, h / 3, (int)((h % 3 + 2) % 3));
+}
+
 /* The first half-edge of a run whose triangle has the same third place; the
  * half-edge itself where there is none. Only the last of a long run are looked at. */
-static uint32_t first_twin(const lr_topology *m, const uint32_t *run, uint32_t n, uint32_t h)
+static uint32_t first_twin(const lr_topology *m, const uint64_t *run, uint32_t n, uint32_t h)
 {
-    uint32_t third = lr_welded(m, h / 3, (int)((h + 2) % 3));
+    uint32_t third = third_place(m, h);
     for (uint32_t i = n > 64 ? n - 64 : 0; i < n; i++)
-        if (lr_welded(m, run[i] / 3, (int)((run[i] + 2) % 3)) == third)
-            return run[i];
+        if (third_place(m, (uint32_t)run[i]) == third)
+            return (uint32_t)run[i];
     return h;
 }
 
@@ -236,124 +307,106 @@ static bool mark_twin(lr_topology *m, uint32_t t, uint32_t first)
 }
 
 /* Take the half-edges of triangles that are there twice out of a run. */
-static bool drop_twins(lr_topology *m, uint32_t *run, uint32_t *n)
+static bool drop_twins(lr_topology *m, uint64_t *run, uint32_t *n)
 {
     uint32_t kept = 0;
     for (uint32_t i = 0; i < *n; i++) {
-        uint32_t twin = first_twin(m, run, kept, run[i]);
-        if (twin == run[i])
+        uint32_t h = (uint32_t)run[i], twin = first_twin(m, run, kept, h);
+        if (twin == h)
             run[kept++] = run[i];
-        else if (!mark_twin(m, run[i] / 3, twin / 3))
+        else if (!mark_twin(m, h / 3, twin / 3))
             return false;
     }
     *n = kept;
     return true;
 }
 
-static void link_run(lr_topology *m, const uint32_t *run, uint32_t n)
+static void link_run(lr_topology *m, const uint64_t *run, uint32_t n)
 {
     for (uint32_t i = 0; i < n; i++)
-        m->ring[run[i]] = run[(i + 1) % n];
+        m->ring[(uint32_t)run[i]] = (uint32_t)run[i + 1 < n ? i + 1 : 0];
     uint32_t a[2], b[2];
-    ends(m, run[0], a);
+    ends(m, (uint32_t)run[0], a);
     if (n == 1) {
         m->n_border_edges++;
-        m->at_border[a[0]] = m->at_border[a[1]] = 1;
         return;
     }
-    ends(m, run[1], b);
+    ends(m, (uint32_t)run[1], b);
     m->n_bad_edges += n > 2 || a[0] == b[0];
 }
 
-static lr_status link_runs(lr_topology *m, uint32_t *sorted, uint32_t n, const lr_watch *watch,
-                           lr_error *error)
+static lr_status link_bucket(lr_topology *m, uint64_t *key, uint32_t n, const lr_watch *watch,
+                             lr_error *error)
 {
+    if (!sort(key, n, watch))
+        return lr_fail_stopped(error);
     for (uint32_t first = 0, end; first < n; first = end) {
-        if (lr_stopped(watch))
-            return lr_fail_stopped(error);
-        uint32_t lo = lower(m, sorted[first]), hi = higher(m, sorted[first]);
-        for (end = first + 1; end < n; end++)
-            if (lower(m, sorted[end]) != lo || higher(m, sorted[end]) != hi)
-                break;
+        for (end = first + 1; end < n && key[end] >> 32 == key[first] >> 32; end++) {
+        }
         uint32_t n_run = end - first;
-        if (!drop_twins(m, sorted + first, &n_run))
+        if (n_run > 1 && !drop_twins(m, key + first, &n_run))
             return lr_fail_memory(error, m->source.n_triangles * 4, "the mesh's double triangles");
-        link_run(m, sorted + first, n_run);
+        link_run(m, key + first, n_run);
     }
     return LR_OK;
+}
+
+static lr_status link_buckets(lr_topology *m, buckets *b, const lr_watch *watch, lr_error *error)
+{
+    if (!fill(m, b, watch))
+        return lr_fail_stopped(error);
+    lr_status status = LR_OK;
+    for (uint64_t v = 0; v < m->source.n_vertices && status == LR_OK; v++) {
+        if (v % 1024 == 0 && lr_stopped(watch))
+            return lr_fail_stopped(error);
+        status = link_bucket(m, b->key + b->start[v], b->start[v + 1] - b->start[v], watch, error);
+    }
+    return status;
 }
 
 static lr_status link_edges(lr_topology *m, const lr_watch *watch, lr_error *error)
 {
     uint64_t room = 3 * m->source.n_triangles;
-    uint32_t *count = malloc(m->source.n_vertices * sizeof *count);
-    uint32_t *a = malloc(room * sizeof *a), *b = malloc(room * sizeof *b);
+    buckets b = {.start = calloc(m->source.n_vertices + 2, sizeof *b.start),
+                 .key = malloc(room * sizeof *b.key)};
     m->ring = malloc(room * sizeof *m->ring);
-    m->at_border = calloc(m->source.n_vertices, 1);
     lr_status status = LR_OK;
-    if (count == NULL || a == NULL || b == NULL || m->ring == NULL || m->at_border == NULL) {
-        status = lr_fail_memory(error, 3 * room * 4, "the mesh's edges");
+    if (b.start == NULL || b.key == NULL || m->ring == NULL) {
+        status = lr_fail_memory(error, room * 12, "the mesh's edges");
     } else {
-        uint32_t n = 0;
-        for (uint32_t h = 0; h < (uint32_t)room; h++) {
+        for (uint32_t h = 0; h < (uint32_t)room; h++)
             m->ring[h] = h;
-            if (!collapsed(m, h / 3))
-                a[n++] = h;
-        }
-        if (sort_by(m, higher, a, n, count, b, watch) && sort_by(m, lower, b, n, count, a, watch))
-            status = link_runs(m, a, n, watch, error);
-        else
-            status = lr_fail_stopped(error);
+        status = link_buckets(m, &b, watch, error);
     }
-    free(count);
-    free(a);
-    free(b);
+    free(b.start);
+    free(b.key);
     m->closed = m->n_border_edges == 0 && m->n_bad_edges == 0;
     return status;
 }
 
-/* ---- pseudonormals and orientation ------------------------------------- */
-
-static double angle_at(const double p[3][3], int c)
+/* A closed mesh of negative volume is wound inside out. The volume is seen from a
+ * vertex, so that little cancels. */
+static lr_status orient(lr_topology *m, const lr_watch *watch, lr_error *error)
 {
-    double u[3], v[3], n[3];
-    lr_sub(p[(c + 1) % 3], p[c], u);
-    lr_sub(p[(c + 2) % 3], p[c], v);
-    lr_cross_product(u, v, n);
-    return atan2(sqrt(lr_dot(n, n)), lr_dot(u, v));
-}
-
-/* Vertex normals, and the signed volume seen from inside the bounds. */
-static lr_status add_normals(lr_topology *m, const lr_watch *watch, double *volume,
-                             lr_error *error)
-{
-    double centre[3];
-    for (int a = 0; a < 3; a++)
-        centre[a] = (0.5 * m->lo[a] + 0.5 * m->hi[a]) * m->per_unit;
-    *volume = 0.0;
+    double from[3], volume = 0.0;
+    lr_vertex(m, m->source.triangles[0], from);
     for (uint64_t t = 0; t < m->source.n_triangles; t++) {
         if (t % POLL == 0 && lr_stopped(watch))
             return lr_fail_stopped(error);
-        double p[3][3], n[3], x[3], y[3], z[3], yz[3];
+        double p[3][3], n[3];
         lr_triangle(m, t, p);
-        if (!lr_counts(m, t) || !lr_normal_of((const double(*)[3])p, n))
+        if (!lr_counts(m, t) || !lr_cross_of((const double(*)[3])p, n))
             continue;
-        for (int c = 0; c < 3; c++) {
-            double angle = angle_at((const double(*)[3])p, c);
-            double *sum = m->vertex_normal[lr_welded(m, t, c)];
-            for (int a = 0; a < 3; a++)
-                sum[a] += angle * n[a];
-        }
-        lr_sub(p[0], centre, x);
-        lr_sub(p[1], centre, y);
-        lr_sub(p[2], centre, z);
-        lr_cross_product(y, z, yz);
-        *volume += lr_dot(x, yz);
+        lr_sub(p[0], from, p[0]);
+        volume += lr_dot(p[0], n);
     }
+    m->side = volume < 0.0 ? -1.0 : 1.0;
     return LR_OK;
 }
 
-lr_status lr_topology_link(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
+/* ---- all --------------------------------------------------------------- */
+
+lr_status lr_topology_make(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
                            lr_topology *m, lr_error *error)
 {
     *m = (lr_topology){.source = *mesh, .per_unit = 1.0 / voxel_size, .side = 1.0};
@@ -361,27 +414,13 @@ lr_status lr_topology_link(const lr_mesh *mesh, double voxel_size, const lr_watc
     if (status == LR_OK)
         status = check_reach(m, error);
     if (status == LR_OK)
-        status = find_bounds(m, watch, error);
+        status = measure(m, watch, error);
     if (status == LR_OK)
         status = weld(m, watch, error);
     if (status == LR_OK)
         status = link_edges(m, watch, error);
-    return status;
-}
-
-lr_status lr_topology_make(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
-                           lr_topology *m, lr_error *error)
-{
-    lr_status status = lr_topology_link(mesh, voxel_size, watch, m, error);
-    if (status != LR_OK)
-        return status;
-    m->vertex_normal = calloc(mesh->n_vertices, sizeof *m->vertex_normal);
-    if (m->vertex_normal == NULL)
-        return lr_fail_memory(error, mesh->n_vertices * 24, "the mesh's normals");
-    double volume;
-    status = add_normals(m, watch, &volume, error);
-    if (status == LR_OK && m->closed && volume < 0.0)
-        m->side = -1.0;
+    if (status == LR_OK && m->closed)
+        status = orient(m, watch, error);
     return status;
 }
 
@@ -400,7 +439,5 @@ void lr_topology_free(lr_topology *m)
     free(m->weld);
     free(m->ring);
     free(m->twin);
-    free(m->at_border);
-    free(m->vertex_normal);
     *m = (lr_topology){0};
 }

@@ -1,5 +1,5 @@
 /* A triangle mesh made ready for signed distances: welded vertices, edges,
- * pseudonormals, and whether it bounds a solid.
+ * and whether it bounds a solid.
  *
  * Coordinates are *storage* coordinates of the volume to come (see
  * volume/volume.h), so the unit is the voxel edge; they are computed from the
@@ -22,8 +22,6 @@ typedef struct lr_topology {
     uint32_t *ring;             /* [3 n_triangles]: the next half-edge on the same edge, in a circle */
     uint32_t *twin;             /* [n_triangles]: the first triangle on the same places, the others
                                    count for nothing; NULL: all differ */
-    uint8_t *at_border;         /* [n_vertices]: does a border edge end there? */
-    double (*vertex_normal)[3]; /* [n_vertices], of those that weld names; not unit */
     uint64_t n_border_edges, n_bad_edges, n_degenerate;
     double side;                /* -1 where the mesh is wound inside out, else 1 */
     bool closed;                /* every edge has two triangles of one winding */
@@ -33,9 +31,6 @@ typedef struct lr_topology {
  * are voxels from the object's origin until the caller sets it. What was built
  * is freed by lr_topology_free, after an error too. */
 lr_status lr_topology_make(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
-                           lr_topology *topology, lr_error *error);
-/* The same without normals and side. */
-lr_status lr_topology_link(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
                            lr_topology *topology, lr_error *error);
 void lr_topology_free(lr_topology *topology);
 
@@ -85,8 +80,8 @@ LR_INLINE void lr_cross_product(const double a[3], const double b[3], double out
  * part in 10^6, and at 4096 voxels it is thinner than 10^-5 voxel. */
 #define LR_FLAT 1e-9
 
-/* Unit normal by the winding; false, and zero, where there is no area. */
-LR_INLINE bool lr_normal_of(const double p[3][3], double n[3])
+/* Cross product of two sides by the winding; false where there is no area. */
+LR_INLINE bool lr_cross_of(const double p[3][3], double n[3])
 {
     double u[3], v[3], w[3];
     lr_sub(p[1], p[0], u);
@@ -96,10 +91,16 @@ LR_INLINE bool lr_normal_of(const double p[3][3], double n[3])
     double uu = lr_dot(u, u), vv = lr_dot(v, v), ww = lr_dot(w, w);
     double longest = uu > vv ? uu : vv;
     longest = longest > ww ? longest : ww;
-    double area = sqrt(lr_dot(n, n));
-    bool has_area = area > LR_FLAT * longest; /* false for 0 > 0 */
+    return lr_dot(n, n) > LR_FLAT * longest * (LR_FLAT * longest); /* false for 0 > 0 */
+}
+
+/* Unit normal by the winding; false, and zero, where there is no area. */
+LR_INLINE bool lr_normal_of(const double p[3][3], double n[3])
+{
+    bool has_area = lr_cross_of(p, n);
+    double scale = has_area ? 1.0 / sqrt(lr_dot(n, n)) : 0.0;
     for (int a = 0; a < 3; a++)
-        n[a] = has_area ? n[a] / area : 0.0;
+        n[a] *= scale;
     return has_area;
 }
 
