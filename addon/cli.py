@@ -23,6 +23,7 @@ from pathlib import Path
 
 import leapray
 from leapray import LeapRayError
+from leapray.voxelization import FILTERS
 
 from . import model
 from .session import check_file, open_scene, render_frame, set_format
@@ -133,6 +134,7 @@ def add_settings(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--root", choices=list(leapray.ROOTS))
     verb.add_argument("--normal", choices=list(leapray.NORMALS))
     verb.add_argument("--layout", choices=model.LAYOUTS)
+    verb.add_argument("--filter", choices=list(FILTERS), help="of the volumes' samples")
     verb.add_argument(
         "--resolution",
         type=auto_or_count,

@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
-from leapray.voxelization import HALF_WIDTHS
+from leapray.voxelization import own_half_width, slope
 
 from .probes import Probes, Weights
 
 SATURATED = 2.5  # voxels: where the ramp ends, more cannot be measured
-LEAST_SLOPE = 0.25  # of the ramp's: at creases the gradient can vanish though f is right
+LEAST_SLOPE = 0.25  # of the filter's: at creases the gradient can vanish though f is right
 INSIDE = (0.25, 0.5, 1.0, 2.0)  # voxels behind a point that is not lost, f reaches T somewhere
 TOUCH = 1e-3  # voxels: a rim closer to a cell than this is taken as touching it
 
@@ -145,17 +145,19 @@ def measure(
     probes: Probes,
     voxel_size: float,
     color: NDArray[np.float32] | None = None,
+    rise: float | None = None,
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
-    color: what bake.color_errors measured there.
+    color: what bake.color_errors measured there. rise: of occupancy per voxel
+    across a plane; None: that of the ramp.
     """
     volume = structure.volume
     info, mesh = volume.info, volume.mesh_info
     sheet = info.kind == "sheet"
     normals = None if sheet else probes.surface_normals * (-1.0 if mesh.inverted else 1.0)
-    surface, lost = measure_surface(volume, probes.surface, normals, voxel_size)
-    crease, _ = measure_surface(volume, probes.creases, None, voxel_size)
+    surface, lost = measure_surface(volume, probes.surface, normals, voxel_size, rise)
+    crease, _ = measure_surface(volume, probes.creases, None, voxel_size, rise)
     rims, outward = (probes.rims, probes.rim_outward) if sheet else (probes.rims[:0],) * 2
     why = ""
     if sheet and mesh.n_border_edges:
@@ -179,7 +181,11 @@ def measure(
 
 
 def measure_surface(
-    volume: leapray.Volume, points: NDArray, normals: NDArray | None, voxel_size: float
+    volume: leapray.Volume,
+    points: NDArray,
+    normals: NDArray | None,
+    voxel_size: float,
+    rise: float | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Distance of the field's surface from points of the mesh, and which points are lost.
 
@@ -189,9 +195,11 @@ def measure_surface(
     value, gradient = volume.sample(points)
     threshold = volume.info.threshold
     most = SATURATED * voxel_size
-    slope = np.linalg.norm(gradient, axis=1)
-    ramp = 1.0 / (2.0 * HALF_WIDTHS[volume.info.dtype] * voxel_size)
-    error = np.minimum(np.abs(value - threshold) / np.maximum(slope, LEAST_SLOPE * ramp), most)
+    steep = np.linalg.norm(gradient, axis=1)
+    if rise is None:
+        rise = slope("ramp", own_half_width("ramp", volume.info.dtype))
+    least = LEAST_SLOPE * rise / voxel_size
+    error = np.minimum(np.abs(value - threshold) / np.maximum(steep, least), most)
     lost = np.zeros(len(points), np.bool_)
     if normals is not None:
         lost = value < threshold

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
+from leapray.voxelization import SOLID_FILTERS, own_half_width, slope
 
 from . import bake, errors, model, probes
 from . import cache as caches
@@ -75,6 +76,7 @@ class Levels:
     def _key(self, work: Work, what: str, voxel_size: float) -> tuple:
         s = self.settings
         made = what, work.digest, voxel_size, work.with_ids, work.carries, s.sample_type
+        made = *made, s.filter, s.half_width
         return made if what == "volume" else (*made, s.traverser)
 
     def held(self) -> int:
@@ -128,10 +130,29 @@ class Levels:
             error = leapray.OutOfMemory("the level's volume is larger than its room")
             error.nbytes = volume.info.nbytes
             raise error
+        try:
+            return self._voxelize(work, voxel_size, max_nbytes, self.settings.filter)
+        except (leapray.Stopped, leapray.OutOfMemory):
+            raise
+        except leapray.LeapRayError:
+            if self.settings.filter not in SOLID_FILTERS:
+                raise
+        volume = self._voxelize(work, voxel_size, max_nbytes, "ramp")
+        why = f"{work.name!r} has no inside for the filter {self.settings.filter}: ramp instead."
+        if why not in self.warnings:
+            self.warnings.append(why)
+        return volume
+
+    def _voxelize(
+        self, work: Work, voxel_size: float, max_nbytes: int, kernel: str
+    ) -> leapray.Volume:
+        own = kernel == self.settings.filter
         return leapray.voxelize(
             work.mesh.vertices,
             work.mesh.triangles,
             voxel_size,
+            filter=kernel,
+            half_width=self.settings.half_width or None if own else None,
             ids=work.mesh.slots if work.with_ids else None,
             attributes=self.wardrobe.attributes(work.mesh, work.outfit, voxel_size),
             dtype=self.settings.sample_type,
@@ -139,6 +160,13 @@ class Levels:
             watch=self.watch,
             max_nbytes=max_nbytes,
         )
+
+    def _rise(self, volume: leapray.Volume) -> float:
+        """Of occupancy per voxel across a plane."""
+        s = self.settings
+        sheet = volume.info.kind == "sheet" and s.filter in SOLID_FILTERS
+        kernel = "ramp" if sheet else s.filter
+        return slope(kernel, s.half_width or own_half_width(kernel, s.sample_type))
 
     def drop(self, work: Work) -> None:
         """Forget the volume of a level that is left; what was measured on it stays."""
@@ -161,7 +189,11 @@ class Levels:
         if measure is None:
             structure = self.structure(work, voxel_size, room, volume_room)
             measure = errors.measure(
-                structure, self._probes(work), voxel_size, self._color_errors(work, structure)
+                structure,
+                self._probes(work),
+                voxel_size,
+                self._color_errors(work, structure),
+                self._rise(structure.volume),
             )
             self.cache.put(key, measure)
         elif measure.nbytes > room or measure.volume_nbytes > volume_room:

@@ -157,6 +157,8 @@ class Settings:
     pixel_error: float = 0.25  # of a pixel's footprint
     memory_mb: int = 1024  # for volumes and structures together
     sample_type: str = "u16"
+    filter: str = "ramp"  # how occupancy falls across the surface, see leapray.voxelize
+    half_width: float = 0.0  # of the filter, in voxels; 0: its own
     cache_folder: str = ""  # where volumes are kept as .vdb; "": nowhere
     seed: int = 0
     threads: int = 0  # 0: all cores

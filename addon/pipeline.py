@@ -23,11 +23,13 @@ import leapray
 from leapray._abi import lr_counters
 from leapray.arrays import SAMPLE_TYPES
 from leapray.threads import cores
+from leapray.voxelization import FILTERS
 
 from . import model, plan, tiles
 from .cache import Cache
 
 POLL = 0.03  # seconds between two looks at `stop`
+WIDEST = 7.0  # half width of a filter, in voxels: what every one of them can have
 PLANNED = 0.3  # share of the progress bar that planning and voxelizing take
 
 
@@ -105,7 +107,12 @@ def check(settings: model.Settings) -> None:
             raise leapray.LeapRayError(f"{name} must be at least {least_value}, it is {value}")
     if not settings.pixel_error > 0:
         raise leapray.LeapRayError(f"pixel_error must be above 0, it is {settings.pixel_error}")
-    for name, known in {"layout": model.LAYOUTS, "sample_type": SAMPLE_TYPES}.items():
+    if not 0 <= settings.half_width <= WIDEST:
+        raise leapray.LeapRayError(
+            f"half_width must lie in 0..{WIDEST:g} voxels, it is {settings.half_width}"
+        )
+    known_names = {"layout": model.LAYOUTS, "sample_type": SAMPLE_TYPES, "filter": FILTERS}
+    for name, known in known_names.items():
         value = getattr(settings, name)
         if value not in known:
             raise leapray.LeapRayError(f"{name} is one of {', '.join(known)}, not {value!r}")

@@ -14,6 +14,7 @@ import bpy
 
 import leapray
 from leapray.arrays import SAMPLE_TYPES
+from leapray.voxelization import FILTERS
 
 from . import model
 
@@ -139,6 +140,21 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         description="How the samples of volumes are stored",
         items=menu(SAMPLE_TYPES),
         default=DEFAULTS.sample_type,
+    )
+    filter: bpy.props.EnumProperty(
+        name="Filter",
+        description="How occupancy falls across the surface of volumes",
+        items=menu(FILTERS),
+        default=DEFAULTS.filter,
+    )
+    half_width: bpy.props.FloatProperty(
+        name="Half Width",
+        description="Voxels over which the filter reaches to either side, of gauss its sigma; "
+        "0 takes what suits filter and sample type",
+        default=DEFAULTS.half_width,
+        min=0.0,
+        soft_max=4.0,
+        max=7.0,
     )
     cache_folder: bpy.props.StringProperty(
         name="Volume Folder",

@@ -66,8 +66,10 @@ class RENDER_PT_leapray_volumes(_Panel, bpy.types.Panel):
 
     def draw(self, context) -> None:
         column, settings = self.columns(), context.scene.leapray
-        for name in ("layout", "resolution", "sample_type", "memory_mb", "cache_folder"):
+        for name in ("layout", "resolution", "sample_type", "filter", "half_width"):
             column.prop(settings, name)
+        column.prop(settings, "memory_mb")
+        column.prop(settings, "cache_folder")
 
 
 class RENDER_PT_leapray_performance(_Panel, bpy.types.Panel):

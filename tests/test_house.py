@@ -268,10 +268,11 @@ def licences(path: Path) -> int:
 
 def test_no_file_is_longer_than_a_room():
     generated = [ROOT / "native" / "leapray" / "_abi.py"]
+    whole = [ROOT / "native" / "include" / "leapray.h"]  # the interface is one page by design
     lengths = {
         str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines())
         for path in files("*.py", "*.c", "*.h", "*.def")
-        if path not in generated
+        if path not in generated + whole
     }
     assert not {name: n for name, n in lengths.items() if n > LONGEST}
 

@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 12 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 13 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -191,7 +191,11 @@ typedef struct lr_mesh {
 } lr_mesh;
 
 typedef enum lr_filter {
-    LR_FILTER_RAMP = 0 /* linear in the signed distance: the oriented box filter */
+    LR_FILTER_RAMP = 0,  /* linear in the signed distance: the oriented box filter */
+    LR_FILTER_BOX = 1,   /* the covered share of the voxel; of solids only */
+    LR_FILTER_CONE = 2,  /* a hypercone along the distance */
+    LR_FILTER_GAUSS = 3, /* a Gaussian along the distance */
+    LR_FILTER_BINARY = 4 /* 1 inside, 0 outside; of solids only */
 } lr_filter;
 
 /* Vector instructions; results are the same bits by all of them. */
@@ -204,7 +208,7 @@ typedef enum lr_simd {
 
 typedef struct lr_voxelize_options {
     double voxel_size;   /* edge of a voxel in object space */
-    double half_width;   /* of the filter, in voxels */
+    double half_width;   /* of the filter, in voxels; of the Gaussian its sigma */
     int32_t filter;      /* lr_filter */
     int32_t kind;        /* lr_kind */
     int32_t sample_type; /* lr_sample_type */

@@ -17,7 +17,13 @@ from .attributes import Attributes
 from .threads import check_threads, run_parts
 from .volume import Volume
 
-FILTERS = {"ramp": _abi.LR_FILTER_RAMP}
+FILTERS = {
+    "ramp": _abi.LR_FILTER_RAMP,
+    "box": _abi.LR_FILTER_BOX,
+    "cone": _abi.LR_FILTER_CONE,
+    "gauss": _abi.LR_FILTER_GAUSS,
+    "binary": _abi.LR_FILTER_BINARY,
+}
 KINDS = {"auto": _abi.LR_KIND_AUTO, "solid": _abi.LR_KIND_SOLID, "sheet": _abi.LR_KIND_SHEET}
 SIMD = {
     "auto": _abi.LR_SIMD_AUTO,
@@ -25,7 +31,9 @@ SIMD = {
     "avx2": _abi.LR_SIMD_AVX2,
     "avx512": _abi.LR_SIMD_AVX512,
 }
-HALF_WIDTHS = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # voxels: clamping against quantisation
+HALF_WIDTHS = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # of the ramp: clamping against quantisation
+OTHER_WIDTHS = {"cone": 3.0, "gauss": 1.0, "box": 0.5, "binary": 0.5}  # voxels; of gauss its sigma
+SOLID_FILTERS = ("box", "binary")  # they tell inside from outside, which a sheet has not
 
 # Shares of the progress; setting up is serial, so it takes longer than its work.
 BEGUN, PARTS_DONE = 0.2, 0.9
@@ -41,6 +49,17 @@ class MeshInfo:
     n_degenerate: int  # triangles without area, or on the places of an earlier one
     inverted: bool  # a closed mesh was wound inside out and was turned
     simd: str  # the vector instructions used
+
+
+def own_half_width(filter: str, dtype: str) -> float:
+    """The filter's half width in voxels, unless asked otherwise; of the Gaussian its sigma."""
+    return OTHER_WIDTHS.get(filter) or HALF_WIDTHS.get(dtype, 2.5)
+
+
+def slope(filter: str, width: float) -> float:
+    """How much occupancy rises per voxel across a plane, at the plane."""
+    rise = {"ramp": 0.5 / width, "cone": 1.0 / width, "gauss": (2 * np.pi) ** -0.5 / width}
+    return rise.get(filter, 1.0)
 
 
 def voxelize(
@@ -65,26 +84,30 @@ def voxelize(
     counter-clockwise from outside; ids: one per triangle, 0..65535, or None;
     samples near the surface take that of the nearest triangle. attributes: colours
     and smooth normals that samples near the surface take from the closest point,
-    textures averaged over a voxel; hits have their normals. filter "ramp":
-    linear in the signed distance, over half_width voxels to either side
-    (default 2.5, for u8 1.8). kind "solid" takes what the triangles enclose,
-    "sheet" the triangles as a surface without inside, "auto" a solid where every
-    edge is shared by two triangles of one winding. dtype: "u8", "u16" or "f32".
+    textures averaged over a voxel; hits have their normals. filter: "ramp",
+    linear in the signed distance, over half_width voxels to either side (default
+    2.5, for u8 1.8); "cone", a hypercone of radius half_width (3); "gauss", a
+    Gaussian with sigma half_width (1); "box", the exactly covered share of the
+    voxel; "binary", 1 inside and 0 outside. The last two are for solids only.
+    kind "solid" takes what the triangles enclose, "sheet" the triangles as a surface
+    without inside, "auto" a solid where every edge is shared by two triangles of one
+    winding. dtype: "u8", "u16" or "f32".
     threads 0: all cores; the result does not depend on it. max_nbytes: OutOfMemory,
     its attribute nbytes being the estimate, is raised before the work begins
     where the volume may take more. simd: the vector instructions, "portable",
     "avx2" or "avx512"; "auto" takes the best there is. They change nothing but the time.
     Returns a Volume with mesh_info set. Raises LeapRayError for wrong input and
     lattices that are too large, Stopped when watch was told to stop.
-    Source: Sramek and Kaufman 1999 (oriented box filter); Baerentzen and Aanaes
-    2005 (sign).
+    Source: Sramek and Kaufman 1999 (oriented box filter); Wang and Kaufman 1993
+    (hypercone); Baerentzen and Aanaes 2005 (sign).
     """
     points, corners, numbers = _mesh_arrays(vertices, triangles, ids)
-    width = HALF_WIDTHS.get(dtype, 2.5) if half_width is None else float(half_width)
+    kernel = choice(FILTERS, filter, "filter")
+    width = own_half_width(filter, dtype) if half_width is None else float(half_width)
     chosen = _abi.lr_voxelize_options(
         voxel_size=float(voxel_size),
         half_width=width,
-        filter=choice(FILTERS, filter, "filter"),
+        filter=kernel,
         kind=choice(KINDS, kind, "kind"),
         sample_type=choice(
             {name: code for name, (code, _) in SAMPLE_TYPES.items()}, dtype, "dtype"

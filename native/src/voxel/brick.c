@@ -12,7 +12,9 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxel/brick.h"
 
+#include "voxel/box.h"
 #include "voxel/frame.h"
+#include "voxel/profile.h"
 
 /* The nearest triangle is chosen in f32; its exact distance can exceed the band by this. */
 #define BAND_SLACK 1e-3
@@ -50,7 +52,7 @@ static void group(const lr_nearest *nearest, float most, lr_scratch *scratch)
 static void set_sample(const lr_voxel_job *job, int32_t sample, double s, uint16_t id, sides *side,
                        lr_brick *brick)
 {
-    brick->value[sample] = (float)lr_clamp(0.5 + s / (2.0 * job->half_width), 0.0, 1.0);
+    brick->value[sample] = (float)lr_profile(job->filter, s, job->half_width);
     brick->id[sample] = id;
     uint64_t bit = (uint64_t)1 << (sample & 63);
     if (s >= 0.0)
@@ -272,6 +274,9 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
     if (!flood(&side))
         return true; /* unknown */
     fill_rest(&side, in_band, brick);
+    if (job->filter == LR_FILTER_BOX &&
+        !lr_box_brick(job->mesh, first, list, n, side.inside, watch, brick->value))
+        return false;
     count_faces(&side, brick->face);
     brick->state = state_of(brick);
     return true;

@@ -15,7 +15,8 @@ typedef struct lr_voxel_job {
     int32_t table_size[3];
     int32_t size[3];   /* of the lattice, samples */
     double band;       /* voxels; samples within it have a distance */
-    double half_width; /* of the ramp, voxels */
+    int32_t filter;    /* lr_filter */
+    double half_width; /* of the filter, voxels */
     int32_t sample_type;
     bool sheet;
     lr_bake bake;

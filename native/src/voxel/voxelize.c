@@ -10,10 +10,11 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "cpu.h"
 #include "voxel/brick.h"
+#include "voxel/profile.h"
 
 /* A 4096^3 lattice; the tables of its bricks take 1.2 GB. */
-#define MOST_TABLE  134217728.0
-#define WIDEST_RAMP 32.0
+#define MOST_TABLE 134217728.0
+#define WIDEST     32.0 /* reach of a filter, voxels */
 
 /* Central differences at the corners of a surface cell reach sqrt(6) from the
  * surface (samples at offsets 2, 1, 1); the rest is for rounding. The lattice
@@ -58,12 +59,14 @@ static lr_status check_options(const lr_voxelize_options *o, lr_error *error)
     if (!(o->voxel_size >= 1e-100 && o->voxel_size <= 1e100))
         return lr_fail(error, LR_E_ARGUMENT, "voxel_size must be positive and finite; it is %g",
                        o->voxel_size);
-    if (!(o->half_width > 0.0 && o->half_width <= WIDEST_RAMP))
-        return lr_fail(error, LR_E_ARGUMENT, "half_width must lie in (0, %g] voxels; it is %g",
-                       WIDEST_RAMP, o->half_width);
-    if (o->filter != LR_FILTER_RAMP)
-        return lr_fail(error, LR_E_ARGUMENT, "filter %d is unknown; there is the ramp (0)",
+    if (o->filter < LR_FILTER_RAMP || o->filter > LR_FILTER_BINARY)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "filter %d is none of ramp (0), box (1), cone (2), gauss (3), binary (4)",
                        o->filter);
+    const double widest = o->filter == LR_FILTER_GAUSS ? WIDEST / LR_GAUSS_REACH : WIDEST;
+    if (!(o->half_width > 0.0 && o->half_width <= widest))
+        return lr_fail(error, LR_E_ARGUMENT, "half_width must lie in (0, %.3g] voxels; it is %g",
+                       widest, o->half_width);
     if (o->kind < LR_KIND_AUTO || o->kind > LR_KIND_SHEET)
         return lr_fail(error, LR_E_ARGUMENT, "kind %d is none of auto (0), solid (1), sheet (2)",
                        o->kind);
@@ -79,7 +82,8 @@ static lr_status place_lattice(lr_voxelizer *v, const lr_voxelize_options *o, lr
 {
     lr_topology *m = &v->mesh;
     lr_volume_desc *desc = &v->desc;
-    double margin = ceil(fmax(o->half_width, STENCIL)) + 1.0, first[3], n[3], n_table = 1.0;
+    const double reach = lr_profile_reach(o->filter, o->half_width);
+    double margin = ceil(fmax(reach, STENCIL)) + 1.0, first[3], n[3], n_table = 1.0;
     for (int a = 0; a < 3; a++) {
         first[a] = floor(m->lo[a] * m->per_unit) - margin;
         n[a] = ceil(m->hi[a] * m->per_unit) + margin - first[a] + 1.0;
@@ -92,6 +96,10 @@ static lr_status place_lattice(lr_voxelizer *v, const lr_voxelize_options *o, lr
                        m->hi[0] - m->lo[0], m->hi[1] - m->lo[1], m->hi[2] - m->lo[2], o->voxel_size,
                        n[0], n[1], n[2]);
     bool solid = o->kind == LR_KIND_AUTO ? m->closed : o->kind == LR_KIND_SOLID;
+    if (!solid && (o->filter == LR_FILTER_BOX || o->filter == LR_FILTER_BINARY))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the filters box and binary tell inside from outside, but the mesh is taken "
+                       "for a sheet, which has neither; use ramp, cone or gauss, or kind solid");
     *desc = (lr_volume_desc){.nx = (int32_t)n[0],
                              .ny = (int32_t)n[1],
                              .nz = (int32_t)n[2],
@@ -121,6 +129,7 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_voxelize
 {
     v->job = (lr_voxel_job){.mesh = &v->mesh,
                             .search = search_by(v->simd),
+                            .filter = o->filter,
                             .half_width = o->half_width,
                             .sample_type = o->sample_type};
     lr_status status = lr_topology_make(mesh, o->voxel_size, watch, &v->mesh, error);
@@ -133,7 +142,8 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_voxelize
     if (status != LR_OK)
         return status;
     v->job.sheet = v->desc.kind == LR_KIND_SHEET;
-    v->job.band = fmax(o->half_width, v->job.sheet ? STENCIL : CORNERS);
+    v->job.band =
+        fmax(lr_profile_reach(o->filter, o->half_width), v->job.sheet ? STENCIL : CORNERS);
     memcpy(v->job.table_size, v->volume->table_size, sizeof v->job.table_size);
     status = lr_bins_make(&v->mesh, v->job.table_size, v->job.band, watch, &v->bins, error);
     if (status != LR_OK)
