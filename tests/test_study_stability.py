@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 import leapray
-from addon.study import cases, oracle, reference, stability
+from addon.study import cases, oracle, reference, stability, tunnels
 
 pytestmark = pytest.mark.slow  # the studies run
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow  # the studies run
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     output = tmp_path_factory.mktemp("stability") / "made"
-    args = argparse.Namespace(output=output, quick=True, rays=250, size=24)
+    args = argparse.Namespace(output=output, quick=True, rays=250, size=24, side=256)
     assert stability.main(args) == 0
     return output
 
@@ -43,7 +43,7 @@ def test_it_writes_what_it_promises(made):
     tables = {"stability.csv", "stability-hit-tests.csv", "stability.json", "stability.html"}
     assert {path.name for path in made.iterdir()} == drawn | tables
     rows = list(csv.DictReader((made / "stability.csv").open()))
-    assert len(rows) == len(cases.CASES) * len(leapray.variants())
+    assert len(rows) == (len(cases.CASES) + 1) * len(leapray.variants())
 
 
 def test_exact_methods_show_zeros_and_rays_do_hit(claims):
@@ -73,6 +73,29 @@ def test_roots_between_extrema_are_the_first_and_others_say_how_far_off_they_are
     assert max(row["error_max"] for row in of("extrema", "linear")) > 0.01
     lost = {test: sum(row["missed"] for row in of(test, "bisect")) for test in leapray.HIT_TESTS}
     assert lost["uniform"] > lost["faces"] > lost["extrema"] == 0
+
+
+def test_tunnels_are_as_wide_as_their_rays_and_end_with_them():
+    dug = tunnels.dig(384, 1)
+    assert len(dug.ends) >= 4
+    assert dug.steps > 600
+    structure = leapray.build(dug.volume)
+    hits = leapray.trace(structure, dug.origins, dug.directions, mode="binary")
+    np.testing.assert_array_equal(hits.cell, dug.ends)
+    # A quarter of a voxel aside, every ray soon meets a wall.
+    beside = dug.origins + np.array([0.0, 0.25, -0.25])
+    aside = leapray.trace(structure, beside, dug.directions, mode="binary")
+    assert np.isfinite(aside.t).all()
+    assert (aside.t < 0.1 * hits.t).all()
+    for k in range(len(dug.ends)):  # the oracle's first pierced cell, near the end, is the end
+        low = dug.ends[k] - 20
+        samples = dug.volume.read(tuple(low), (30, 30, 30))
+        wanted = oracle.object_cells(samples, 127.5)[1:-1, 1:-1, 1:-1]
+        origins = dug.origins[k : k + 1] - low - 1
+        verdict, pierced = oracle.judge(
+            wanted, origins, dug.directions[k : k + 1], [True], [dug.ends[k] - low - 1]
+        )
+        assert pierced.all() and not verdict.any()
 
 
 @pytest.mark.parametrize("case", cases.CASES, ids=lambda case: case.name)

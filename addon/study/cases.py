@@ -70,13 +70,6 @@ def noise(rng) -> NDArray:
     return rng.random((24, 24, 24)).astype(np.float32)
 
 
-def long(rng) -> NDArray:
-    """2048 samples long with grains at the far end, so that what adds up has drifted by then."""
-    samples = np.zeros((24, 24, 2048), np.float32)
-    samples[:, :, 2020:] = rng.random((24, 24, 28)) < 0.03
-    return samples
-
-
 def single(rng) -> NDArray:
     return np.ones((1, 1, 1), np.float32)
 
@@ -150,15 +143,6 @@ def from_afar(rng, count, size):
     return dyadic(origins, (targets - origins) * 2.0**8)
 
 
-def lengthwise(rng, count, size):
-    """From one end of the longest axis to the other."""
-    ends = [rng.random((count, 3)) * size for _ in range(2)]
-    axis = int(np.argmax(size))
-    ends[0][:, axis], ends[1][:, axis] = -3.0, size[axis] + 3.0
-    origins, _ = dyadic(*ends)
-    return dyadic(origins, (ends[1] - origins) * 2.0**12)
-
-
 STRETCH = ((1024.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0))
 SHEAR = ((1.0, 0.5, 0), (0, 1.0, 0.25), (0, 0, 1.0))
 GENERIC = oracle.generic_rays
@@ -171,7 +155,6 @@ CASES = (
     Case("in a boundary plane", blobs, in_boundary),
     Case("start inside", blobs, from_inside),
     Case("origin 10^6 voxels away", blobs, from_afar),
-    Case("2048 cells long", long, lengthwise),
     Case("walls one voxel thick", walls, GENERIC),
     Case("rods thinner than a voxel", wires, GENERIC),
     Case("isolated voxels", isolated, GENERIC),

@@ -62,6 +62,43 @@ static int touch(const int64_t O[3], const int64_t D[3], const int64_t lo[3], co
     return out.d == 0 || !less(out, in);
 }
 
+/* The cell that the ray is in just after t, along one axis. */
+static int64_t cell_after(int64_t O, int64_t D, fraction t, int shift)
+{
+    big numerator = (big)O * t.d + (t.n * D << shift), denominator = t.d << shift;
+    big q = floor_div(numerator, denominator);
+    if (D < 0 && q * denominator == numerator)
+        q--;
+    return (int64_t)q;
+}
+
+static int within(const int64_t cell[3], const int64_t lo[3], const int64_t hi[3])
+{
+    int in = 1;
+    for (int a = 0; a < 3; a++)
+        in = in && cell[a] >= lo[a] && cell[a] < hi[a];
+    return in;
+}
+
+/* Into the next cell, through an edge or a corner along several axes at once; t of the
+ * crossing. next is scratch. */
+static fraction step(const int64_t O[3], const int64_t D[3], int shift, int64_t cell[3],
+                     fraction next[3])
+{
+    fraction soonest = {1, 0};
+    for (int a = 0; a < 3; a++) {
+        if (D[a] == 0)
+            continue;
+        next[a] = plane(O[a], D[a], D[a] > 0 ? cell[a] + 1 : cell[a], shift);
+        if (soonest.d == 0 || less(next[a], soonest))
+            soonest = next[a];
+    }
+    for (int a = 0; a < 3; a++)
+        if (D[a] != 0 && !less(soonest, next[a]))
+            cell[a] += D[a] > 0 ? 1 : -1;
+    return soonest;
+}
+
 /* The first wanted cell whose open interior is pierced; cells start at -1. */
 static int first_pierced(const uint8_t *wanted, const int64_t n[3], const int64_t O[3],
                          const int64_t D[3], int shift, int64_t cell[3], fraction *from)
@@ -73,41 +110,20 @@ static int first_pierced(const uint8_t *wanted, const int64_t n[3], const int64_
         if (D[a] == 0 && (O[a] & (((int64_t)1 << shift) - 1)) == 0)
             return 0; /* inside a lattice plane: it pierces no interior */
     }
-    fraction t;
+    fraction t, next[3];
     if (!touch(O, D, lo, hi, shift, &t))
         return 0;
-    for (int a = 0; a < 3; a++) { /* the cell just after t */
-        big numerator = (big)O[a] * t.d + (t.n * D[a] << shift), denominator = t.d << shift;
-        big q = floor_div(numerator, denominator);
-        if (D[a] < 0 && q * denominator == numerator)
-            q--;
-        cell[a] = (int64_t)q;
-        if (cell[a] < lo[a] || cell[a] >= hi[a])
-            return 0;
-    }
-    for (;;) {
+    for (int a = 0; a < 3; a++)
+        cell[a] = cell_after(O[a], D[a], t, shift);
+    while (within(cell, lo, hi)) {
         int64_t at = ((cell[2] + 1) * n[1] + cell[1] + 1) * n[0] + cell[0] + 1;
         if (wanted[at]) {
             *from = t;
             return 1;
         }
-        fraction next[3], soonest = {1, 0};
-        for (int a = 0; a < 3; a++) {
-            if (D[a] == 0)
-                continue;
-            next[a] = plane(O[a], D[a], D[a] > 0 ? cell[a] + 1 : cell[a], shift);
-            if (soonest.d == 0 || less(next[a], soonest))
-                soonest = next[a];
-        }
-        t = soonest;
-        for (int a = 0; a < 3; a++) { /* through an edge or a corner: all at once */
-            if (D[a] == 0 || less(soonest, next[a]))
-                continue;
-            cell[a] += D[a] > 0 ? 1 : -1;
-            if (cell[a] < lo[a] || cell[a] >= hi[a])
-                return 0;
-        }
+        t = step(O, D, shift, cell, next);
     }
+    return 0;
 }
 
 /* wanted[nz][ny][nx], n = x, y, z; the first is cell (-1, -1, -1). cells[rays][3]
@@ -139,4 +155,25 @@ void oracle_judge(const uint8_t *wanted, const int64_t n[3], const int64_t *O, c
         else if (exact[i] && less(pierced, touched))
             verdict[i] = LATE;
     }
+}
+
+/* The cells that the ray pierces inside the box of cells lo..hi (exclusive), in order;
+ * their number, at most room. Through an edge or a corner it goes at once. */
+int64_t oracle_path(const int64_t O[3], const int64_t D[3], int shift, const int64_t lo[3],
+                    const int64_t hi[3], int32_t *cells, int64_t room)
+{
+    fraction t, next[3];
+    int64_t cell[3];
+    if (!touch(O, D, lo, hi, shift, &t))
+        return 0;
+    for (int a = 0; a < 3; a++)
+        cell[a] = cell_after(O[a], D[a], t, shift);
+    int64_t n = 0;
+    while (n < room && within(cell, lo, hi)) {
+        for (int a = 0; a < 3; a++)
+            cells[3 * n + a] = (int32_t)cell[a];
+        n++;
+        t = step(O, D, shift, cell, next);
+    }
+    return n;
 }

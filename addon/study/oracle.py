@@ -50,6 +50,20 @@ def judge(wanted, origins, directions, hit, cells):
     return verdict, exact.astype(bool)
 
 
+def path(origin, direction, low, high):
+    """The cells (n, 3) that a ray pierces inside low..high, high exclusive, in order."""
+    o = (np.asarray(origin) * 2.0**SHIFT).astype(np.int64)
+    d, lo, hi = (np.ascontiguousarray(part, np.int64) for part in (direction, low, high))
+    cells = np.empty((int((hi - lo).sum()), 3), np.int32)
+    found = library("oracle").oracle_path
+    found.restype = ctypes.c_int64
+    n = found(
+        pointer(o), pointer(d), ctypes.c_int(SHIFT), pointer(lo), pointer(hi), pointer(cells),
+        ctypes.c_int64(len(cells)),
+    )  # fmt: skip
+    return cells[:n]
+
+
 class Bench:
     """Rays in a volume that several traversers make claims on; equal claims are judged once."""
 

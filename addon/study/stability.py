@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import charts, methods, oracle, page, reference
-from .cases import CASES, Case, dyadic, made, wires
+from . import charts, methods, oracle, page, reference, tunnels
+from .cases import CASES, SEED, Case, dyadic, made, wires
 from .folder import study_folder, write_figures
 from .options import chosen, number
 
@@ -32,15 +32,18 @@ PICTURE = 160  # pixels along a side
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     number(parser, "rays", "rays in each case; 60,000")
+    number(parser, "side", "samples along a side of the volume with tunnels; 2048", least=256)
     number(parser, "size", f"pixels along a side of the pictures; {PICTURE}")
 
 
 def main(args: argparse.Namespace) -> int:
     """Measure; writes the folder and returns the exit code."""
     count = chosen(args, "rays", 1000, 60_000)
+    side = chosen(args, "side", 512, 2048)
     drawn = chosen(args, "size", 80, PICTURE)
     with study_folder(args, "stability") as folder:
         cells = [row for case in CASES for row in judge_cells(case, count)]
+        cells += judge_tunnels(side)
         print("stability: traversers are judged", file=sys.stderr, flush=True)
         fields = [row for case in CASES for row in judge_fields(case, count)]
         told = {"rays": count}
@@ -85,23 +88,41 @@ def judge_cells(case: Case, count: int) -> list[Claim]:
         hits = leapray.trace(leapray.build(volume, entry), *placed, mode="binary")
         verdict, pierced = bench.judge(np.isfinite(hits.t), hits.cell)
         number = np.bincount(verdict, minlength=len(oracle.VERDICTS))
-        rows.append(
-            Claim(
-                case.name,
-                entry.spec,
-                methods.label(entry),
-                entry.exact,
-                count,
-                int(pierced.sum()),
-                int(number[oracle.VERDICTS.index("missed")]),
-                int(number[oracle.VERDICTS.index("late")]),
-                int(number[oracle.VERDICTS.index("not wanted") :].sum()),
-                hits.counters["cells"] / count,
-                max(hits.counters["most_cells"] - 1, 0),  # the first cell takes no step
-                sum(samples.shape),
-            )
+        faults = (
+            int(number[oracle.VERDICTS.index("missed")]),
+            int(number[oracle.VERDICTS.index("late")]),
+            int(number[oracle.VERDICTS.index("not wanted") :].sum()),
         )
+        rows.append(claim(case.name, entry, hits, int(pierced.sum()), faults, samples.shape))
     return rows
+
+
+def judge_tunnels(side: int) -> list[Claim]:
+    """A row per variant: who comes to the ends of tunnels as wide as the ray?"""
+    dug = tunnels.dig(side, SEED)
+    rays, rows = (dug.origins, dug.directions), []
+    for entry in leapray.variants():
+        hits = leapray.trace(leapray.build(dug.volume, entry), *rays, mode="binary")
+        hit = np.isfinite(hits.t)
+        wrong = hit & (hits.cell != dug.ends).any(axis=1)
+        faults = int((~hit).sum()), 0, int(wrong.sum())
+        rows.append(claim(f"{side}³, tunnels", entry, hits, len(hit), faults, (side,) * 3))
+    return rows
+
+
+def claim(case: str, entry, hits, pierced: int, faults, shape) -> Claim:
+    return Claim(
+        case,
+        entry.spec,
+        methods.label(entry),
+        entry.exact,
+        len(hits.t),
+        pierced,
+        *faults,
+        hits.counters["cells"] / len(hits.t),
+        max(hits.counters["most_cells"] - 1, 0),  # the first cell takes no step
+        sum(shape),
+    )
 
 
 # ---- hit tests -----------------------------------------------------------
@@ -155,7 +176,7 @@ def draw(folder: Path, cells: list[Claim], fields: list[reference.Crossing], siz
 
 def table_chart(path: Path, title: str, methods_: list[str], shares: dict) -> None:
     """A row per method, a column per case; what is 0 stays white."""
-    cases = [case.name for case in CASES]
+    cases = list(dict.fromkeys(case for _, case in shares))
     table = np.array([[100 * shares[name, case] for case in cases] for name in methods_])
     size = {"width": 13.5, "height": 2.4 + 0.26 * len(methods_)}
     with charts.chart(path, **size) as (_, axes):
@@ -204,10 +225,11 @@ def write_page(
     folder: Path, told: dict, cells: list[Claim], fields: list[reference.Crossing]
 ) -> None:
     """stability.html: the tables with what they say."""
+    n_cases = len({row.case for row in cells})
     body = [
         "<h1>Where methods fail</h1>",
-        f'<p class="soft">{len(CASES)} cases, {told["rays"]} rays each; first cells judged in '
-        "integers, crossings by a reference in f64.</p>",
+        f'<p class="soft">{n_cases} cases, {told["rays"]} rays each; first '
+        "cells judged in integers, crossings by a reference in f64.</p>",
         page.figure(folder, "traversers.png", "Traversers", "missed, late or wrong first cells"),
         "<p>" + " ".join(map(page.esc, sentences(cells, fields))) + "</p>",
         page.figure(folder, "pictures.png", "Wires", "first cells; red: at fault"),
@@ -219,6 +241,9 @@ def write_page(
         ),
         "<h2>What this is, and what it is not</h2>",
         "<p>At ties, through edges and corners, any object cell that the ray touches will do. "
+        f"A tunnel consists of the cells that its ray pierces by exact arithmetic, up to "
+        f"{max(row.longest for row in cells if row.exact)} of them, and its walls are objects: "
+        "one wrong cell on the way is a fault. "
         "Stretched and sheared voxels use matrices of powers of two, so that exact rays stay "
         "exact. What takes several samples in a cell walks longer by its nature. Doubtful "
         f"rays, where the field comes within {reference.NEAR:g} of the threshold, are left out "
