@@ -19,7 +19,7 @@ lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n);
 LR_INLINE double lr_lamp_chance(const lr_scene *scene, uint32_t bounces)
 {
     const uint64_t n = scene->n_lights + (scene->environment.width > 0);
-    return bounces == 0 ? 1 : 1 / (double)n;
+    return bounces == 0 || n == 0 ? 1 : 1 / (double)n;
 }
 
 /* The share of one of two ways to find the same light: densities p of this one
