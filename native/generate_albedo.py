@@ -6,7 +6,7 @@
 Every entry is the mean of the weights of microfacets that are sampled as seen
 (Heitz 2018), over the first points of the R2 sequence. Axes as albedo.h says,
 from 0 to 1 with both ends; the ends where directions degenerate are moved by
-TINY. About a minute.
+TINY. Some 20 seconds.
 """
 
 from __future__ import annotations
@@ -87,9 +87,17 @@ def refracted(rough, mu, n):
 
 def mirror():
     table = [[reflected(r, m)[0].mean() for m in axis(FINE)] for r in axis(FINE)]
+    return np.array(table)
+
+
+def averaged(table):
+    """Means over the hemisphere of a table [rough][mu] or [rough][mu][z]."""
+    along = np.moveaxis(table, 1, -1)
     fine = np.linspace(0, 1, 2049)
-    mean = [np.trapezoid(2 * fine * np.interp(fine, axis(FINE), row), fine) for row in table]
-    return np.array(table), np.array(mean)
+    ends = axis(along.shape[-1])
+    rows = [np.trapezoid(2 * fine * np.interp(fine, ends, row), fine)
+            for row in along.reshape(-1, len(ends))]  # fmt: skip
+    return np.reshape(rows, along.shape[:-1])
 
 
 def index(z):
@@ -134,22 +142,23 @@ def write(name, arrays):
 
 
 def main():
-    table, mean = mirror()
     ends = axis(COARSE)
+    plain = mirror()
     shares = np.array([[[dielectric(r, m, z) for z in ends] for m in ends] for r in ends])
-    cube = "[LR_ALBEDO_COARSE]" * 3
+    both = [
+        np.array([[[glass(r, m, index(z) ** way) for z in ends] for m in ends] for r in ends])
+        for way in (1, -1)
+    ]
+    cube, square = "[LR_ALBEDO_COARSE]" * 3, "[LR_ALBEDO_COARSE]" * 2
     write(
         "albedo_reflection.c",
         {
-            "lr_albedo_mirror[LR_ALBEDO_FINE][LR_ALBEDO_FINE]": table,
-            "lr_albedo_mirror_mean[LR_ALBEDO_FINE]": mean,
+            "lr_albedo_mirror[LR_ALBEDO_FINE][LR_ALBEDO_FINE]": plain,
+            "lr_albedo_mirror_mean[LR_ALBEDO_FINE]": averaged(plain),
             f"lr_albedo_dielectric{cube}": shares,
+            f"lr_albedo_glass_mean[2]{square}": np.array([averaged(way) for way in both]),
         },
     )
-    both = [
-        [[[glass(r, m, index(z) ** way) for z in ends] for m in ends] for r in ends]
-        for way in (1, -1)
-    ]
     write("albedo_glass.c", {f"lr_albedo_glass[2]{cube}": np.array(both)})
 
 

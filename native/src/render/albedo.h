@@ -22,5 +22,7 @@ extern const uint16_t lr_albedo_mirror_mean[LR_ALBEDO_FINE];
 extern const uint16_t lr_albedo_dielectric[LR_ALBEDO_COARSE][LR_ALBEDO_COARSE][LR_ALBEDO_COARSE];
 /* The same of glass: reflected and refracted; [0] into the denser side, [1] out of it. */
 extern const uint16_t lr_albedo_glass[2][LR_ALBEDO_COARSE][LR_ALBEDO_COARSE][LR_ALBEDO_COARSE];
+/* [rough][z] the same, averaged over the hemisphere. */
+extern const uint16_t lr_albedo_glass_mean[2][LR_ALBEDO_COARSE][LR_ALBEDO_COARSE];
 
 #endif

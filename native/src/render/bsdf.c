@@ -79,6 +79,15 @@ static double look_up(const uint16_t table[LR_ALBEDO_COARSE][LR_ALBEDO_COARSE][L
     return mix(of_r[0], of_r[1], r.t) / 65535;
 }
 
+static double look_up_mean(const uint16_t table[LR_ALBEDO_COARSE][LR_ALBEDO_COARSE], double rough,
+                           double n)
+{
+    const lr_place r = place(rough, LR_ALBEDO_COARSE);
+    const lr_place z = place(sqrt(fabs((n - 1) / (n + 1))), LR_ALBEDO_COARSE);
+    const uint16_t *a = &table[r.at][z.at], *b = &table[r.at + 1][z.at];
+    return mix(mix(a[0], a[1], z.t), mix(b[0], b[1], z.t), r.t) / 65535;
+}
+
 /* ---- Fresnel -------------------------------------------------------------- */
 
 /* What a facet under that cosine reflects. */
@@ -147,16 +156,21 @@ static lr_closure closure(int32_t kind, const double weight[3], double roughness
     return c;
 }
 
-/* Give back what goes between the facets of a closure that reflects, once is their mean
- * reflectance. */
-static void give_back(const lr_bsdf *bsdf, lr_closure *c, const double once[3])
+/* What light between the facets adds to a single bounce, as a factor. e, e_mean: what white
+ * facets send on after one bounce, as seen and in the mean; tint: what is left of light by a
+ * bounce. */
+static double between(double e, double e_mean, double tint)
+{
+    return 1 + tint * e_mean / (1 - tint * (1 - e_mean)) * (1 - e) / e;
+}
+
+/* Give it back to a closure that reflects. */
+static void give_back(const lr_bsdf *bsdf, lr_closure *c, const double tint[3])
 {
     const double rough = sqrt(c->alpha);
     const double e = mirror_albedo(rough, bsdf->view[2]), e_mean = mirror_albedo_mean(rough);
-    for (int a = 0; a < 3; a++) {
-        const double later = once[a] * e_mean / (1 - once[a] * (1 - e_mean));
-        c->weight[a] *= 1 + later * (1 - e) / e;
-    }
+    for (int a = 0; a < 3; a++)
+        c->weight[a] *= between(e, e_mean, tint[a]);
 }
 
 static void add_diffuse(lr_bsdf *bsdf, const double weight[3])
@@ -167,12 +181,11 @@ static void add_diffuse(lr_bsdf *bsdf, const double weight[3])
 }
 
 static void add_glossy(lr_bsdf *bsdf, const lr_lobe *lobe, const double weight[3],
-                       const double color[3])
+                       const double tint[3])
 {
     lr_closure c = closure(LR_RAY_GLOSSY, weight, lobe->roughness);
-    const double once[3] = {fmin(color[0], 1), fmin(color[1], 1), fmin(color[2], 1)};
     if (lobe->flags & LR_LOBE_MULTISCATTER)
-        give_back(bsdf, &c, once);
+        give_back(bsdf, &c, tint);
     enlist(bsdf, &c);
 }
 
@@ -194,10 +207,10 @@ static void add_metal(lr_bsdf *bsdf, const lr_lobe *lobe, const double weight[3]
     enlist(bsdf, &c);
 }
 
-/* A dielectric that reflects and refracts, tinted either way; tint may color the reflection at
- * normal incidence. */
+/* A dielectric that reflects and refracts, weighted either way. facing: the colour of its
+ * reflection at normal incidence; tint: what is left of light that goes through. */
 static void add_glass(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const double reflected[3],
-                      const double refracted[3], const double tint[3])
+                      const double refracted[3], const double facing[3], const double tint[3])
 {
     lr_closure c = closure(LR_RAY_GLOSSY, reflected, lobe->roughness);
     c.fresnel = FRESNEL_DIELECTRIC;
@@ -205,16 +218,19 @@ static void add_glass(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const double
     if (fabs(n - 1) < INDEX_MIN)
         c.alpha = 0;
     for (int a = 0; a < 3; a++)
-        c.f0[a] = fmin(lr_fresnel_0(n) * tint[a], 1);
-    double scale = 1;
-    if ((lobe->flags & LR_LOBE_MULTISCATTER) && c.alpha > 0)
-        scale = 1 / look_up(lr_albedo_glass[n < 1], sqrt(c.alpha), bsdf->view[2], n);
+        c.f0[a] = fmin(lr_fresnel_0(n) * facing[a], 1);
+    double scale[3] = {1, 1, 1};
+    for (int a = 0; a < 3 && (lobe->flags & LR_LOBE_MULTISCATTER) && c.alpha > 0; a++) {
+        const double rough = sqrt(c.alpha);
+        scale[a] = between(look_up(lr_albedo_glass[n < 1], rough, bsdf->view[2], n),
+                           look_up_mean(lr_albedo_glass_mean[n < 1], rough, n), tint[a]);
+    }
     for (int a = 0; a < 3; a++)
-        c.weight[a] = scale * reflected[a];
+        c.weight[a] = scale[a] * reflected[a];
     enlist(bsdf, &c);
     c.kind = LR_RAY_TRANSMISSION;
     for (int a = 0; a < 3; a++)
-        c.weight[a] = scale * refracted[a];
+        c.weight[a] = scale[a] * refracted[a];
     enlist(bsdf, &c);
 }
 
@@ -244,24 +260,27 @@ static void add_coat(lr_bsdf *bsdf, const lr_lobe *lobe, double *below)
     c.fresnel = FRESNEL_DIELECTRIC;
     c.n = n;
     const double s = lr_clamp((fresnel_mean(n) - f0) / (1 - f0), 0, 1);
-    double once[3], most = 0;
     const double rise = look_up(lr_albedo_dielectric, lobe->roughness, bsdf->view[2], n);
+    double once[3], sent = 1, most = 0;
     for (int a = 0; a < 3; a++) {
         c.f0[a] = fmin(f0 * lobe->specular_tint[a], 1);
         once[a] = mix(c.f0[a], 1, s);
-        most = fmax(most, mix(c.f0[a], 1, rise));
     }
-    if (lobe->flags & LR_LOBE_MULTISCATTER)
+    if (lobe->flags & LR_LOBE_MULTISCATTER) {
         give_back(bsdf, &c, once);
+        sent = mirror_albedo(lobe->roughness, bsdf->view[2]);
+    } /* else what is lost between the facets is not found below, as in Cycles */
+    for (int a = 0; a < 3; a++)
+        most = fmax(most, c.weight[a] * sent * mix(c.f0[a], 1, rise));
     enlist(bsdf, &c);
-    *below *= lr_clamp(1 - most, 0, 1);
+    *below = fmax(*below - most, 0);
 }
 
 /* The layers from above: alpha, emission, metal, glass, reflection, diffuse base. */
 static void add_principled(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const double color[3])
 {
     double rest = lobe->weight * lobe->alpha;
-    double w[3], through[3];
+    double w[3], tint[3], through[3];
     for (int a = 0; a < 3; a++) {
         bsdf->transparency[a] += lobe->weight * (1 - lobe->alpha);
         bsdf->emission[a] += rest * lobe->emission[a];
@@ -272,10 +291,11 @@ static void add_principled(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const d
     rest *= 1 - lobe->metallic;
     for (int a = 0; a < 3; a++) {
         w[a] = rest * lobe->transmission;
-        through[a] = w[a] * sqrt(fmin(color[a], 1));
+        tint[a] = sqrt(fmin(color[a], 1));
+        through[a] = w[a] * tint[a];
     }
     if (w[0] > 0)
-        add_glass(bsdf, lobe, n, w, through, lobe->specular_tint);
+        add_glass(bsdf, lobe, n, w, through, lobe->specular_tint, tint);
     rest *= 1 - lobe->transmission;
     if (rest > 0)
         add_coat(bsdf, lobe, &rest);
@@ -292,9 +312,10 @@ static void add(lr_bsdf *bsdf, const lr_lobe *lobe, const lr_material *material,
         const double scale = lobe->ior / material->ior;
         n = (point->inside ? 1 / scale : scale) / point->eta;
     }
-    double color[3], weight[3];
+    double color[3], tint[3], weight[3];
     for (int a = 0; a < 3; a++) {
         color[a] = lobe->color[a] * (lobe->flags & LR_LOBE_TEXTURED ? point->color[a] : 1);
+        tint[a] = fmin(color[a], 1);
         weight[a] = color[a] * lobe->weight;
     }
     static const double white[3] = {1, 1, 1};
@@ -303,10 +324,10 @@ static void add(lr_bsdf *bsdf, const lr_lobe *lobe, const lr_material *material,
         add_diffuse(bsdf, weight);
         break;
     case LR_LOBE_GLOSSY:
-        add_glossy(bsdf, lobe, weight, color);
+        add_glossy(bsdf, lobe, weight, tint);
         break;
     case LR_LOBE_GLASS:
-        add_glass(bsdf, lobe, n, weight, weight, white);
+        add_glass(bsdf, lobe, n, weight, weight, white, tint);
         break;
     case LR_LOBE_REFRACTION:
         add_refraction(bsdf, lobe, n, weight);

@@ -1,0 +1,91 @@
+/* A door for tests into the renderer's closures, lights and surroundings: whole
+ * arrays at once. Compiled by tests/shading.py together with the core's own files.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/bsdf.h"
+#include "render/environment.h"
+#include "render/light.h"
+
+static lr_bsdf seen(const lr_material_desc *desc, const lr_point *point)
+{
+    static _Thread_local lr_lobe lobes[LR_LOBES_MAX];
+    lr_material material;
+    lr_bsdf bsdf;
+    lr_material_make(desc, lobes, &material);
+    lr_bsdf_at(&material, point, &bsdf);
+    return bsdf;
+}
+
+LR_API uint32_t door_flags(const lr_material_desc *desc)
+{
+    lr_lobe lobes[LR_LOBES_MAX];
+    lr_material material;
+    lr_material_make(desc, lobes, &material);
+    return material.flags;
+}
+
+LR_API void door_look(const lr_material_desc *desc, const lr_point *point, double share[5],
+                      double emission[3], double transparency[3])
+{
+    const lr_bsdf bsdf = seen(desc, point);
+    memcpy(share, bsdf.share, sizeof bsdf.share);
+    memcpy(emission, bsdf.emission, sizeof bsdf.emission);
+    memcpy(transparency, bsdf.transparency, sizeof bsdf.transparency);
+}
+
+LR_API void door_sample(const lr_material_desc *desc, const lr_point *point, int32_t kind,
+                        int64_t n, const double (*u)[3], lr_scatter *scatter)
+{
+    const lr_bsdf bsdf = seen(desc, point);
+    for (int64_t i = 0; i < n; i++)
+        if (!lr_bsdf_sample(&bsdf, kind, u[i], &scatter[i]))
+            scatter[i] = (lr_scatter){.pdf = 0};
+}
+
+LR_API void door_eval(const lr_material_desc *desc, const lr_point *point, int64_t n,
+                      const double (*light)[3], lr_response (*response)[LR_GROUPS])
+{
+    const lr_bsdf bsdf = seen(desc, point);
+    for (int64_t i = 0; i < n; i++)
+        lr_bsdf_eval(&bsdf, light[i], response[i]);
+}
+
+LR_API void door_light_sample(const lr_light *light, const double p[3], int64_t n,
+                              const double (*u)[2], lr_light_ray *ray)
+{
+    for (int64_t i = 0; i < n; i++)
+        if (!lr_light_sample(light, p, u[i], &ray[i]))
+            ray[i] = (lr_light_ray){.pdf = 0};
+}
+
+/* pdf 0 where the light is missed. */
+LR_API void door_light_hit(const lr_light *light, const double o[3], int64_t n,
+                           const double (*d)[3], lr_light_ray *ray)
+{
+    for (int64_t i = 0; i < n; i++) {
+        ray[i] = (lr_light_ray){.pdf = 0};
+        lr_light_ray r = {.pdf = 0};
+        memcpy(r.direction, d[i], sizeof r.direction);
+        if (lr_light_hit(light, o, d[i], INFINITY, &r.distance, r.color, &r.pdf))
+            ray[i] = r;
+    }
+}
+
+/* Sampled directions with u, or the given ones without. */
+LR_API int32_t door_environment(const lr_world *world, int64_t n, const double (*u)[2],
+                                lr_light_ray *ray)
+{
+    lr_environment e;
+    if (lr_environment_check(world, NULL) != LR_OK ||
+        lr_environment_make(world, &e, NULL) != LR_OK)
+        return 0;
+    for (int64_t i = 0; i < n; i++) {
+        if (u == NULL) {
+            lr_environment_radiance(&e, ray[i].direction, ray[i].color);
+            ray[i].pdf = lr_environment_pdf(&e, ray[i].direction);
+        } else if (!lr_environment_sample(&e, u[i], ray[i].direction, ray[i].color, &ray[i].pdf))
+            ray[i].pdf = 0;
+    }
+    lr_environment_free(&e);
+    return 1;
+}
