@@ -16,7 +16,6 @@ from stage import (
     meet_sphere,
     one,
     slab,
-    unit,
 )
 
 import leapray
@@ -218,7 +217,7 @@ def test_a_hall_of_mirrors_dims_by_every_bounce(limit):
     cam = camera((0, -3.9, 0.5), (0, 0, 3.0), size=(8, 64), width=0.02)
     got = render(cam, [(one(wall), mirror), (one(wall, upper), mirror)], size=(8, 64),
                  glossy_bounces=limit, max_bounces=limit)  # fmt: skip
-    o, d = centre_rays(cam, (8, 64))
+    d = centre_rays(cam, (8, 64))[1]
     slope = d[..., 2] / d[..., 1]
     height = 0.5 + slope * (4.0 + 3.9)  # where it would be at the end
     bounces = np.floor(height).astype(int)
