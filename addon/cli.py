@@ -23,6 +23,7 @@ from pathlib import Path
 
 import leapray
 from leapray import LeapRayError
+from leapray.arrays import SAMPLE_TYPES
 from leapray.voxelization import FILTERS
 
 from . import model
@@ -125,6 +126,24 @@ def parser(argv: Sequence[str] = ()) -> argparse.ArgumentParser:
 def add_settings(verb: argparse.ArgumentParser) -> None:
     """Options that replace settings of the scene; what is not given stays the scene's."""
     verb.add_argument("--samples", type=count(1), metavar="N", help="rays per pixel")
+    for kind in ("max", "diffuse", "glossy", "transmission", "transparent"):
+        of = "in all" if kind == "max" else f"by {kind} surfaces"
+        verb.add_argument(
+            f"--{kind}-bounces", type=count(0), metavar="N", help=f"most bounces of light {of}"
+        )
+    verb.add_argument(
+        "--noise-threshold",
+        type=float,
+        metavar="X",
+        help="where a pixel has enough samples; 0: never",
+    )
+    verb.add_argument(
+        "--min-samples", type=count(0), metavar="N", help="before noise is judged; 0: as suits it"
+    )
+    verb.add_argument("--pixel-filter", choices=list(leapray.PIXEL_FILTERS))
+    verb.add_argument("--filter-width", type=float, metavar="X", help="of the pixel filter, pixels")
+    verb.add_argument("--ao-distance", type=float, metavar="X", help="reach of ambient occlusion")
+    verb.add_argument("--seed", type=count(0), metavar="N", help="another pattern of rays")
     verb.add_argument(
         "--traverser",
         metavar="NAME",
@@ -147,6 +166,11 @@ def add_settings(verb: argparse.ArgumentParser) -> None:
         metavar="X",
         help=f"of a pixel, for --resolution auto; {DEFAULTS.pixel_error} unless the scene says so",
     )
+    verb.add_argument(
+        "--half-width", type=float, metavar="X", help="of that filter, voxels; 0: as suits"
+    )
+    verb.add_argument("--sample-type", choices=list(SAMPLE_TYPES), help="of the volumes")
+    verb.add_argument("--memory-mb", type=count(1), metavar="N", help="for all volumes")
     verb.add_argument(
         "--cache-folder",
         metavar="DIR",

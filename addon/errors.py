@@ -66,6 +66,11 @@ class Measure:
     def nbytes(self) -> int:
         return self.volume_nbytes + self.structure_nbytes
 
+    def typical(self) -> float:
+        """The error that the quantile of the surface keeps, in object space."""
+        found = self.surface[~self.lost]
+        return float(np.quantile(found, QUANTILE)) if len(found) else 0.0
+
 
 @dataclass(frozen=True)
 class Errors:

@@ -44,6 +44,11 @@ class Work:
     face: int = 0  # of a plate, from 1 on
     history: list[float] = field(default_factory=list)
 
+    @property
+    def fixed(self) -> bool:
+        """Whether the object says how fine the volume is."""
+        return self.mesh.modelling.resolution > 0
+
     def needs(self, pixel_error: float) -> tuple[float, float, float]:
         """How many times too coarse the surface is, its colours and edges; 1 is good enough."""
         e = self.errors
@@ -76,8 +81,11 @@ class Levels:
     def _key(self, work: Work, what: str, voxel_size: float) -> tuple:
         s = self.settings
         made = what, work.digest, voxel_size, work.with_ids, work.carries, s.sample_type
-        made = *made, s.filter, s.half_width
+        made = *made, self._filter(work.mesh), s.half_width, work.mesh.modelling.kind
         return made if what == "volume" else (*made, s.traverser)
+
+    def _filter(self, mesh: model.Mesh) -> str:
+        return mesh.modelling.filter or self.settings.filter
 
     def held(self) -> int:
         """Bytes of all volumes and structures that are alive, as far as the plan has come."""
@@ -130,15 +138,16 @@ class Levels:
             error = leapray.OutOfMemory("the level's volume is larger than its room")
             error.nbytes = volume.info.nbytes
             raise error
+        kernel = self._filter(work.mesh)
         try:
-            return self._voxelize(work, voxel_size, max_nbytes, self.settings.filter)
+            return self._voxelize(work, voxel_size, max_nbytes, kernel)
         except (leapray.Stopped, leapray.OutOfMemory):
             raise
         except leapray.LeapRayError:
-            if self.settings.filter not in SOLID_FILTERS:
+            if kernel not in SOLID_FILTERS:
                 raise
         volume = self._voxelize(work, voxel_size, max_nbytes, "ramp")
-        why = f"{work.name!r} has no inside for the filter {self.settings.filter}: ramp instead."
+        why = f"{work.name!r} has no inside for the filter {kernel}: ramp instead."
         if why not in self.warnings:
             self.warnings.append(why)
         return volume
@@ -151,6 +160,7 @@ class Levels:
             work.mesh.vertices,
             work.mesh.triangles,
             voxel_size,
+            kind=work.mesh.modelling.kind,
             filter=kernel,
             half_width=self.settings.half_width or None if own else None,
             ids=work.mesh.slots if work.with_ids else None,
@@ -161,12 +171,13 @@ class Levels:
             max_nbytes=max_nbytes,
         )
 
-    def _rise(self, volume: leapray.Volume) -> float:
+    def _rise(self, mesh: model.Mesh, volume: leapray.Volume) -> float:
         """Of occupancy per voxel across a plane."""
-        s = self.settings
-        sheet = volume.info.kind == "sheet" and s.filter in SOLID_FILTERS
-        kernel = "ramp" if sheet else s.filter
-        return slope(kernel, s.half_width or own_half_width(kernel, s.sample_type))
+        s, kernel = self.settings, self._filter(mesh)
+        if volume.info.kind == "sheet" and kernel in SOLID_FILTERS:
+            kernel = "ramp"
+        width = s.half_width if kernel == s.filter else 0.0
+        return slope(kernel, width or own_half_width(kernel, s.sample_type))
 
     def drop(self, work: Work) -> None:
         """Forget the volume of a level that is left; what was measured on it stays."""
@@ -193,7 +204,7 @@ class Levels:
                 self._probes(work),
                 voxel_size,
                 self._color_errors(work, structure),
-                self._rise(structure.volume),
+                self._rise(work.mesh, structure.volume),
             )
             self.cache.put(key, measure)
         elif measure.nbytes > room or measure.volume_nbytes > volume_room:

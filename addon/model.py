@@ -12,6 +12,15 @@ Color = tuple[float, float, float]  # linear RGB
 
 
 @dataclass(frozen=True)
+class Modelling:
+    """How a mesh becomes a volume, where its object says more than the scene."""
+
+    kind: str = "auto"  # "auto" | "solid" | "sheet"
+    resolution: int = 0  # samples along its volume's longest side; 0: as the scene
+    filter: str = ""  # of the voxelization; "": the scene's
+
+
+@dataclass(frozen=True)
 class Mesh:
     """One distinct evaluated mesh in its own space; instances share it."""
 
@@ -22,6 +31,7 @@ class Mesh:
     corner_normals: NDArray[np.float32] | None = None  # (m, 3, 3) unit; None: flat throughout
     corner_colors: NDArray[np.float32] | None = None  # (m, 3, 3) linear RGB of the vertex colours
     corner_uvs: NDArray[np.float32] | None = None  # (m, 3, 2)
+    modelling: Modelling = field(default_factory=Modelling)
 
 
 @dataclass(frozen=True)
@@ -148,6 +158,17 @@ class Settings:
     """What the user may choose, in the panel and on the command line alike."""
 
     samples: int = 16
+    noise_threshold: float = 0.0  # at which a pixel gets no more samples; 0: never
+    min_samples: int = 0  # before that; 0: by the threshold
+    pixel_filter: str = "box"  # "box" of one pixel | "blackman_harris"
+    filter_width: float = 1.5  # pixels, of the latter
+    max_bounces: int = 12  # in all, without transparent_bounces
+    diffuse_bounces: int = 0
+    glossy_bounces: int = 4
+    transmission_bounces: int = 12
+    transparent_bounces: int = 8
+    branches: int = 0  # rays of one sample on their way at a time; 0: by the samples
+    ao_distance: float = 10.0  # reach of ambient occlusion, in world space
     traverser: str = ""  # "" is the core's default
     hit_test: str = "extrema"
     root: str = "newton"
@@ -179,6 +200,8 @@ class Scene:
     width: int  # pixels rendered (the border's size where there is one)
     height: int
     settings: Settings
+    passes: tuple[str, ...] = ("Combined", "Depth", "Normal", "Position", "Object Index")
+    mist: tuple[float, float, str] = (5.0, 25.0, "QUADRATIC")  # start, depth, Blender's falloff
     warnings: tuple[str, ...] = ()
     seconds_read: float = 0.0
 

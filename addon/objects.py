@@ -61,6 +61,11 @@ def wrong_with_matrices(matrices: NDArray[np.float64]) -> list[str]:
     ]
 
 
+def scale(matrix: NDArray[np.float64]) -> float:
+    """How many times longer things become on the average."""
+    return float(abs(np.linalg.det(np.asarray(matrix, np.float64)[:3, :3])) ** (1 / 3))
+
+
 def usable(scene: model.Scene, warnings: list[str]) -> list[model.Instance]:
     """The instances that can be modelled; each of the others gets a warning that names it.
 

@@ -95,4 +95,5 @@ def _only(mesh: model.Mesh, chosen: NDArray[np.bool_]) -> model.Mesh:
         triangles.reshape(shape).astype(np.int32),
         slots,
         **bake.only(mesh, chosen),
+        modelling=mesh.modelling,
     )

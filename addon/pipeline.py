@@ -212,7 +212,9 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
         world=scene.world,
         film_transparent=scene.film_transparent,
         slot_objects=planned.slot_objects,
+        mist=scene.mist,
     )
+    sampling = {name: getattr(s, name) for name in leapray.SAMPLING}
     todo = collections.deque(tiles.split(scene.width, scene.height, s.tile_size))
     n_tiles = len(todo)
     crew.phase, crew.share = f"Rendered 0/{n_tiles} Tiles", PLANNED
@@ -222,7 +224,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
 
     def worker(counters):
         def job(put: Callable) -> None:
-            workspace = placed.workspace(side, side)
+            workspace = placed.workspace(side, side, s.branches or leapray.branches_for(s.samples))
             sizes.append(workspace.nbytes)
             while True:
                 try:
@@ -234,9 +236,11 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
                     samples=s.samples,
                     seed=s.seed,
                     options={"hit_test": s.hit_test, "root": s.root, "normal": s.normal},
+                    passes=scene.passes,
                     workspace=workspace,
                     watch=crew.watch,
                     counters=counters,
+                    **sampling,
                 )
                 put((tile, parts))
 

@@ -105,6 +105,7 @@ class Planner(Levels):
                 ids = several and mesh.slots is not None
                 work = Work(index, part, users[0].name, mesh, name, matrices, shown, ids, outfit)
                 work.carries = bake.digest(mesh, outfit)
+                work.whole = mesh.modelling.kind != "auto"  # as its object says
                 self._start_one(work)
             self.advance(0.3 * (done + 1) / len(by_mesh))
         self.warnings += self.wardrobe.warnings
@@ -128,7 +129,7 @@ class Planner(Levels):
 
     def first_size(self, work: Work) -> float:
         """The voxel size to start with, in object space."""
-        n = self.settings.resolution
+        n = work.mesh.modelling.resolution or self.settings.resolution
         return fixed_size(work.mesh, n) if n else coarsest(work.mesh)
 
     def _start_one(self, work: Work) -> None:
@@ -168,7 +169,7 @@ class Planner(Levels):
             surface, color, edges = self.works[n].needs(bar)
             return -surface, -color, -edges, n
 
-        queue = [ticket(n) for n in range(len(self.works)) if not self.works[n].stuck]
+        queue = [ticket(n) for n, work in enumerate(self.works) if not (work.stuck or work.fixed)]
         heapq.heapify(queue)
         total, left = 1e-9, 0.0
         while queue and queue[0][:3] < (-1.0, -1.0, -1.0):
@@ -244,7 +245,7 @@ class Planner(Levels):
         left = self.budget * SHARP_SHARE
         for work in sorted(self.works, key=lambda w: w.measure.nbytes):
             before = work.measure.volume_nbytes
-            wanted = 0 if work.stuck else math.ceil(math.log2(work.errors.softness()))
+            wanted = 0 if work.stuck or work.fixed else math.ceil(math.log2(work.errors.softness()))
             for levels in range(wanted, 0, -1):
                 if not self._refused(work, levels, left + before):
                     break
@@ -279,6 +280,7 @@ class Planner(Levels):
         works: dict[tuple[int, bake.Outfit], list[Work]] = {}
         for work in self.works:
             works.setdefault((work.index, work.outfit), []).append(work)
+        index = {id(work): n for n, work in enumerate(self.works, 1)}
         first: dict[tuple[int, ...], int] = {}
         slots: list[int] = []
         placed = []
@@ -296,6 +298,10 @@ class Planner(Levels):
                     visible_camera=instance.visible_camera,
                     visible_shadow=instance.visible_shadow,
                     visible_diffuse=instance.visible_diffuse,
+                    visible_glossy=instance.visible_glossy,
+                    visible_transmission=instance.visible_transmission,
+                    volume_index=index[id(work)],
+                    error=work.measure.typical() * objects.scale(instance.world_from_object),
                 )
                 for work in works.get(self._dressed(instance), [])
             ]
@@ -335,7 +341,7 @@ class Planner(Levels):
     def _complaint(self, work: Work) -> str:
         """The sentence on a volume that is coarser than it was asked to be, or ""."""
         what = work.errors.sentence(self.settings.pixel_error)
-        if self.settings.resolution or not what:
+        if self.settings.resolution or work.fixed or not what:
             return ""
         return f"{work.name!r} has {what}: {work.stuck}."
 

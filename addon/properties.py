@@ -14,7 +14,7 @@ import bpy
 
 import leapray
 from leapray.arrays import SAMPLE_TYPES
-from leapray.voxelization import FILTERS
+from leapray.voxelization import FILTERS, KINDS
 
 from . import model
 
@@ -29,11 +29,25 @@ ABOUT = {  # of menu entries; a new one in the core shows up without
     "analytic": "The gradient of the field itself: faceted at cell borders",
     "objects": "One volume for each distinct mesh, shared by its instances",
     "scene": "One volume for the whole scene",
+    "box": "The mean over the pixel itself: sharp edges",
+    "blackman_harris": "Cycles' own: smooth edges, no stair steps",
+    "ramp": "Linear in the distance to the surface",
+    "cone": "The hypercone of Wang and Kaufman: soft",
+    "gauss": "Gaussian: soft",
+    "binary": "Inside or outside, nothing between",
+    "auto": "A solid where the mesh is closed, a sheet where it is open",
+    "solid": "What the mesh encloses",
+    "sheet": "The surface alone, without an inside",
     "u8": "One byte per sample: smallest, for previews",
     "u16": "Two bytes per sample: as good as exact for most scenes",
     "f32": "Four bytes per sample: for measurements",
 }
-LABELS = {"u8": "8 bit", "u16": "16 bit", "f32": "32 bit float"}
+LABELS = {
+    "u8": "8 bit",
+    "u16": "16 bit",
+    "f32": "32 bit float",
+    "blackman_harris": "Blackman-Harris",
+}
 
 
 def menu(names, about=ABOUT, labels=LABELS) -> list[tuple[str, str, str, int]]:
@@ -59,7 +73,16 @@ def label(traverser) -> str:
     return f"{traverser.label} ({options})" if options else traverser.label
 
 
+def bounces(name: str, description: str, default: int) -> bpy.props.IntProperty:
+    """A limit of bounces, as Cycles has it."""
+    return bpy.props.IntProperty(
+        name=name, description=description, default=default, min=0, max=1024, soft_max=64
+    )
+
+
 TRAVERSERS = leapray.variants()
+AS_SCENE = ("scene", "As Scene", "What the scene's settings say", 0)
+VOXEL_FILTER_ABOUT = {**ABOUT, "box": "The exact share of the voxel that is inside"}
 
 
 class LeapRaySettings(bpy.types.PropertyGroup):
@@ -72,6 +95,72 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         min=1,
         soft_max=256,
         max=65536,
+    )
+    noise_threshold: bpy.props.FloatProperty(
+        name="Noise Threshold",
+        description="Pixels whose estimated noise is below this get no more samples; 0 gives all "
+        "pixels the same",
+        default=DEFAULTS.noise_threshold,
+        min=0.0,
+        soft_max=1.0,
+        max=10.0,
+        precision=4,
+    )
+    min_samples: bpy.props.IntProperty(
+        name="Min Samples",
+        description="Samples that every pixel gets before its noise is judged; 0 takes what suits "
+        "the threshold",
+        default=DEFAULTS.min_samples,
+        min=0,
+        soft_max=256,
+        max=4096,
+    )
+    pixel_filter: bpy.props.EnumProperty(
+        name="Pixel Filter",
+        description="How samples near a pixel are weighted",
+        items=menu(leapray.PIXEL_FILTERS),
+        default=DEFAULTS.pixel_filter,
+    )
+    filter_width: bpy.props.FloatProperty(
+        name="Width",
+        description="Width of the pixel filter in pixels",
+        default=DEFAULTS.filter_width,
+        min=0.01,
+        soft_max=3.0,
+        max=10.0,
+        subtype="PIXEL",
+    )
+    max_bounces: bounces("Total", "Most bounces of light in all", DEFAULTS.max_bounces)
+    diffuse_bounces: bounces(
+        "Diffuse",
+        "Most diffuse bounces; 0 leaves surfaces without light from each other, which is fast",
+        DEFAULTS.diffuse_bounces,
+    )
+    glossy_bounces: bounces("Glossy", "Most reflections", DEFAULTS.glossy_bounces)
+    transmission_bounces: bounces("Transmission", "Most refractions", DEFAULTS.transmission_bounces)
+    transparent_bounces: bounces(
+        "Transparent",
+        "Most surfaces that light passes straight, by alpha or a Transparent BSDF",
+        DEFAULTS.transparent_bounces,
+    )
+    branches: bpy.props.IntProperty(
+        name="Branches",
+        description="Rays of one sample that may be on their way at a time: where a surface both "
+        "reflects and refracts, more are followed and fewer left to chance; 0 takes what suits the "
+        "samples",
+        default=DEFAULTS.branches,
+        min=0,
+        max=16,
+    )
+    ao_distance: bpy.props.FloatProperty(
+        name="Distance",
+        description="How far away things darken the Ambient Occlusion pass",
+        default=DEFAULTS.ao_distance,
+        min=1e-6,
+        soft_min=0.01,
+        soft_max=100.0,
+        max=1e9,
+        subtype="DISTANCE",
     )
     traverser: bpy.props.EnumProperty(
         name="Traverser",
@@ -144,7 +233,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
     filter: bpy.props.EnumProperty(
         name="Filter",
         description="How occupancy falls across the surface of volumes",
-        items=menu(FILTERS),
+        items=menu(FILTERS, VOXEL_FILTER_ABOUT),
         default=DEFAULTS.filter,
     )
     half_width: bpy.props.FloatProperty(
@@ -179,6 +268,52 @@ class LeapRaySettings(bpy.types.PropertyGroup):
     )
 
 
+class LeapRayObject(bpy.types.PropertyGroup):
+    """How LeapRay models an object, where that is not left to the scene."""
+
+    kind: bpy.props.EnumProperty(
+        name="Kind",
+        description="What the object's mesh stands for",
+        items=menu(KINDS),
+        default="auto",
+    )
+    resolution: bpy.props.IntProperty(
+        name="Resolution",
+        description="Samples along the longest side of the object's volume; 0 leaves it to the "
+        "scene",
+        default=0,
+        min=0,
+        soft_max=1024,
+        max=16384,
+    )
+    filter: bpy.props.EnumProperty(
+        name="Filter",
+        description="How the object's mesh becomes samples",
+        items=[AS_SCENE, *menu(FILTERS, VOXEL_FILTER_ABOUT)],
+        default="scene",
+    )
+
+
+class LeapRayViewLayer(bpy.types.PropertyGroup):
+    """LeapRay's own passes of a view layer."""
+
+    use_pass_error: bpy.props.BoolProperty(
+        name="Error",
+        description="How far the surface that is seen may lie from its true place, in pixels",
+    )
+    use_pass_volume: bpy.props.BoolProperty(
+        name="Volume",
+        description="The number of the volume that is seen, in the order of the report",
+    )
+
+
+def modelling(ob) -> model.Modelling:
+    """How the object wants to be modelled, as plain values; unknown choices are the scene's."""
+    own = ob.leapray
+    filter_name = "" if own.filter == "scene" else own.filter
+    return model.Modelling(own.kind or "auto", own.resolution, filter_name)
+
+
 def settings(scene) -> model.Settings:
     """The scene's settings as plain values.
 
@@ -203,13 +338,22 @@ def settings(scene) -> model.Settings:
     return model.Settings(**values, threads=scene.render.threads if fixed else 0)
 
 
+OWNERS = (  # the type that has `leapray`, the properties, what the user is told
+    (bpy.types.Scene, LeapRaySettings, "Settings of the LeapRay engine"),
+    (bpy.types.Object, LeapRayObject, "How LeapRay models the object"),
+    (bpy.types.ViewLayer, LeapRayViewLayer, "LeapRay's own passes"),
+)
+
+
 def register() -> None:
-    bpy.utils.register_class(LeapRaySettings)
-    bpy.types.Scene.leapray = bpy.props.PointerProperty(
-        type=LeapRaySettings, name="LeapRay", description="Settings of the LeapRay engine"
-    )
+    for owner, group, description in OWNERS:
+        bpy.utils.register_class(group)
+        owner.leapray = bpy.props.PointerProperty(
+            type=group, name="LeapRay", description=description
+        )
 
 
 def unregister() -> None:
-    del bpy.types.Scene.leapray
-    bpy.utils.unregister_class(LeapRaySettings)
+    for owner, group, _ in reversed(OWNERS):
+        del owner.leapray
+        bpy.utils.unregister_class(group)

@@ -14,30 +14,50 @@ class Pass:
     """A pass of Blender's."""
 
     name: str  # Blender's, and the core's
-    channels: str  # one letter each
+    channels: str  # one letter each; more than the core gives repeat its one
     kind: str  # Blender's type of the values
-    switch: str = ""  # the view layer's property that asks for it; "": always there
+    switch: str = ""  # the property that asks for it; "": always there
     old_name: str = ""  # before Blender 5.0
+    own: bool = False  # its switch is among LeapRay's properties of the view layer
 
     def blender_name(self) -> str:
         import bpy
 
         return self.old_name if self.old_name and bpy.app.version < (5, 0) else self.name
 
+    def owner(self, view_layer):
+        """What holds the switch."""
+        return view_layer.leapray if self.own else view_layer
+
+    def wanted(self, view_layer) -> bool:
+        return not self.switch or getattr(self.owner(view_layer), self.switch)
+
 
 PASSES = (
     Pass("Combined", "RGBA", "COLOR"),
     Pass("Depth", "Z", "VALUE", "use_pass_z"),
-    Pass("Normal", "XYZ", "VECTOR", "use_pass_normal"),
+    Pass("Mist", "Z", "VALUE", "use_pass_mist"),
     Pass("Position", "XYZ", "VECTOR", "use_pass_position"),
+    Pass("Normal", "XYZ", "VECTOR", "use_pass_normal"),
     Pass("Object Index", "X", "VALUE", "use_pass_object_index", old_name="IndexOB"),
+    Pass("Material Index", "X", "VALUE", "use_pass_material_index", old_name="IndexMA"),
+    Pass("Emission", "RGB", "COLOR", "use_pass_emit", old_name="Emit"),
+    Pass("Environment", "RGB", "COLOR", "use_pass_environment", old_name="Env"),
+    Pass("Ambient Occlusion", "RGB", "COLOR", "use_pass_ambient_occlusion", old_name="AO"),
+    Pass("Error", "X", "VALUE", "use_pass_error", own=True),
+    Pass("Volume", "X", "VALUE", "use_pass_volume", own=True),
 )
+
+
+def wanted(view_layer) -> tuple[str, ...]:
+    """The core's names of the passes that the view layer asks for."""
+    return tuple(each.name for each in PASSES if each.wanted(view_layer))
 
 
 def register_passes(engine, scene, view_layer) -> None:
     """Tell Blender which passes the view layer will get."""
     for each in PASSES:
-        if not each.switch or getattr(view_layer, each.switch):
+        if each.wanted(view_layer):
             name = each.blender_name()
             engine.register_pass(
                 scene, view_layer, name, len(each.channels), each.channels, each.kind
@@ -60,5 +80,6 @@ def write_tile(
         for each in layer.passes:
             values = passes.get(names.get(each.name, ""))
             if values is not None:
-                each.rect.foreach_set(np.ascontiguousarray(values, np.float32).ravel())
+                shape = (height, width, each.channels)
+                each.rect.foreach_set(np.broadcast_to(values, shape).astype(np.float32).ravel())
     engine.end_result(result)

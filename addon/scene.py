@@ -9,14 +9,14 @@ feature, and a bad object with one per reason; both name the objects.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from leapray import LeapRayError
 
-from . import lights, materials, model
+from . import lights, materials, model, properties, result
 from .meshes import NO_FACES, read_mesh, read_object_mesh
 from .notes import Notes
 
@@ -62,8 +62,6 @@ def read(
     start = time.perf_counter()
     scene = depsgraph.scene_eval
     if settings is None:
-        from . import properties
-
         settings = properties.settings(scene)
     if width < 1 or height < 1:
         raise LeapRayError(f"The resolution is {width} x {height} pixels; it needs at least 1 x 1")
@@ -84,6 +82,8 @@ def read(
         width=border.width,
         height=border.height,
         settings=settings,
+        passes=result.wanted(depsgraph.view_layer),
+        mist=_mist(world),
         warnings=notes.sentences(),
         seconds_read=time.perf_counter() - start,
     )
@@ -156,6 +156,14 @@ def _camera(camera, scene, width, height, border, notes) -> model.Camera:
         clip_start=data.clip_start,
         clip_end=data.clip_end,
     )
+
+
+def _mist(world) -> tuple[float, float, str]:
+    """Start, depth and falloff of the Mist pass."""
+    if world is None:
+        return 5.0, 25.0, "QUADRATIC"  # what a new world has
+    mist = world.mist_settings
+    return mist.start, mist.depth, mist.falloff
 
 
 # ---- objects -------------------------------------------------------------
@@ -234,7 +242,8 @@ class _Objects:
         """The index of the object's mesh as its materials want it, or what is wrong with it."""
         textures = tuple(self._textures[at] for at in slots)
         wanted = tuple(at if self._textures[at] else -1 for at in slots)
-        key = ob.data.as_pointer(), wanted if any(textures) else ()
+        own = properties.modelling(ob)
+        key = ob.data.as_pointer(), wanted if any(textures) else (), own
         if key not in self._mesh_at:
             edited = ob.mode == "EDIT"  # then ob.data may be a wrapper without arrays
             try:
@@ -246,7 +255,7 @@ class _Objects:
                 self._mesh_at[key] = str(error)
             else:
                 self._mesh_at[key] = len(self.meshes)
-                self.meshes.append(mesh)
+                self.meshes.append(replace(mesh, modelling=own))
         return self._mesh_at[key]
 
     def _slots(self, ob) -> tuple[int, ...]:

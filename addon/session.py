@@ -14,7 +14,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import leapray
@@ -47,8 +47,11 @@ def open_scene(path: Path):
     return scene
 
 
-def set_format(scene, picture: Path) -> None:
-    """Have Blender write this file: PNG, or 32 bit EXR with all passes of all view layers."""
+def set_format(scene, picture: Path, passes: Collection[str] | None = None) -> None:
+    """Have Blender write this file: PNG, or 32 bit EXR with passes of all view layers.
+
+    passes: by the core's names; all of them where None.
+    """
     from . import result
 
     settings = scene.render.image_settings
@@ -61,7 +64,8 @@ def set_format(scene, picture: Path) -> None:
         for layer in scene.view_layers:
             for each in result.PASSES:
                 if each.switch:
-                    setattr(layer, each.switch, True)
+                    asked = passes is None or each.name in passes
+                    setattr(each.owner(layer), each.switch, asked)
     else:
         settings.color_mode = "RGBA" if scene.render.film_transparent else "RGB"
     path = str(picture.absolute())

@@ -46,6 +46,37 @@ class RENDER_PT_leapray(_Panel, bpy.types.Panel):
         column.prop(settings, "traverser")
 
 
+class RENDER_PT_leapray_sampling(_Panel, bpy.types.Panel):
+    bl_label = "Sampling"
+    bl_context = "render"
+    bl_parent_id = "RENDER_PT_leapray"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context) -> None:
+        column, settings = self.columns(), context.scene.leapray
+        column.prop(settings, "noise_threshold")
+        least = column.column()
+        least.active = settings.noise_threshold > 0
+        least.prop(settings, "min_samples")
+        column.prop(settings, "branches")
+        column.prop(settings, "seed")
+
+
+class RENDER_PT_leapray_paths(_Panel, bpy.types.Panel):
+    bl_label = "Light Paths"
+    bl_context = "render"
+    bl_parent_id = "RENDER_PT_leapray"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context) -> None:
+        column, settings = self.columns(), context.scene.leapray
+        bounces = column.column(align=True, heading="Max Bounces")
+        for kind in ("max", "diffuse", "glossy", "transmission", "transparent"):
+            bounces.prop(settings, f"{kind}_bounces")
+        column.separator()
+        column.prop(settings, "ao_distance", text="Ambient Occlusion Distance")
+
+
 class RENDER_PT_leapray_surface(_Panel, bpy.types.Panel):
     bl_label = "Surface"
     bl_context = "render"
@@ -66,8 +97,11 @@ class RENDER_PT_leapray_volumes(_Panel, bpy.types.Panel):
 
     def draw(self, context) -> None:
         column, settings = self.columns(), context.scene.leapray
-        for name in ("layout", "resolution", "sample_type", "filter", "half_width"):
+        column.prop(settings, "layout")
+        column.prop(settings, "resolution")
+        for name in ("filter", "half_width", "sample_type"):
             column.prop(settings, name)
+        column.separator()
         column.prop(settings, "memory_mb")
         column.prop(settings, "cache_folder")
 
@@ -86,7 +120,6 @@ class RENDER_PT_leapray_performance(_Panel, bpy.types.Panel):
         threads.prop(render, "threads")
         column.prop(settings, "tile_size")
         column.prop(render, "use_persistent_data", text="Keep Volumes")
-        column.prop(settings, "seed")
 
 
 class RENDER_PT_leapray_film(_Panel, bpy.types.Panel):
@@ -95,7 +128,12 @@ class RENDER_PT_leapray_film(_Panel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context) -> None:
-        self.columns().prop(context.scene.render, "film_transparent", text="Transparent")
+        column, settings = self.columns(), context.scene.leapray
+        column.prop(context.scene.render, "film_transparent", text="Transparent")
+        column.prop(settings, "pixel_filter")
+        width = column.column()
+        width.active = settings.pixel_filter != "box"
+        width.prop(settings, "filter_width")
 
 
 class VIEWLAYER_PT_leapray_passes(_Panel, bpy.types.Panel):
@@ -109,7 +147,7 @@ class VIEWLAYER_PT_leapray_passes(_Panel, bpy.types.Panel):
         column = self.columns()
         for each in result.PASSES:
             if each.switch:
-                column.prop(context.view_layer, each.switch, text=each.name)
+                column.prop(each.owner(context.view_layer), each.switch, text=each.name)
 
 
 class DATA_PT_leapray_light(_Panel, bpy.types.Panel):
@@ -124,9 +162,6 @@ class DATA_PT_leapray_light(_Panel, bpy.types.Panel):
         light = context.light
         self.layout.row().prop(light, "type", expand=True)
         column = self.columns()
-        if light.type not in ("SUN", "POINT"):
-            column.label(text="LeapRay renders sun and point lights so far", icon="INFO")
-            return
         column.prop(light, "color")
         column.prop(light, "use_temperature")
         if light.use_temperature:
@@ -134,7 +169,86 @@ class DATA_PT_leapray_light(_Panel, bpy.types.Panel):
         column.prop(light, "energy", text="Strength" if light.type == "SUN" else "Power")
         column.prop(light, "exposure")
         column.prop(light, "normalize")
+        column.separator()
+        if light.type == "SUN":
+            column.prop(light, "angle")
+        elif light.type == "AREA":
+            column.prop(light, "shape")
+            sides = column.column(align=True)
+            if light.shape in ("RECTANGLE", "ELLIPSE"):
+                sides.prop(light, "size", text="Size X")
+                sides.prop(light, "size_y", text="Y")
+            else:
+                sides.prop(light, "size")
+            column.prop(light, "spread")
+        else:
+            column.prop(light, "use_soft_falloff")
+            column.prop(light, "shadow_soft_size", text="Radius")
+        if light.type == "SPOT":
+            column.prop(light, "spot_size", text="Spot Size")
+            column.prop(light, "spot_blend", text="Blend")
+            column.prop(light, "show_cone")
+        column.separator()
         column.prop(light, "use_shadow", text="Shadow")
+
+
+class WORLD_PT_leapray_mist(_Panel, bpy.types.Panel):
+    bl_label = "Mist Pass"
+    bl_context = "world"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.world is not None and super().poll(context)
+
+    def draw(self, context) -> None:
+        column = self.columns()
+        for name in ("start", "depth", "falloff"):
+            column.prop(context.world.mist_settings, name)
+
+
+class WORLD_PT_leapray_visibility(_Panel, bpy.types.Panel):
+    bl_label = "Ray Visibility"
+    bl_context = "world"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return hasattr(context.world, "cycles_visibility") and super().poll(context)
+
+    def draw(self, context) -> None:
+        column = self.columns()
+        for name in ("camera", "diffuse", "glossy", "transmission"):
+            column.prop(context.world.cycles_visibility, name)
+
+
+class MATERIAL_PT_leapray_index(_Panel, bpy.types.Panel):
+    bl_label = "Settings"
+    bl_context = "material"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.material is not None and super().poll(context)
+
+    def draw(self, context) -> None:
+        self.columns().prop(context.material, "pass_index")
+
+
+class OBJECT_PT_leapray(_Panel, bpy.types.Panel):
+    bl_label = "LeapRay Volume"
+    bl_context = "object"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.object is not None and super().poll(context)
+
+    def draw(self, context) -> None:
+        column, ob = self.columns(), context.object
+        for name in ("kind", "resolution", "filter"):
+            column.prop(ob.leapray, name)
+        column.operator("object.leapray_export_vdb", icon="EXPORT")
 
 
 class OBJECT_PT_leapray_visibility(_Panel, bpy.types.Panel):
@@ -148,19 +262,25 @@ class OBJECT_PT_leapray_visibility(_Panel, bpy.types.Panel):
 
     def draw(self, context) -> None:
         column = self.columns()
-        column.prop(context.object, "visible_camera", text="Camera")
-        column.prop(context.object, "visible_diffuse", text="Diffuse")
-        column.prop(context.object, "visible_shadow", text="Shadow")
+        for rays in ("camera", "diffuse", "glossy", "transmission", "shadow"):
+            if rays != "shadow" or context.object.type != "LIGHT":
+                column.prop(context.object, f"visible_{rays}", text=rays.capitalize())
 
 
 CLASSES = (
     RENDER_PT_leapray,
+    RENDER_PT_leapray_sampling,
+    RENDER_PT_leapray_paths,
     RENDER_PT_leapray_surface,
     RENDER_PT_leapray_volumes,
     RENDER_PT_leapray_performance,
     RENDER_PT_leapray_film,
     VIEWLAYER_PT_leapray_passes,
     DATA_PT_leapray_light,
+    WORLD_PT_leapray_mist,
+    WORLD_PT_leapray_visibility,
+    MATERIAL_PT_leapray_index,
+    OBJECT_PT_leapray,
     OBJECT_PT_leapray_visibility,
 )
 

@@ -14,7 +14,7 @@ import pytest
 from blender_scenes import exr, fresh, light, mesh, put
 
 import leapray
-from addon import cli
+from addon import cli, result
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -68,7 +68,9 @@ def test_options_replace_the_scenes_settings(blend, tmp_path):
     words = ["--output", folder / "out.exr", "--json", tmp_path / "told.json", "--frame", 7]
     words += ["--samples", 3, "--traverser", first, "--hit-test", "faces", "--root", "linear"]
     words += ["--normal", "analytic", "--layout", "scene", "--resolution", 40]
-    words += ["--pixel-error", 0.5, "--threads", 1]
+    words += ["--pixel-error", 0.5, "--threads", 1, "--diffuse-bounces", 2, "--max-bounces", 3]
+    words += ["--noise-threshold", 0.25, "--pixel-filter", "blackman_harris", "--seed", 9]
+    words += ["--sample-type", "f32", "--half-width", 2]
     assert cli.main(["render", str(blend), *map(str, words)]) == 0
     told = json.loads((tmp_path / "told.json").read_text())
     assert told["frame"] == 7 and told["threads"] == 1
@@ -83,10 +85,17 @@ def test_options_replace_the_scenes_settings(blend, tmp_path):
         "resolution": 40,
         "pixel_error": 0.5,
         "threads": 1,
+        "diffuse_bounces": 2,
+        "max_bounces": 3,
+        "noise_threshold": 0.25,
+        "pixel_filter": "blackman_harris",
+        "seed": 9,
+        "sample_type": "f32",
+        "half_width": 2.0,
     }
     assert {name: settings[name] for name in want} == want
     names = {name.split(".")[1] for name in exr(folder / "out.exr") if name.count(".") == 2}
-    assert len(names) == 5 and {"Combined", "Depth", "Normal", "Position"} < names
+    assert names == {each.blender_name() for each in result.PASSES}
 
 
 REFUSED = [

@@ -40,11 +40,13 @@ def of_layer(channels, layer, each):
 
 
 def test_a_multilayer_exr_holds_the_passes_of_the_pipeline(scene, tmp_path):
+    session.set_format(scene, tmp_path / "out.exr")  # asks for all passes
     want = pipeline.render(read()).passes
     got = render_exr(scene, tmp_path / "out.exr")
     assert {each.name for each in result.PASSES} == set(want)
     for each in result.PASSES:
-        assert_array_equal(of_layer(got, "ViewLayer", each), want[each.name], each.name)
+        held = of_layer(got, "ViewLayer", each)
+        assert_array_equal(held, np.broadcast_to(want[each.name], held.shape), each.name)
     assert set(np.unique(want["Object Index"])) == {0, 1, 3}  # there was something to compare
 
 
@@ -52,7 +54,7 @@ def test_only_the_passes_that_the_layer_asks_for_are_there(scene, tmp_path):
     session.set_format(scene, tmp_path / "out.exr")
     layer = bpy.context.view_layer
     for each in result.PASSES[1:]:
-        setattr(layer, each.switch, each.name == "Normal")
+        setattr(each.owner(layer), each.switch, each.name == "Normal")
     session.render_frame(scene)
     names = {name.split(".")[1] for name in exr(tmp_path / "out.exr") if name.count(".") == 2}
     assert names == {"Combined", "Normal"}
@@ -121,7 +123,7 @@ def test_each_view_layer_gets_its_own_picture(scene, tmp_path):
     scene.collection.objects.unlink(cube)
     second.layer_collection.children["Hidden"].exclude = True
     channels = render_exr(scene, tmp_path / "out.exr")
-    index = result.PASSES[-1]
+    (index,) = (each for each in result.PASSES if each.name == "Object Index")
     assert 3 in of_layer(channels, "ViewLayer", index)
     assert set(np.unique(of_layer(channels, "Second", index))) == {0, 1}
     assert set(engine.reports) == {"ViewLayer", "Second"}
@@ -236,3 +238,42 @@ def test_an_objects_volume_is_exported_as_it_is_voxelized(scene, tmp_path):
         bpy.context.view_layer.objects.active = bad
         with pytest.raises(RuntimeError, match=f"'{bad.name}' is not exported: its mesh has no"):
             bpy.ops.object.leapray_export_vdb(filepath=str(path))
+
+
+def test_an_object_says_how_it_is_modelled(scene):
+    cube, ground = bpy.data.objects["Cube"], bpy.data.objects["Ground"]
+    twin = put("Twin", cube.data)  # shares the mesh, not the choice
+    cube.leapray.kind, cube.leapray.resolution = "sheet", 48
+    bpy.context.view_layer.update()
+    got = read()
+    at = {i.name: got.meshes[i.mesh].modelling for i in got.instances}
+    assert at["Cube"] == model.Modelling("sheet", 48)
+    assert at["Twin"] == at["Ground"] == model.Modelling()
+    rows = {row["name"]: row for row in pipeline.render(got).report["volumes"]}
+    assert (rows["Cube"]["kind"], rows[twin.name]["kind"]) == ("sheet", "solid")
+    assert 36 <= max(rows["Cube"]["size"]) <= 48 and not rows["Cube"]["stuck"]
+    assert rows[ground.name]["kind"] == "sheet"  # as it is open
+
+
+def test_the_mist_pass_is_the_worlds(scene):
+    mist = scene.world.mist_settings
+    mist.start, mist.depth, mist.falloff = 2.0, 6.0, "LINEAR"
+    assert read().mist == (2.0, 6.0, "LINEAR")
+    bpy.context.view_layer.use_pass_mist = bpy.context.view_layer.use_pass_position = True
+    passes = pipeline.render(read()).passes
+    seen = passes["Position"].any(axis=2)
+    deep = np.linalg.norm(passes["Position"][seen] - (0, 0, 10), axis=1)
+    np.testing.assert_allclose(
+        passes["Mist"][seen, 0], np.clip((deep - 2) / 6, 0, 1), atol=0.01
+    )  # means over the pixel against its centre
+
+
+def test_the_volume_pass_numbers_the_volumes_of_the_report(scene):
+    layer = bpy.context.view_layer
+    layer.leapray.use_pass_volume = layer.leapray.use_pass_error = True
+    frame = pipeline.render(read())
+    names = [row["name"] for row in frame.report["volumes"]]
+    shown = frame.passes["Volume"][..., 0]
+    middle = shown[24, 32]
+    assert names[int(middle) - 1] == "Cube" and set(np.unique(shown)) == {0, 1, 2}
+    assert (frame.passes["Error"][shown > 0] < 1.0).all()

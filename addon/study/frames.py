@@ -256,7 +256,7 @@ def render_leapray(scene: bpy.types.Scene, path: Path, samples: int, traverser: 
 def write_to(scene: bpy.types.Scene, path: Path) -> None:
     """Have Blender write 32-bit multilayer EXR to this file, and remove what is there."""
     path.unlink(missing_ok=True)
-    session.set_format(scene, path)
+    session.set_format(scene, path, CHANNELS)
     scene.render.image_settings.exr_codec = "NONE"
 
 

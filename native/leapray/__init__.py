@@ -5,7 +5,19 @@ from ._abi import LR_VERSION as __version__
 from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
 from .attributes import VERTEX, WHITE, Attributes, Texture
 from .imaging import SKIPS, Clearance, FirstCells, first_cells
-from .rendering import PASSES, Camera, Instance, Light, Lobe, Material, Scene, World
+from .rendering import (
+    PASSES,
+    PIXEL_FILTERS,
+    SAMPLING,
+    Camera,
+    Instance,
+    Light,
+    Lobe,
+    Material,
+    Scene,
+    World,
+    branches_for,
+)
 from .tracing import (
     HIT_TESTS,
     METRICS,
@@ -34,7 +46,9 @@ __all__ = [
     "MODES",
     "NORMALS",
     "PASSES",
+    "PIXEL_FILTERS",
     "ROOTS",
+    "SAMPLING",
     "SKIPS",
     "VERTEX",
     "WHITE",
@@ -63,6 +77,7 @@ __all__ = [
     "World",
     "__version__",
     "add_counters",
+    "branches_for",
     "build",
     "distance",
     "first_cells",
