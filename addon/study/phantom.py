@@ -30,6 +30,7 @@ import leapray
 
 from . import charts, oracle, page
 from .folder import study_folder, write_figures
+from .methods import label
 from .options import chosen, number
 
 STUDY = True
@@ -37,6 +38,10 @@ STUDY = True
 RADIUS = 40 / 128  # r1 by the cube's side
 SIZE, IMAGE = 128, 250  # samples of a phantom and pixels of a picture, along a side
 SEED = 1994
+# The methods of the survey's figure 2 by their first authors, and choices that it does not show.
+SINGLE, TREE, SPHERES, CUBES = SURVEY = ("Cleary", "Spackman", "Zuiderveld", "Sramek")
+NOT_SHOWN = {"cityblock", "euclid"}
+PARALLEL = ("axis", "oblique")  # cameras
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -157,9 +162,21 @@ class Row:
     structure_bytes: int
 
 
+def of_survey(entry: leapray.Traverser) -> bool:
+    """Whether the survey's figure 2 shows it."""
+    return entry.source.startswith(SURVEY) and not NOT_SHOWN & set(entry.chosen)
+
+
+def compared() -> list[leapray.Traverser]:
+    """All traversers, then the variants that the survey compared."""
+    plain = leapray.traversers()
+    more = [entry for entry in leapray.variants() if of_survey(entry) and entry not in plain]
+    return plain + more
+
+
 def measure(size: int, image: int, counts, rounds: int) -> tuple[list[Row], list[dict], float]:
     """All rows, the phantoms' figures, and the seconds that a call takes for rays that miss all."""
-    methods = leapray.traversers()
+    methods = compared()
     views = cameras(size, image)
     rows, phantoms, overhead = [], [], []
     for n in counts:
@@ -203,7 +220,7 @@ def measure(size: int, image: int, counts, rounds: int) -> tuple[list[Row], list
                         svr,
                         camera,
                         method.spec,
-                        method.label,
+                        label(method),
                         middle,
                         low,
                         high,
@@ -233,6 +250,9 @@ def series(rows: list[Row], camera: str) -> dict[str, list[Row]]:
 
 def draw(folder: Path, rows: list[Row], size: int, image: int) -> None:
     """The charts: seconds, steps and set-up time by surface-to-volume ratio."""
+    draw_survey(folder, rows, image)
+    plain = {entry.spec for entry in leapray.traversers()}
+    rows = [row for row in rows if row.traverser in plain]
     views = list(dict.fromkeys(row.camera for row in rows))
     for name, what, value in (
         ("seconds", f"milliseconds for {image} x {image} rays", lambda row: 1e3 * row.seconds),
@@ -243,9 +263,9 @@ def draw(folder: Path, rows: list[Row], size: int, image: int) -> None:
             axes,
         ):
             for axis, camera in zip(axes[0], views, strict=True):
-                for k, (label, found) in enumerate(series(rows, camera).items()):
+                for k, (shown, found) in enumerate(series(rows, camera).items()):
                     x = [row.surface_to_volume for row in found]
-                    axis.plot(x, [value(row) for row in found], label=label, **charts.look(k))
+                    axis.plot(x, [value(row) for row in found], label=shown, **charts.look(k))
                     if name == "seconds":
                         low = [1e3 * row.seconds_low for row in found]
                         high = [1e3 * row.seconds_high for row in found]
@@ -259,14 +279,34 @@ def draw(folder: Path, rows: list[Row], size: int, image: int) -> None:
             figure.legend(*handles, loc="outside lower center", ncols=6)
     with charts.chart(folder / "setup", width=13.8, height=3.6) as (figure, axes):
         axis = axes[0, 0]
-        for k, (label, found) in enumerate(series(rows, views[0]).items()):
+        for k, (name, found) in enumerate(series(rows, views[0]).items()):
             x = [row.surface_to_volume for row in found]
-            axis.plot(x, [1e3 * row.setup_seconds for row in found], label=label, **charts.look(k))
+            axis.plot(x, [1e3 * row.setup_seconds for row in found], label=name, **charts.look(k))
         axis.set_ylim(bottom=0)
         axis.set_xlabel("surface-to-volume ratio, faces per voxel")
         axis.set_ylabel("milliseconds")
         axis.set_title(f"Building the structure, {size} samples a side")
         figure.legend(*axis.get_legend_handles_labels(), loc="outside right center")
+
+
+def draw_survey(folder: Path, rows: list[Row], image: int) -> None:
+    """Figure 2 of the survey: its methods alone, through parallel rays, in steps and in time."""
+    shown = {entry.spec for entry in compared() if of_survey(entry)}
+    views = [camera for camera in dict.fromkeys(row.camera for row in rows) if camera in PARALLEL]
+    size = {"rows": 2, "columns": len(views), "width": 6.0, "height": 3.6}
+    with charts.chart(folder / "survey", **size) as (figure, axes):
+        for (y, x), axis in np.ndenumerate(axes):
+            found = series([row for row in rows if row.traverser in shown], views[x])
+            for k, (name, line) in enumerate(found.items()):
+                values = [1e3 * row.seconds if y else row.steps_per_ray for row in line]
+                ratios = [row.surface_to_volume for row in line]
+                axis.plot(ratios, values, label=name, **charts.look(k))
+            axis.set_ylim(bottom=0)
+            axis.set_title("" if y else f"{views[x]} camera")
+            axis.set_xlabel("surface-to-volume ratio, faces per voxel" if y else "")
+        axes[0, 0].set_ylabel("cells and nodes, per ray")
+        axes[1, 0].set_ylabel(f"milliseconds, {image} x {image} rays")
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
 def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
@@ -277,6 +317,8 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
         f'<p class="soft">{told["size"]}³ samples, N³ spheres of equal total volume for N = '
         f"{rows[0].n} to {rows[-1].n}, {told['image']} x {told['image']} rays, one thread, "
         f"median of {told['rounds']} interleaved rounds. {page.esc(told['machine'])}.</p>",
+        page.figure(folder, "survey.png", "The survey's figure 2", "parallel rays"),
+        "<p>" + " ".join(map(page.esc, findings(rows))) + "</p>",
         page.figure(folder, "seconds.png", "Time", "shaded: the middle half of the rounds"),
         "<p>" + " ".join(sentences(rows)) + "</p>",
         page.figure(folder, "steps.png", "Steps", "counted in a run of its own"),
@@ -316,6 +358,50 @@ def sentences(rows: list[Row]) -> list[str]:
             )
         said.append(f"{camera.capitalize()} camera: {'; '.join(ends)}.")
     return [page.esc(sentence) for sentence in said]
+
+
+def findings(rows: list[Row]) -> list[str]:
+    """What the survey found, beside the figures of this run."""
+
+    def pick(author: str, *chosen: str) -> str:
+        found = [e for e in leapray.variants() if e.source.startswith(author)]
+        return next(e.spec for e in found if set(chosen) <= set(e.chosen))
+
+    single, tree, cubes = pick(SINGLE), pick(TREE), pick(CUBES)
+    chessboard = pick(SPHERES, "chessboard", "paper")
+    chamfer = pick(SPHERES, "chamfer345", "paper")
+    said = []
+    ends = rows[0].n, rows[-1].n
+    for camera in PARALLEL:
+        at = {(row.traverser, row.n): row for row in rows if row.camera == camera}
+        for key, unit, scale in (("steps_per_ray", "steps per ray", 1), ("seconds", "ms", 1e3)):
+
+            def value(spec: str, n: int, key=key, scale=scale, at=at) -> float:
+                return scale * getattr(at[spec, n], key)
+
+            def way(spec: str, value=value) -> str:
+                first, last = value(spec, ends[0]), value(spec, ends[1])
+                return f"{'fall' if last < first else 'rise'} from {first:.2f} to {last:.2f}"
+
+            last = {spec: value(spec, ends[1]) for spec in (single, tree, cubes, chessboard)}
+            close = value(cubes, ends[1]) / value(chamfer, ends[1])
+            worst = max((tree, cubes, chessboard), key=last.get)
+            said.append(
+                f"{camera.capitalize()} camera, {unit}, N = {ends[0]} to {ends[1]}: single steps "
+                f"{way(single)}; the octree's {way(tree)}; cubes' {way(cubes)}; spheres' by "
+                f"chessboard distance {way(chessboard)}, by chamfer {way(chamfer)}. The survey: "
+                "single steps fall and all others rise; the octree is worst of those that leap "
+                f"({'so' if worst == tree else 'not so'} here at N = {ends[1]}); cubes beat "
+                f"spheres by chessboard ({'so' if last[cubes] < last[chessboard] else 'not so'}) "
+                f"and come close to spheres by chamfer (here at {close:.2f} of them)."
+            )
+        if at[single, ends[1]].seconds < at[cubes, ends[1]].seconds:
+            said.append(
+                f"In time, single steps win at N = {ends[1]}: today a step costs less than a leap."
+            )
+        wrong = [at[spec, n].wrong for spec in (chessboard, chamfer) for n in ends]
+        said.append(f"As published, spheres find up to {max(wrong)} wrong first cells.")
+    return said
 
 
 def camera_tables(found: dict[str, list[Row]]) -> list[str]:
