@@ -1,7 +1,9 @@
 /* From nearest triangles to the samples of a brick.
  *
  * Samples in the band take the signed distance to their nearest triangle, those of
- * a sheet the height over it, which runs on beyond its rim. The others of a solid
+ * a sheet the height over it, which runs on beyond its rim. Most meet the triangle in
+ * its face and take the height that the search found; f64 measures those at edges
+ * and corners, a few per cent. The others of a solid
  * take the side of their neighbours: a link between two neighbours of which one is
  * beyond the band (at least sqrt(3) voxels wide) cannot cross the surface, so sides
  * spread along the axes; that is done 64 samples at a time, one bit each. What lies
@@ -12,12 +14,17 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxel/brick.h"
 
+#include <immintrin.h>
+
 #include "voxel/box.h"
 #include "voxel/frame.h"
 #include "voxel/profile.h"
 
 /* The nearest triangle is chosen in f32; its exact distance can exceed the band by this. */
 #define BAND_SLACK 1e-3
+
+/* A height of f32 above this has its sign; below, f64 decides. */
+#define SURE 1e-3f
 
 enum { POLL = 1 << 8 }; /* triangles between looks at the stop word: each may meet 512 cells */
 
@@ -34,7 +41,12 @@ static void place_of(const lr_voxel_job *job, uint32_t at, int32_t first[3])
     first[2] = 8 * (int32_t)(at / nx / ny);
 }
 
-/* The samples that each triangle won, as linked lists; squared distances up to `most`. */
+LR_INLINE int32_t sample_of(int tile, int lane)
+{
+    return lr_sample_x(tile, lane) + 8 * lr_sample_y(tile, lane) + 64 * lr_sample_z(tile, lane);
+}
+
+/* Samples of squared distances up to `most` as linked lists of the triangles that won them. */
 static void group(const lr_nearest *nearest, float most, lr_scratch *scratch)
 {
     for (int tile = 0; tile < LR_TILES; tile++)
@@ -42,23 +54,36 @@ static void group(const lr_nearest *nearest, float most, lr_scratch *scratch)
             int32_t who = nearest->winner[tile][lane];
             if (who < 0 || nearest->d2[tile][lane] > most)
                 continue;
-            int32_t sample = lr_sample_x(tile, lane) + 8 * lr_sample_y(tile, lane) +
-                             64 * lr_sample_z(tile, lane);
+            int32_t sample = sample_of(tile, lane);
             scratch->next[sample] = scratch->first[who];
             scratch->first[who] = sample;
         }
 }
 
-static void set_sample(const lr_voxel_job *job, int32_t sample, double s, uint16_t id, sides *side,
-                       lr_brick *brick)
+/* Signed distances of the samples whose nearest triangle is met in its face, and
+ * infinity for the others; those that f64 has to measure are grouped. */
+static void take_heights(const lr_voxel_job *job, lr_scratch *scratch, float *distance)
 {
-    brick->value[sample] = (float)lr_profile(job->filter, s, job->half_width);
-    brick->id[sample] = id;
-    uint64_t bit = (uint64_t)1 << (sample & 63);
-    if (s >= 0.0)
-        side->inside[sample >> 6] |= bit;
-    else
-        side->outside[sample >> 6] |= bit;
+    const lr_nearest *nearest = &scratch->nearest;
+    const __m128 turn = _mm_set1_ps((float)-job->mesh->side), sign = _mm_set1_ps(-0.0f);
+    for (int tile = 0; tile < LR_TILES; tile++)
+        for (int lane = 0; lane < LR_LANES; lane += 4) {
+            int32_t sample = sample_of(tile, lane);
+            __m128 h = _mm_load_ps(&nearest->height[tile][lane]), size = _mm_andnot_ps(sign, h);
+            __m128 sure = _mm_and_ps(_mm_cmpgt_ps(size, _mm_set1_ps(SURE)),
+                                     _mm_cmplt_ps(size, _mm_set1_ps(INFINITY)));
+            __m128 s = _mm_and_ps(sure, _mm_mul_ps(h, turn));
+            s = _mm_or_ps(s, _mm_andnot_ps(sure, _mm_set1_ps(INFINITY)));
+            _mm_store_ps(&distance[sample], s);
+            for (int left = ~_mm_movemask_ps(sure) & 15; left != 0; left &= left - 1) {
+                int i = __builtin_ctz((unsigned)left);
+                int32_t who = nearest->winner[tile][lane + i];
+                if (who < 0)
+                    continue;
+                scratch->next[sample + i] = scratch->first[who];
+                scratch->first[who] = sample + i;
+            }
+        }
 }
 
 static void frame_of(const lr_topology *mesh, const int32_t first[3], uint32_t t, lr_frame *frame)
@@ -69,8 +94,9 @@ static void frame_of(const lr_topology *mesh, const int32_t first[3], uint32_t t
             frame->p[c][a] -= first[a];
 }
 
+/* Measure what is grouped in f64. */
 static void measure(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list,
-                    uint32_t n, lr_scratch *scratch, sides *side, lr_brick *brick)
+                    uint32_t n, lr_scratch *scratch, float *distance)
 {
     const lr_topology *mesh = job->mesh;
     for (uint32_t i = 0; i < n; i++) {
@@ -82,14 +108,49 @@ static void measure(const lr_voxel_job *job, const int32_t first[3], const uint3
         frame_of(mesh, first, list[i], &frame);
         if (!lr_frame_make(&frame)) /* rounding took the area of a sliver */
             continue;
-        uint16_t id = mesh->source.ids != NULL ? mesh->source.ids[list[i]] : 0;
         for (; sample >= 0; sample = scratch->next[sample]) {
             const double p[3] = {sample & 7, sample >> 3 & 7, sample >> 6};
             double height, s = lr_signed_distance(mesh, list[i], &frame, p, &height);
             if (fabs(s) <= job->band + BAND_SLACK)
-                set_sample(job, sample, mesh->side * (job->sheet ? height : s), id, side, brick);
+                distance[sample] = (float)(mesh->side * (job->sheet ? height : s));
         }
     }
+}
+
+static void take_ids(const lr_voxel_job *job, const uint32_t *list, const lr_nearest *nearest,
+                     const float *distance, lr_brick *brick)
+{
+    for (int tile = 0; tile < LR_TILES; tile++)
+        for (int lane = 0; lane < LR_LANES; lane++) {
+            int32_t who = nearest->winner[tile][lane], sample = sample_of(tile, lane);
+            if (who >= 0 && distance[sample] != INFINITY)
+                brick->id[sample] = job->mesh->source.ids[list[who]];
+        }
+}
+
+/* Values of the ramp, and sides; 0 and neither side where there is no distance. */
+static void settle(const lr_voxel_job *job, const float *distance, sides *side, lr_brick *brick)
+{
+    const __m128 slope = _mm_set1_ps((float)(0.5 / job->half_width)), one = _mm_set1_ps(1.0f);
+    const __m128 half = _mm_set1_ps(0.5f), zero = _mm_setzero_ps();
+    for (int i = 0; i < LR_BRICK_SAMPLES; i += 4) {
+        __m128 s = _mm_load_ps(&distance[i]), known = _mm_cmplt_ps(s, _mm_set1_ps(INFINITY));
+        __m128 value = _mm_add_ps(half, _mm_mul_ps(s, slope));
+        value = _mm_min_ps(_mm_max_ps(value, zero), one);
+        _mm_store_ps(&brick->value[i], _mm_and_ps(known, value));
+        uint64_t inside = (uint64_t)_mm_movemask_ps(_mm_and_ps(known, _mm_cmpge_ps(s, zero)));
+        uint64_t outside = (uint64_t)_mm_movemask_ps(_mm_cmplt_ps(s, zero));
+        side->inside[i >> 6] |= inside << (i & 63);
+        side->outside[i >> 6] |= outside << (i & 63);
+    }
+}
+
+/* Instead of the ramp's. */
+static void set_profile(const lr_voxel_job *job, const float *distance, lr_brick *brick)
+{
+    for (int i = 0; i < LR_BRICK_SAMPLES; i++)
+        if (distance[i] != INFINITY)
+            brick->value[i] = (float)lr_profile(job->filter, distance[i], job->half_width);
 }
 
 /* Attributes of the samples that can be corners of surface cells. */
@@ -154,7 +215,8 @@ static void clear_outside(const lr_voxel_job *job, const int32_t first[3], sides
         for (; beyond != 0; beyond &= beyond - 1) {
             int sample = 64 * z + __builtin_ctzll(beyond);
             brick->value[sample] = 0.0f;
-            brick->id[sample] = 0;
+            if (job->mesh->source.ids != NULL)
+                brick->id[sample] = 0;
         }
     }
 }
@@ -256,9 +318,20 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
     if (!job->search(job->mesh, centre, list, n, job->band, watch, &scratch->nearest))
         return false;
     sides side = {0};
-    memset(brick, 0, sizeof *brick);
-    group(&scratch->nearest, INFINITY, scratch);
-    measure(job, first, list, n, scratch, &side, brick);
+    _Alignas(16) float distance[LR_BRICK_SAMPLES];
+    brick->state = LR_STATE_UNKNOWN;
+    brick->dressed = false;
+    memset(brick->touched, 0, sizeof brick->touched);
+    memset(brick->face, 0, sizeof brick->face);
+    take_heights(job, scratch, distance);
+    measure(job, first, list, n, scratch, distance);
+    settle(job, distance, &side, brick);
+    if (job->filter != LR_FILTER_RAMP)
+        set_profile(job, distance, brick);
+    if (job->mesh->source.ids != NULL) {
+        memset(brick->id, 0, sizeof brick->id);
+        take_ids(job, list, &scratch->nearest, distance, brick);
+    }
     if (scratch->colors != NULL || scratch->normals != NULL)
         dress(job, first, list, n, scratch, brick);
     clear_outside(job, first, &side, brick);

@@ -32,8 +32,8 @@ typedef enum lr_brick_state {
 /* Sample x + 8 y + 64 z, cells as in volume/volume.h. */
 typedef struct lr_brick {
     lr_brick_state state;
-    float value[LR_BRICK_SAMPLES]; /* occupancy; quantised only when it is written */
-    uint16_t id[LR_BRICK_SAMPLES]; /* of the nearest triangle; 0 beyond the band */
+    _Alignas(16) float value[LR_BRICK_SAMPLES]; /* occupancy; quantised only when it is written */
+    uint16_t id[LR_BRICK_SAMPLES]; /* of the nearest triangle; 0 beyond the band; of meshes with ids */
     uint64_t touched[8];           /* cells that a triangle of a sheet meets */
     int8_t face[6];                /* -x +x -y +y -z +z: samples inside less samples outside */
     bool dressed;                  /* the scratch's codes hold something */

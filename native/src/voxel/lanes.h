@@ -66,9 +66,11 @@ LR_INLINE lanes lanes_pick(lane_mask m, lanes a, lanes b)
     return _mm512_mask_blend_ps(m, b, a);
 }
 
-LR_INLINE float lanes_largest(lanes a)
+LR_INLINE __m128 lanes_fold(lanes a)
 {
-    return _mm512_reduce_max_ps(a);
+    __m512 swapped = _mm512_shuffle_f32x4(a, a, 0x4e);
+    __m256 two = _mm512_castps512_ps256(_mm512_max_ps(a, swapped));
+    return _mm_max_ps(_mm256_castps256_ps128(two), _mm256_extractf128_ps(two, 1));
 }
 
 #else
@@ -151,16 +153,15 @@ LR_INLINE lanes lanes_pick(lane_mask m, lanes a, lanes b)
     LR_EACH(LR_OF(or)(LR_OF (and)(m.of[i], a.of[i]), LR_OF(andnot)(m.of[i], b.of[i])));
 }
 
-LR_INLINE float lanes_largest(lanes a)
+/* The largest of each four lanes that are four apart. */
+LR_INLINE __m128 lanes_fold(lanes a)
 {
 #if LR_LANES_SIMD == 1
     __m256 two = _mm256_max_ps(a.of[0], a.of[1]);
-    __m128 four = _mm_max_ps(_mm256_castps256_ps128(two), _mm256_extractf128_ps(two, 1));
+    return _mm_max_ps(_mm256_castps256_ps128(two), _mm256_extractf128_ps(two, 1));
 #else
-    __m128 four = _mm_max_ps(_mm_max_ps(a.of[0], a.of[1]), _mm_max_ps(a.of[2], a.of[3]));
+    return _mm_max_ps(_mm_max_ps(a.of[0], a.of[1]), _mm_max_ps(a.of[2], a.of[3]));
 #endif
-    four = _mm_max_ps(four, _mm_movehl_ps(four, four));
-    return _mm_cvtss_f32(_mm_max_ss(four, _mm_shuffle_ps(four, four, 1)));
 }
 
 #endif
@@ -172,6 +173,16 @@ LR_BINARY(lanes_div, div)
 LR_BINARY(lanes_min, min) /* the second where one is NaN, as the processor does */
 LR_BINARY(lanes_max, max)
 #undef LR_BINARY
+
+/* The largest of lanes 0, 1, 4, 5, 8 ... and of the others. */
+LR_INLINE void lanes_halves(lanes a, float *low, float *high)
+{
+    __m128 four = lanes_fold(a);
+    four = _mm_max_ps(four, _mm_shuffle_ps(four, four, 0xb1));
+    *low = _mm_cvtss_f32(four);
+    *high = _mm_cvtss_f32(_mm_movehl_ps(four, four));
+}
+
 #undef LR_EACH
 #undef LR_LESS
 #undef LR_OF

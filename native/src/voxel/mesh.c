@@ -29,7 +29,8 @@ enum {
  * are coarser than 1e-5 voxel. */
 #define FARTHEST 0x1p36
 
-static lr_status check_vertices(const lr_mesh *mesh, lr_error *error)
+/* farthest: largest coordinate of all vertices, used or not. */
+static lr_status check_vertices(const lr_mesh *mesh, double *farthest, lr_error *error)
 {
     if (mesh->vertices == NULL || mesh->triangles == NULL || mesh->n_vertices == 0 ||
         mesh->n_triangles == 0)
@@ -42,10 +43,12 @@ static lr_status check_vertices(const lr_mesh *mesh, lr_error *error)
                        "the mesh has %llu vertices and %llu triangles; at most %d and %u are taken",
                        (unsigned long long)mesh->n_vertices, (unsigned long long)mesh->n_triangles,
                        INT32_MAX, UINT32_MAX / 3 - 1);
-    for (uint64_t i = 0; i < 3 * mesh->n_vertices; i++)
+    for (uint64_t i = 0; i < 3 * mesh->n_vertices; i++) {
         if (!isfinite(mesh->vertices[i]))
             return lr_fail(error, LR_E_ARGUMENT, "vertex %llu of the mesh has the coordinate %g",
                            (unsigned long long)(i / 3), mesh->vertices[i]);
+        *farthest = fmax(*farthest, fabs(mesh->vertices[i]));
+    }
     for (uint64_t i = 0; i < 3 * mesh->n_triangles; i++)
         if (mesh->triangles[i] < 0 || (uint64_t)mesh->triangles[i] >= mesh->n_vertices)
             return lr_fail(error, LR_E_ARGUMENT,
@@ -80,22 +83,28 @@ static void widen(lr_topology *m, const int32_t corner[3])
         }
 }
 
-/* Bounds, and triangles without area. */
-static lr_status measure(lr_topology *m, const lr_watch *watch, lr_error *error)
+/* Bounds, triangles without area, and the volume seen from a vertex, so that little
+ * cancels. */
+static lr_status measure(lr_topology *m, const lr_watch *watch, double *volume, lr_error *error)
 {
     for (int a = 0; a < 3; a++) {
         m->lo[a] = INFINITY;
         m->hi[a] = -INFINITY;
     }
+    double from[3];
+    lr_vertex(m, m->source.triangles[0], from);
     for (uint64_t t = 0; t < m->source.n_triangles; t++) {
         if (t % POLL == 0 && lr_stopped(watch))
             return lr_fail_stopped(error);
         double p[3][3], n[3];
         lr_triangle(m, t, p);
-        if (lr_cross_of((const double(*)[3])p, n))
-            widen(m, m->source.triangles + 3 * t);
-        else
+        if (!lr_cross_of((const double(*)[3])p, n)) {
             m->n_degenerate++;
+            continue;
+        }
+        widen(m, m->source.triangles + 3 * t);
+        lr_sub(p[0], from, p[0]);
+        *volume += lr_dot(p[0], n);
     }
     if (m->n_degenerate == m->source.n_triangles)
         return lr_fail(error, LR_E_ARGUMENT, "none of the mesh's %llu triangles has an area",
@@ -384,24 +393,20 @@ static lr_status link_edges(lr_topology *m, const lr_watch *watch, lr_error *err
     return status;
 }
 
-/* A closed mesh of negative volume is wound inside out. The volume is seen from a
- * vertex, so that little cancels. */
-static lr_status orient(lr_topology *m, const lr_watch *watch, lr_error *error)
+/* What the triangles that do not count added to the volume. */
+static double volume_of_twins(const lr_topology *m)
 {
     double from[3], volume = 0.0;
     lr_vertex(m, m->source.triangles[0], from);
-    for (uint64_t t = 0; t < m->source.n_triangles; t++) {
-        if (t % POLL == 0 && lr_stopped(watch))
-            return lr_fail_stopped(error);
+    for (uint64_t t = 0; m->twin != NULL && t < m->source.n_triangles; t++) {
         double p[3][3], n[3];
         lr_triangle(m, t, p);
-        if (!lr_counts(m, t) || !lr_cross_of((const double(*)[3])p, n))
+        if (lr_counts(m, t) || !lr_cross_of((const double(*)[3])p, n))
             continue;
         lr_sub(p[0], from, p[0]);
         volume += lr_dot(p[0], n);
     }
-    m->side = volume < 0.0 ? -1.0 : 1.0;
-    return LR_OK;
+    return volume;
 }
 
 /* ---- all --------------------------------------------------------------- */
@@ -410,17 +415,18 @@ lr_status lr_topology_make(const lr_mesh *mesh, double voxel_size, const lr_watc
                            lr_topology *m, lr_error *error)
 {
     *m = (lr_topology){.source = *mesh, .per_unit = 1.0 / voxel_size, .side = 1.0};
-    lr_status status = check_vertices(mesh, error);
-    if (status == LR_OK)
+    double farthest = 0.0, volume = 0.0;
+    lr_status status = check_vertices(mesh, &farthest, error);
+    if (status == LR_OK && !(farthest * m->per_unit <= FARTHEST))
         status = check_reach(m, error);
     if (status == LR_OK)
-        status = measure(m, watch, error);
+        status = measure(m, watch, &volume, error);
     if (status == LR_OK)
         status = weld(m, watch, error);
     if (status == LR_OK)
         status = link_edges(m, watch, error);
-    if (status == LR_OK && m->closed)
-        status = orient(m, watch, error);
+    if (status == LR_OK && m->closed && volume - volume_of_twins(m) < 0.0)
+        m->side = -1.0; /* wound inside out */
     return status;
 }
 

@@ -27,8 +27,11 @@ LR_INLINE int lr_sample_z(int tile, int lane)
 
 typedef struct lr_nearest {
     _Alignas(64) float d2[LR_TILES][LR_LANES];       /* squared distance, to f32 accuracy */
+    _Alignas(64) float height[LR_TILES][LR_LANES];   /* over the nearest triangle, on the side of
+                                                        its normal positive, where it is met in
+                                                        its face; else infinity */
     _Alignas(64) int32_t winner[LR_TILES][LR_LANES]; /* place in the list; -1: beyond the band */
-    _Alignas(64) float worst[LR_TILES];              /* largest d2 of the tile */
+    _Alignas(64) float worst[2][LR_TILES]; /* largest d2 of the tile's halves, by x */
 } lr_nearest;
 
 /* Search the listed triangles around a brick whose samples lie within 3.5 of

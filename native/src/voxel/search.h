@@ -17,6 +17,7 @@
 
 enum {
     EDGES = 3,
+    FIRST = 1 + EDGES, /* forms that are asked first: height, excess of each edge */
     POLL = 1 << 6 /* batches between looks at the stop word */
 };
 
@@ -31,17 +32,15 @@ enum {
 #define FAT   0.1f
 #define SHORT 8.0f
 
-/* Sixteen triangles: value at the brick's centre and gradient of the height, of
- * each edge's excess and of the place along it; the range of place on the edge;
- * bounding boxes. */
+/* Sixteen triangles: gradient x, y, z, and value at the brick's centre, of height
+ * and each edge's excess, and of the place along each edge; the range of place on
+ * the edge; bounding boxes. */
 typedef struct batch {
-    _Alignas(64) float height[4][LR_LANES]; /* gradient x, y, z; value */
-    _Alignas(64) float excess[EDGES][4][LR_LANES];
+    _Alignas(64) float first[4][FIRST][LR_LANES];
+    _Alignas(64) float of[4][LR_LANES][FIRST]; /* the same, triangle by triangle */
     _Alignas(64) float place[EDGES][4][LR_LANES];
     _Alignas(64) float lo[EDGES][LR_LANES], hi[EDGES][LR_LANES];
     _Alignas(64) float middle[3][LR_LANES], half[3][LR_LANES];
-    /* By how much height and excess vary in a tile around its centre. */
-    _Alignas(64) float height_extent[LR_LANES], excess_extent[EDGES][LR_LANES];
 } batch;
 
 typedef struct corners {
@@ -76,13 +75,26 @@ LR_INLINE vec scale3(vec a, lanes s)
     return (vec){lanes_mul(a.x, s), lanes_mul(a.y, s), lanes_mul(a.z, s)};
 }
 
-/* The linear form g.(x - on) at all lanes. */
-LR_INLINE void store_form(float (*to)[LR_LANES], vec g, vec on)
+LR_INLINE lanes minus_dot3(vec g, vec on)
 {
-    lanes_store(to[0], g.x);
-    lanes_store(to[1], g.y);
-    lanes_store(to[2], g.z);
-    lanes_store(to[3], lanes_sub(lanes_all(0.0f), dot3(g, on)));
+    return lanes_sub(lanes_all(0.0f), dot3(g, on));
+}
+
+/* The form g.(x - on) of all triangles. */
+LR_INLINE void store_first(batch *b, int form, vec g, vec on)
+{
+    lanes_store(b->first[0][form], g.x);
+    lanes_store(b->first[1][form], g.y);
+    lanes_store(b->first[2][form], g.z);
+    lanes_store(b->first[3][form], minus_dot3(g, on));
+}
+
+LR_INLINE void store_place(batch *b, int edge, vec g, vec on)
+{
+    lanes_store(b->place[edge][0], g.x);
+    lanes_store(b->place[edge][1], g.y);
+    lanes_store(b->place[edge][2], g.z);
+    lanes_store(b->place[edge][3], minus_dot3(g, on));
 }
 
 static void gather(const lr_topology *mesh, const double centre[3], const uint32_t *who, int n,
@@ -126,11 +138,11 @@ LR_INLINE uint32_t set_fat(const corners *at, batch *b)
     lane_mask fat = mask_and(lanes_less(lanes_mul(lanes_all(FAT), longest), area),
                              lanes_less(longest, lanes_all(SHORT * SHORT)));
     n = scale3(n, lanes_div(one, area));
-    store_form(b->height, n, load3(at->p[0]));
+    store_first(b, 0, n, load3(at->p[0]));
     for (int e = 0; e < EDGES; e++) {
         vec u = scale3(load3(at->edge[e]), lanes_div(one, length[e])), on = load3(at->p[e]);
-        store_form(b->place[e], u, on);
-        store_form(b->excess[e], cross3(u, n), on);
+        store_place(b, e, u, on);
+        store_first(b, 1 + e, cross3(u, n), on);
         lanes_store(b->lo[e], zero);
         lanes_store(b->hi[e], length[e]);
     }
@@ -138,20 +150,72 @@ LR_INLINE uint32_t set_fat(const corners *at, batch *b)
     return mask_bits(fat);
 }
 
-LR_INLINE void set_form(float (*to)[LR_LANES], int l, const double g[3], double c)
+LR_INLINE void set_first(batch *b, int l, int form, const double g[3], double c)
 {
     for (int a = 0; a < 3; a++)
-        to[a][l] = (float)g[a];
-    to[3][l] = (float)c;
+        b->first[a][form][l] = (float)g[a];
+    b->first[3][form][l] = (float)c;
+}
+
+/* One triangle in f64; put out of reach where it has no area. */
+static void set_thin(const lr_topology *mesh, const double centre[3], uint32_t t, int l, batch *b)
+{
+    lr_frame f;
+    lr_triangle(mesh, t, f.p);
+    for (int c = 0; c < 3; c++)
+        lr_sub(f.p[c], centre, f.p[c]);
+    if (!lr_frame_make(&f)) {
+        b->middle[0][l] = INFINITY;
+        return;
+    }
+    set_first(b, l, 0, f.n, -lr_dot(f.n, f.p[0]));
+    for (int e = 0; e < EDGES; e++) {
+        double place = -lr_dot(f.u[e], f.p[e]);
+        double next = lr_clamp(place, 0.0, f.length[e]);
+        set_first(b, l, 1 + e, f.m[e], -lr_dot(f.m[e], f.p[e]));
+        for (int a = 0; a < 3; a++)
+            b->place[e][a][l] = (float)f.u[e][a];
+        b->place[e][3][l] = (float)(place - next);
+        b->lo[e][l] = (float)-next;
+        b->hi[e][l] = (float)(f.length[e] - next);
+    }
+}
+
+/* From form by form to triangle by triangle. */
+LR_INLINE void transpose(batch *b)
+{
+    for (int a = 0; a < 4; a++)
+        for (int l = 0; l < LR_LANES; l += 4) {
+            __m128 row[FIRST];
+            for (int i = 0; i < FIRST; i++)
+                row[i] = _mm_load_ps(&b->first[a][i][l]);
+            _MM_TRANSPOSE4_PS(row[0], row[1], row[2], row[3]);
+            for (int i = 0; i < 4; i++)
+                _mm_store_ps(b->of[a][l + i], row[i]);
+        }
+}
+
+/* Set up n triangles. */
+LR_INLINE void set_up(const lr_topology *mesh, const double centre[3], const uint32_t *who, int n,
+                      batch *b)
+{
+    corners at;
+    gather(mesh, centre, who, n, &at);
+    uint32_t fat = set_fat(&at, b);
+    for (int l = 0; l < n; l++)
+        if (!(fat >> l & 1))
+            set_thin(mesh, centre, who[l], l, b);
+    transpose(b);
 }
 
 static void begin(double band, lr_nearest *nearest)
 {
     const float limit = (float)(band * band);
     for (int tile = 0; tile < LR_TILES; tile++) {
-        nearest->worst[tile] = limit;
+        nearest->worst[0][tile] = nearest->worst[1][tile] = limit;
         for (int lane = 0; lane < LR_LANES; lane++) {
             nearest->d2[tile][lane] = limit;
+            nearest->height[tile][lane] = INFINITY;
             nearest->winner[tile][lane] = -1;
         }
     }
@@ -174,28 +238,6 @@ static uint32_t golden_step(uint32_t n)
     }
 }
 
-/* One triangle in f64; put out of reach where it has no area. */
-static void set_thin(const lr_topology *mesh, const double centre[3], uint32_t t, int l, batch *b)
-{
-    lr_frame f;
-    lr_triangle(mesh, t, f.p);
-    for (int c = 0; c < 3; c++)
-        lr_sub(f.p[c], centre, f.p[c]);
-    if (!lr_frame_make(&f)) {
-        b->middle[0][l] = INFINITY;
-        return;
-    }
-    set_form(b->height, l, f.n, -lr_dot(f.n, f.p[0]));
-    for (int e = 0; e < EDGES; e++) {
-        double place = -lr_dot(f.u[e], f.p[e]);
-        double next = lr_clamp(place, 0.0, f.length[e]);
-        set_form(b->excess[e], l, f.m[e], -lr_dot(f.m[e], f.p[e]));
-        set_form(b->place[e], l, f.u[e], place - next);
-        b->lo[e][l] = (float)-next;
-        b->hi[e][l] = (float)(f.length[e] - next);
-    }
-}
-
 /* Centres of the tiles relative to the brick's, and of lanes to their tile's. */
 #define TWICE(...) __VA_ARGS__, __VA_ARGS__
 #define FOUR(...)  TWICE(TWICE(__VA_ARGS__))
@@ -211,97 +253,40 @@ _Alignas(64) static const float LANE[3][LR_LANES] = {
 };
 #undef TWICE
 #undef FOUR
-static const float HALF_TILE[3] = {1.5f, 0.5f, 0.5f};
+/* Halves of tiles are cubes of 2^3 samples. */
+#define HALF_OF_TILE 0.5f
 
-LR_INLINE void set_extent(float (*form)[LR_LANES], float *extent)
-{
-    lanes sum = lanes_all(SLACK);
-    for (int a = 0; a < 3; a++) {
-        lanes size = lanes_mul(lanes_abs(lanes_load(form[a])), lanes_all(HALF_TILE[a]));
-        sum = lanes_add(sum, size);
-    }
-    lanes_store(extent, sum);
-}
-
-/* Set up n triangles. */
-LR_INLINE void set_up(const lr_topology *mesh, const double centre[3], const uint32_t *who, int n,
-                      batch *b)
-{
-    corners at;
-    gather(mesh, centre, who, n, &at);
-    uint32_t fat = set_fat(&at, b);
-    for (int l = 0; l < n; l++)
-        if (!(fat >> l & 1))
-            set_thin(mesh, centre, who[l], l, b);
-    set_extent(b->height, b->height_extent);
-    for (int e = 0; e < EDGES; e++)
-        set_extent(b->excess[e], b->excess_extent[e]);
-}
-
-/* Bit per tile whose worst distance the box may beat. */
-LR_INLINE uint32_t near_box(const batch *b, int l, const float worst[LR_TILES])
+/* Bit per tile of whose halves one has a worst distance that the box may beat. */
+LR_INLINE uint32_t near_box(const batch *b, int l, float worst[2][LR_TILES])
 {
     uint32_t bits = 0;
+    const lanes zero = lanes_all(0.0f);
     for (int first = 0; first < LR_TILES; first += LR_LANES) {
-        lanes square = lanes_all(0.0f);
-        for (int a = 0; a < 3; a++) {
+        lanes square = zero;
+        for (int a = 1; a < 3; a++) {
             lanes apart = lanes_sub(lanes_load(&TILE[a][first]), lanes_all(b->middle[a][l]));
-            lanes reach = lanes_all(b->half[a][l] + (HALF_TILE[a] + SLACK));
-            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), reach), lanes_all(0.0f));
+            lanes reach = lanes_all(b->half[a][l] + (HALF_OF_TILE + SLACK));
+            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), reach), zero);
             square = lanes_add(square, lanes_mul(gap, gap));
         }
-        bits |= mask_bits(lanes_less(square, lanes_load(worst + first))) << first;
+        for (int half = 0; half < 2; half++) {
+            lanes middle = lanes_all(b->middle[0][l] + (half == 0 ? 1.0f : -1.0f));
+            lanes apart = lanes_sub(lanes_load(&TILE[0][first]), middle);
+            lanes reach = lanes_all(b->half[0][l] + (HALF_OF_TILE + SLACK));
+            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), reach), zero);
+            lanes all = lanes_add(square, lanes_mul(gap, gap));
+            bits |= mask_bits(lanes_less(all, lanes_load(&worst[half][first]))) << first;
+        }
     }
     return bits;
 }
 
-/* Change of a form over the places at[x, y, z][16]. */
-LR_INLINE lanes slope(const float (*form)[LR_LANES], int l, const float *x, const float *y,
-                      const float *z)
+/* Change of a form with gradient (x, y, z) over a tile. */
+LR_INLINE lanes over_tile(float x, float y, float z)
 {
-    lanes sum = lanes_add(lanes_mul(lanes_all(form[0][l]), lanes_load(x)),
-                          lanes_mul(lanes_all(form[1][l]), lanes_load(y)));
-    return lanes_add(sum, lanes_mul(lanes_all(form[2][l]), lanes_load(z)));
-}
-
-LR_INLINE lanes over_tile(const float (*form)[LR_LANES], int l)
-{
-    return slope(form, l, LANE[0], LANE[1], LANE[2]);
-}
-
-LR_INLINE lanes at_centres(const float (*form)[LR_LANES], int l, int first)
-{
-    return lanes_add(slope(form, l, &TILE[0][first], &TILE[1][first], &TILE[2][first]),
-                     lanes_all(form[3][l]));
-}
-
-/* Height and excesses at the centres of tiles. */
-typedef struct centres {
-    _Alignas(64) float height[LR_TILES], excess[EDGES][LR_TILES];
-} centres;
-
-/* Fill them where bits are set, and return the bits of those tiles whose worst
- * distance the triangle may beat by its height and excesses. */
-LR_INLINE uint32_t near_forms(const batch *b, int l, uint32_t bits, const float worst[LR_TILES],
-                              centres *at)
-{
-    const lanes zero = lanes_all(0.0f);
-    uint32_t out = 0;
-    for (int first = 0; first < LR_TILES; first += LR_LANES) {
-        if ((bits >> first & 0xffff) == 0)
-            continue;
-        lanes h = at_centres(b->height, l, first), most = zero;
-        lanes_store(at->height + first, h);
-        for (int e = 0; e < EDGES; e++) {
-            lanes excess = at_centres(b->excess[e], l, first);
-            lanes_store(at->excess[e] + first, excess);
-            most = lanes_max(lanes_sub(excess, lanes_all(b->excess_extent[e][l])), most);
-        }
-        h = lanes_max(lanes_sub(lanes_abs(h), lanes_all(b->height_extent[l])), zero);
-        lanes square = lanes_add(lanes_mul(h, h), lanes_mul(most, most));
-        out |= mask_bits(lanes_less(square, lanes_load(worst + first))) << first;
-    }
-    return bits & out;
+    lanes sum = lanes_add(lanes_mul(lanes_all(x), lanes_load(LANE[0])),
+                          lanes_mul(lanes_all(y), lanes_load(LANE[1])));
+    return lanes_add(sum, lanes_mul(lanes_all(z), lanes_load(LANE[2])));
 }
 
 /* Squared distance in the plane from those lanes that lie beyond an edge. */
@@ -310,10 +295,9 @@ LR_INLINE lanes beyond_edges(const batch *b, int l, int tile, const lanes excess
     lanes nearest = lanes_all(INFINITY);
     const lanes zero = lanes_all(0.0f);
     for (int e = 0; e < EDGES; e++) {
-        const float (*form)[LR_LANES] = b->place[e];
-        float x = form[0][l] * TILE[0][tile], y = form[1][l] * TILE[1][tile];
-        float centre = form[3][l] + (x + y + form[2][l] * TILE[2][tile]);
-        lanes place = lanes_add(over_tile(form, l), lanes_all(centre));
+        float gx = b->place[e][0][l], gy = b->place[e][1][l], gz = b->place[e][2][l];
+        float centre = gx * TILE[0][tile] + gy * TILE[1][tile] + gz * TILE[2][tile];
+        lanes place = lanes_add(over_tile(gx, gy, gz), lanes_all(b->place[e][3][l] + centre));
         lanes below = lanes_min(lanes_sub(place, lanes_all(b->lo[e][l])), zero);
         lanes above = lanes_max(lanes_sub(place, lanes_all(b->hi[e][l])), zero);
         lanes outside = lanes_add(below, above);
@@ -323,21 +307,48 @@ LR_INLINE lanes beyond_edges(const batch *b, int l, int tile, const lanes excess
     return nearest;
 }
 
+/* Values of height and excesses at the centre of a tile. */
+LR_INLINE void at_centre(const batch *b, int l, int tile, float value[FIRST])
+{
+    __m128 x = _mm_mul_ps(_mm_load_ps(b->of[0][l]), _mm_set1_ps(TILE[0][tile]));
+    __m128 y = _mm_mul_ps(_mm_load_ps(b->of[1][l]), _mm_set1_ps(TILE[1][tile]));
+    __m128 z = _mm_mul_ps(_mm_load_ps(b->of[2][l]), _mm_set1_ps(TILE[2][tile]));
+    __m128 sum = _mm_add_ps(_mm_add_ps(x, y), z);
+    _mm_store_ps(value, _mm_add_ps(sum, _mm_load_ps(b->of[3][l])));
+}
+
+/* Write what the triangle has won. */
+LR_INLINE void win(lr_nearest *nearest, int tile, lane_mask wins, lanes square, lanes height,
+                   lanes d2, int32_t who)
+{
+    float number;
+    memcpy(&number, &who, sizeof number);
+    lanes winner = lanes_load(nearest->winner[tile]);
+    d2 = lanes_pick(wins, square, d2);
+    lanes_store(nearest->d2[tile], d2);
+    lanes_store(nearest->winner[tile], lanes_pick(wins, lanes_all(number), winner));
+    height = lanes_pick(wins, height, lanes_load(nearest->height[tile]));
+    lanes_store(nearest->height[tile], height);
+    lanes_halves(d2, &nearest->worst[0][tile], &nearest->worst[1][tile]);
+}
+
 /* Let a triangle compete for the samples of the tiles whose bits are set. */
-LR_INLINE void compete(const batch *b, int l, uint32_t tiles, const centres *at, int32_t who,
-                       lr_nearest *nearest)
+LR_INLINE void compete(const batch *b, int l, uint32_t tiles, int32_t who, lr_nearest *nearest)
 {
     const lanes zero = lanes_all(0.0f);
-    lanes rise[1 + EDGES];
-    rise[0] = over_tile(b->height, l);
-    for (int e = 0; e < EDGES; e++)
-        rise[1 + e] = over_tile(b->excess[e], l);
+    lanes rise[FIRST];
+    for (int i = 0; i < FIRST; i++)
+        rise[i] = over_tile(b->of[0][l][i], b->of[1][l][i], b->of[2][l][i]);
+    _Alignas(16) float centres[LR_TILES][FIRST];
+    for (uint32_t left = tiles; left != 0; left &= left - 1)
+        at_centre(b, l, __builtin_ctz(left), centres[__builtin_ctz(left)]);
     for (; tiles != 0; tiles &= tiles - 1) {
         int tile = __builtin_ctz(tiles);
+        const float *centre = centres[tile];
         lanes d2 = lanes_load(nearest->d2[tile]), excess[EDGES];
-        lanes h = lanes_add(rise[0], lanes_all(at->height[tile]));
+        lanes h = lanes_add(rise[0], lanes_all(centre[0]));
         for (int e = 0; e < EDGES; e++)
-            excess[e] = lanes_add(rise[1 + e], lanes_all(at->excess[e][tile]));
+            excess[e] = lanes_add(rise[1 + e], lanes_all(centre[1 + e]));
         lanes most = lanes_max(lanes_max(excess[0], excess[1]), excess[2]);
         lanes out = lanes_max(most, zero), height2 = lanes_mul(h, h);
         lanes square = lanes_add(height2, lanes_mul(out, out));
@@ -351,13 +362,7 @@ LR_INLINE void compete(const batch *b, int l, uint32_t tiles, const centres *at,
             if (mask_bits(wins) == 0)
                 continue;
         }
-        float number;
-        memcpy(&number, &who, sizeof number);
-        lanes winner = lanes_load(nearest->winner[tile]);
-        d2 = lanes_pick(wins, square, d2);
-        lanes_store(nearest->d2[tile], d2);
-        lanes_store(nearest->winner[tile], lanes_pick(wins, lanes_all(number), winner));
-        nearest->worst[tile] = lanes_largest(d2);
+        win(nearest, tile, wins, square, lanes_pick(beyond, lanes_all(INFINITY), h), d2, who);
     }
 }
 
@@ -365,7 +370,6 @@ bool LR_SEARCH(const lr_topology *mesh, const double centre[3], const uint32_t *
                double band, const lr_watch *watch, lr_nearest *nearest)
 {
     batch b;
-    centres at_tiles;
     uint32_t who[LR_LANES], step = golden_step(n), next = 0;
     int32_t place[LR_LANES];
     begin(band, nearest);
@@ -382,9 +386,7 @@ bool LR_SEARCH(const lr_topology *mesh, const double centre[3], const uint32_t *
         for (int l = 0; l < count; l++) {
             uint32_t tiles = near_box(&b, l, nearest->worst);
             if (tiles != 0)
-                tiles = near_forms(&b, l, tiles, nearest->worst, &at_tiles);
-            if (tiles != 0)
-                compete(&b, l, tiles, &at_tiles, place[l], nearest);
+                compete(&b, l, tiles, place[l], nearest);
         }
     }
     return true;

@@ -8,21 +8,18 @@
 
 enum { MOST_FACES = 64 /* around an edge; no sensible mesh has more */ };
 
-/* Sum of the unit normals of the faces around an edge. */
-static void edge_normal(const lr_topology *mesh, uint32_t half_edge, double sum[3])
+/* Sum of the unit normals of the faces around an edge, own that of the half-edge's face. */
+static void edge_normal(const lr_topology *mesh, uint32_t half_edge, const double own[3],
+                        double sum[3])
 {
-    uint32_t h = half_edge;
-    for (int a = 0; a < 3; a++)
-        sum[a] = 0.0;
-    for (int i = 0; i < MOST_FACES; i++) {
+    uint32_t h = mesh->ring[half_edge];
+    memcpy(sum, own, 3 * sizeof *sum);
+    for (int i = 1; i < MOST_FACES && h != half_edge; i++, h = mesh->ring[h]) {
         double p[3][3], n[3];
         lr_triangle(mesh, h / 3, p);
         lr_normal_of((const double(*)[3])p, n);
         for (int a = 0; a < 3; a++)
             sum[a] += n[a];
-        h = mesh->ring[h];
-        if (h == half_edge)
-            break;
     }
 }
 
@@ -117,7 +114,7 @@ double lr_signed_distance(const lr_topology *mesh, uint32_t t, const lr_frame *f
     bool border;
     if (place[nearest] > 0.0 && place[nearest] < f->length[nearest]) {
         uint32_t half_edge = 3 * t + (uint32_t)nearest;
-        edge_normal(mesh, half_edge, n);
+        edge_normal(mesh, half_edge, f->n, n);
         side = h * lr_dot(n, f->n) + excess[nearest] * lr_dot(n, f->m[nearest]);
         border = mesh->ring[half_edge] == half_edge; /* its only face is this one: height is set */
     } else {
