@@ -5,8 +5,8 @@ The error at a point of the surface is |f - T| / |grad f|: the distance between
 the point and the field's own surface, to first order. Where a wall is thinner
 than the lattice resolves, the field never reaches T: such points are *lost*.
 At creases the field cuts the corner, and its normal turns within about a voxel
-(*blur*). A sheet is valid in whole cells, so it reaches past its *rim*. Textures
-that are finer than the voxels lose *color*.
+(*blur*). Exact cells have none of these errors. Textures that are finer than the
+voxels lose *color*.
 
 Each has a bar of its own. Those of edges come from what can be seen: an outline
 that is half a pixel off on the average changes a quarter of the pixels at the
@@ -29,7 +29,6 @@ from .probes import Probes, Weights
 SATURATED = 2.5  # voxels: where the ramp ends, more cannot be measured
 LEAST_SLOPE = 0.25  # of the filter's: at creases the gradient can vanish though f is right
 INSIDE = (0.25, 0.5, 1.0, 2.0)  # voxels behind a point that is not lost, f reaches T somewhere
-TOUCH = 1e-3  # voxels: a rim closer to a cell than this is taken as touching it
 
 QUANTILE = 0.99  # of the pixels keep the error
 MARGIN = 1.25  # what is measured at probes predicts that quantile within 20 %
@@ -41,8 +40,6 @@ CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
 COLOR_ERROR = 0.03  # of the square root of light, the mean: black and white checks need 0.6 pixel
-RIM_ERROR = 1.0  # of a footprint, the mean that a sheet reaches too far
-SHARP_RIM = 0.5  # of a footprint, likewise: no steps along the rim
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,7 @@ class Measure:
     surface: NDArray[np.float32]
     lost: NDArray[np.bool_]
     crease: NDArray[np.float32]
-    rim: NDArray[np.float32]
+    sharp: NDArray[np.bool_]  # creases in exact cells
     color: NDArray[np.float32] | None  # (n, k) as bake.color_errors gives it; None: no colours
     shape: tuple[int, int, int]
     kind: str
@@ -81,7 +78,6 @@ class Errors:
     voxel: float  # the mean over the surface
     crease: float  # the mean along outlines
     blur: float  # the voxel, the mean along creases that are seen; 0 without creases
-    rim: float  # the mean
     color: float  # the mean over the surface; 0 without colours
 
     def of_surface(self, pixel_error: float) -> float:
@@ -89,8 +85,8 @@ class Errors:
         return max(self.surface / pixel_error, min(self.lost / LOST_SHARE, self.voxel / THIN))
 
     def of_edges(self) -> float:
-        """Against the bars of creases and rims; at most 1 is good enough."""
-        return max(self.crease / CREASE_ERROR, self.blur / CREASE_VOXEL, self.rim / RIM_ERROR)
+        """Against the bars of creases; at most 1 is good enough."""
+        return max(self.crease / CREASE_ERROR, self.blur / CREASE_VOXEL)
 
     def of_color(self) -> float:
         """Against the bar of colours; at most 1 is good enough."""
@@ -120,13 +116,12 @@ class Errors:
         ratios = (
             min(self.crease, ROUGH * self.blur) / CREASE_ERROR,
             self.blur / CREASE_VOXEL,
-            self.rim / RIM_ERROR,
         )
         return max(1, math.floor(math.log2(max(ratios))))
 
     def softness(self) -> float:
-        """How many times creases and rims are too coarse to look their best; 1 is good enough."""
-        return max(self.blur / SHARP_VOXEL, self.rim / SHARP_RIM, 1.0)
+        """How many times creases are too coarse to look their best; 1 is good enough."""
+        return max(self.blur / SHARP_VOXEL, 1.0)
 
     def sentence(self, pixel_error: float) -> str:
         """What is not good enough, or ""."""
@@ -140,8 +135,6 @@ class Errors:
             return f"creases that are {self.crease:.2g} pixels off"
         if self.blur > CREASE_VOXEL:
             return f"creases that are {self.blur:.2g} pixels wide"
-        if self.rim > RIM_ERROR:
-            return f"rims that reach {self.rim:.2g} pixels too far"
         return ""
 
 
@@ -163,7 +156,6 @@ def measure(
     normals = None if sheet else probes.surface_normals * (-1.0 if mesh.inverted else 1.0)
     surface, lost = measure_surface(volume, probes.surface, normals, voxel_size, rise)
     crease, _ = measure_surface(volume, probes.creases, None, voxel_size, rise)
-    rims, outward = (probes.rims, probes.rim_outward) if sheet else (probes.rims[:0],) * 2
     why = ""
     if sheet and mesh.n_border_edges:
         why = f"open: {mesh.n_border_edges} border edges"
@@ -174,7 +166,7 @@ def measure(
         surface=surface,
         lost=lost,
         crease=crease,
-        rim=rim_excess(rims, outward, voxel_size),
+        sharp=volume.exact_at(probes.creases),
         color=color,
         shape=info.size,
         kind=info.kind,
@@ -205,29 +197,15 @@ def measure_surface(
         rise = slope("ramp", own_half_width("ramp", volume.info.dtype))
     least = LEAST_SLOPE * rise / voxel_size
     error = np.minimum(np.abs(value - threshold) / np.maximum(steep, least), most)
+    exact = volume.exact_at(points)
+    error[exact] = 0.0
     lost = np.zeros(len(points), np.bool_)
     if normals is not None:
-        lost = value < threshold
+        lost = (value < threshold) & ~exact
         for depth in INSIDE:
             behind = points[lost] - depth * voxel_size * normals[lost]
             lost[lost] = volume.sample(behind)[0] < threshold
     return error.astype(np.float32), lost
-
-
-def rim_excess(points: NDArray, outward: NDArray, voxel_size: float) -> NDArray[np.float32]:
-    """How far a sheet reaches past its rim: to the end of the cell that the rim touches.
-
-    points, outward: (n, 3), object space. Cells lie on multiples of voxel_size.
-    A rim in a face shared by two cells touches both.
-    """
-    inside = points / voxel_size + TOUCH * outward
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ways = np.where(
-            outward > 0,
-            (np.floor(inside) + 1 - inside) / outward,
-            np.where(outward < 0, (np.floor(inside) - inside) / outward, np.inf),
-        )
-    return (voxel_size * ways.min(axis=1)).astype(np.float32)
 
 
 def seen(measure: Measure, weights: Weights) -> Errors:
@@ -243,8 +221,7 @@ def seen(measure: Measure, weights: Weights) -> Errors:
         lost=float(pixels[m.lost].sum()),
         voxel=float((m.voxel_size / w.surface_footprint * pixels).sum()),
         crease=mean(m.crease / w.outline_footprint, 1 / w.outline_footprint),
-        blur=mean(m.voxel_size / w.crease_footprint, 1 / w.crease_footprint),
-        rim=mean(m.rim / w.rim_footprint, 1 / w.rim_footprint) if len(m.rim) else 0.0,
+        blur=mean(np.where(m.sharp, 0, m.voxel_size) / w.crease_footprint, 1 / w.crease_footprint),
         color=color_seen(m, w) if m.color is not None else 0.0,
     )
 

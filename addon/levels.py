@@ -241,6 +241,9 @@ class Levels:
         return False
 
     def keep_on_disk(self, work: Work) -> None:
+        """Write the volume into the folder, unless it has exact cells, which files do not hold."""
+        if work.structure.volume.info.n_exact_cells:
+            return
         if work.carries:
             return  # .vdb holds no attributes
         key, folder = self._key(work, "volume", work.measure.voxel_size), self.settings.cache_folder

@@ -35,7 +35,7 @@ from .objects import SceneError
 
 COARSEST = 16  # voxels along the longest side at the start
 # Shares of the memory, counted without structures, so that traversers see the same volumes:
-EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' and rims' sake
+EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' sake
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
 SHARP_SHARE = 1 / 100  # for finer edges than asked for, of all volumes together
 
@@ -326,7 +326,6 @@ class Planner(Levels):
             "voxel_footprints": round(e.voxel, 4),
             "crease_footprints": round(e.crease, 4),
             "crease_voxel_footprints": round(e.blur, 4),
-            "rim_footprints": round(e.rim, 4),
             "color_error": round(e.color, 4),
             "carries": [
                 w for w, has in (("colors", m.color is not None), ("normals", m.normals)) if has

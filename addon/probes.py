@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where a volume's error is measured, and what a pixel is worth there (no bpy).
 
-A mesh gets three sets of probes, drawn once from a fixed seed and independent
+A mesh gets two sets of probes, drawn once from a fixed seed and independent
 of the view, so that what was measured at them stays true when the camera moves:
 
 - points of the surface, even by area: the trilinear field rounds what is curved;
-- points of its creases, even by length: there it cuts or fills the corner;
-- points of its rims (edges with one triangle), even by length: a sheet is valid
-  in whole cells, so it reaches a little too far.
+- points of its creases, even by length: there it cuts or fills the corner.
 
 A view turns an error in object space into pixels: it divides it by the
 footprint, the width of a pixel at the probe's depth, brought into object space.
@@ -45,12 +43,8 @@ class Probes:
     surface_weights: NDArray[np.float64]  # (n, 3) barycentric
     creases: Points
     crease_normals: NDArray[np.float64]  # (n, 2, 3): of the triangles on either side, unit
-    rims: Points
-    rim_normals: Points
-    rim_outward: Points  # unit, in the triangle's plane, away from it
     area: float
     crease_length: float
-    rim_length: float
 
 
 def _unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -122,14 +116,14 @@ def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes
         """Of some triangles, given by any of their half-edges."""
         return _unit(cross[some // 3].astype(np.float64))
 
-    def on_edges(some: NDArray[np.int64]) -> tuple[Points, Points, NDArray[np.int64], float]:
-        """Points on half-edges, the edges' vectors, which edges they are, and the whole length."""
+    def on_edges(some: NDArray[np.int64]) -> tuple[Points, NDArray[np.int64], float]:
+        """Points on half-edges, which edges they are, and the whole length."""
         start, along = _ends(mesh, some)
         length = np.linalg.norm(along, axis=1)
         if not length.sum() > 0:
-            return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64), 0.0
+            return np.zeros((0, 3)), np.zeros(0, np.int64), 0.0
         at, where = _spread(length, N_EDGE, random)
-        return start[at] + where[:, None] * along[at], along[at], at, float(length.sum())
+        return start[at] + where[:, None] * along[at], at, float(length.sum())
 
     breathe()
     order, bounds = edges(weld(vertices)[triangles], breathe)
@@ -138,10 +132,8 @@ def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes
     second = order[np.minimum(bounds[:-1] + 1, len(order) - 1)]
     sharp = (count >= 2) & turns(cross, first, second)
     breathe()
-    creases, _, at, crease_length = on_edges(first[sharp])
+    creases, at, crease_length = on_edges(first[sharp])
     sides = np.stack([normals(first[sharp][at]), normals(second[sharp][at])], axis=1)
-    rims, along, at, rim_length = on_edges(first[count == 1])
-    rim_normals = normals(first[count == 1][at])
     return Probes(
         surface=surface,
         surface_normals=normals(3 * chosen),
@@ -149,12 +141,8 @@ def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes
         surface_weights=weights,
         creases=creases,
         crease_normals=sides,
-        rims=rims,
-        rim_normals=rim_normals,
-        rim_outward=_unit(np.cross(along, rim_normals)),
         area=float(area.sum()),
         crease_length=crease_length,
-        rim_length=rim_length,
     )
 
 
@@ -185,7 +173,7 @@ class Weights:
     """What the probes of a mesh count in a view, over all its instances.
 
     footprint: object-space length of a pixel, as far as a shift along the
-    probe's normal (for rims: outward) can be seen. pixels: how much of the
+    probe's normal can be seen. pixels: how much of the
     image a probe stands for, up to a common factor.
     """
 
@@ -193,7 +181,6 @@ class Weights:
     surface_pixels: NDArray[np.float64]
     crease_footprint: NDArray[np.float64]
     outline_footprint: NDArray[np.float64]  # of the creases; large where they are no outline
-    rim_footprint: NDArray[np.float64]
 
 
 def look(camera: model.Camera, points: Points, width: int, height: int):
@@ -279,13 +266,7 @@ def weigh(
             towards_us, outline = facing.any(axis=1), facing[:, 0] != facing[:, 1]
             keep("crease", np.where(towards_us, footprint, UNSEEN * footprint) / stretch)
             keep("outline", np.where(outline, footprint, UNSEEN * footprint) / stretch)
-        if len(probes.rims):
-            footprint, towards = seen(probes.rims)
-            outward = probes.rim_outward @ linear.T
-            across = outward - np.einsum("nc,nc->n", outward, towards)[:, None] * towards
-            visible = np.linalg.norm(across, axis=1)
-            keep("rim", footprint / np.maximum(visible, 1e-6 * stretch))
 
     none = np.zeros(0)
-    crease, outline, rim = (best.get(name, none) for name in ("crease", "outline", "rim"))
-    return Weights(best["surface"], best["surface"] ** -2.0, crease, outline, rim)
+    crease, outline = (best.get(name, none) for name in ("crease", "outline"))
+    return Weights(best["surface"], best["surface"] ** -2.0, crease, outline)

@@ -145,6 +145,26 @@ def brute_distance(points, vertices, triangles):
     return best, which
 
 
+def brute_rays(origins, directions, vertices, triangles):
+    """First hit (n,) of rays with triangles, infinity on a miss; both sides; and which (n,).
+
+    Source: Moeller and Trumbore 1997.
+    """
+    first, which = np.full(len(origins), np.inf), np.full(len(origins), -1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for k, (a, b, c) in enumerate(vertices[triangles]):
+            p = np.cross(directions, c - a)
+            share = 1 / (p @ (b - a))
+            from_a = origins - a
+            u = np.einsum("ij,ij->i", from_a, p) * share
+            q = np.cross(from_a, b - a)
+            v = np.einsum("ij,ij->i", directions, q) * share
+            t = (q @ (c - a)) * share
+            hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t < first)
+            first, which = np.where(hit, t, first), np.where(hit, k, which)
+    return first, which
+
+
 def winding(points, vertices, triangles):
     """Generalised winding number: the sum of solid angles (van Oosterom and Strackee 1983)."""
     total = np.zeros(len(points))

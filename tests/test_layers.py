@@ -124,7 +124,7 @@ def test_triangles_without_area_get_no_layer_of_their_own():
 
 
 def test_crossing_sheets_in_layers_are_hit_where_they_are():
-    """In one volume, their fields disturb each other where the sheets cross."""
+    """In volumes of their own, and in one, where exact cells hold what the samples cannot."""
     swap = np.array([[1, 0, 0], [0, 0, 1], [0, 1, 0]])  # y and z
     crossing = meshes.plane(3)[0] @ swap, meshes.plane(3)[1]
     vertices, triangles = meshes.joined(meshes.plane(4), crossing)
@@ -147,10 +147,10 @@ def test_crossing_sheets_in_layers_are_hit_where_they_are():
         return leapray.trace(leapray.build(volume), origins, directions).t
 
     apart = np.minimum(first_hit(layer == 0), first_hit(layer == 1))
-    # Two voxels from a rim: rims reach to the end of their cell.
+    # not beside a rim, where rounding decides
     hits = [np.abs(origins + t[:, None] * directions).max(axis=1) for t in (apart, want)]
     clear = np.max(hits, axis=0) < 0.46
     assert clear.sum() > 2000
     assert_allclose(apart[clear], want[clear], rtol=1e-5)
     together = first_hit(layer >= 0)
-    assert (np.abs(together - want)[clear] > 0.01).mean() > 0.02
+    assert_allclose(together[clear], want[clear], atol=1e-6)

@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 13 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 14 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -81,7 +81,9 @@ typedef struct lr_volume_info {
     uint64_t n_bricks;             /* bricks of 8^3 samples that are stored */
     uint64_t n_full;               /* bricks that are 1 throughout and not stored */
     uint64_t n_surface_cells;
-    uint64_t nbytes;               /* memory held by the volume */
+    uint64_t n_exact_cells;        /* of those, the ones that keep their triangles */
+    uint64_t nbytes;               /* memory held by the volume, */
+    uint64_t exact_nbytes;         /* of it, by exact cells */
     int32_t has_colors;            /* nonzero: samples at the surface carry a colour, */
     int32_t has_normals;           /* a shading normal */
     int32_t surface_lo[3];         /* bounds of the surface cells, inclusive; */
@@ -106,8 +108,8 @@ LR_API void lr_volume_free(lr_volume *volume); /* NULL is fine */
 LR_API void lr_volume_get_info(const lr_volume *volume, lr_volume_info *info);
 
 /* Read a block back, the inverse of lr_volume_put; it may reach beyond the
- * lattice, where samples are 0. surface[cell] is 1 on surface cells. Any of the
- * outputs may be NULL. */
+ * lattice, where samples are 0. surface[cell] is 1 on surface cells, 2 on those
+ * that are exact. Any of the outputs may be NULL. */
 LR_API lr_status lr_volume_get(const lr_volume *volume, const int32_t origin[3],
                                const int32_t size[3], void *samples, uint16_t *ids,
                                uint8_t *surface, lr_error *error);
@@ -162,6 +164,10 @@ LR_API lr_status lr_texture_sample(const lr_texture *texture, const float *uvs,
                                    const float *widths, uint64_t n, float *colors,
                                    lr_error *error);
 
+/* exact[i] is 1 where point i of points[n][3], in object space, lies in an exact cell. */
+LR_API lr_status lr_volume_exact_at(const lr_volume *volume, const double *points, uint64_t n,
+                                    uint8_t *exact, lr_error *error);
+
 /* ---- voxelization ------------------------------------------------------ */
 
 typedef enum lr_color_source {
@@ -205,6 +211,13 @@ typedef enum lr_simd {
     LR_SIMD_AVX2 = 2,
     LR_SIMD_AVX512 = 3
 } lr_simd;
+/* Which cells keep the triangles near them, where the field of the samples is not
+ * the surface, and are intersected exactly. */
+typedef enum lr_exact_cells {
+    LR_EXACT_SHEETS = 0, /* of sheets: at borders, junctions, creases, close pairs */
+    LR_EXACT_ALL = 1,    /* of solids too: at creases, thin walls and gaps */
+    LR_EXACT_NONE = 2
+} lr_exact_cells;
 
 typedef struct lr_voxelize_options {
     double voxel_size;   /* edge of a voxel in object space */
@@ -213,6 +226,7 @@ typedef struct lr_voxelize_options {
     int32_t kind;        /* lr_kind */
     int32_t sample_type; /* lr_sample_type */
     int32_t simd;        /* lr_simd; one that is not there is refused */
+    int32_t exact;       /* lr_exact_cells */
 } lr_voxelize_options;
 
 typedef struct lr_voxelizer lr_voxelizer;
@@ -220,23 +234,31 @@ typedef struct lr_voxelizer lr_voxelizer;
 typedef struct lr_voxelizer_info {
     lr_volume_desc desc;      /* of the volume to come; its lattice lies on multiples of voxel_size */
     uint64_t n_parts;         /* parts to run */
-    uint64_t nbytes;          /* memory of the finished volume, from above */
+    uint64_t nbytes;          /* memory of the finished volume, from above; of exact cells only what
+                                 parts have found so far */
     uint64_t n_border_edges;  /* edges with one triangle */
     uint64_t n_bad_edges;     /* edges with more than two triangles, or two of opposite winding */
     uint64_t n_degenerate;    /* triangles without area, or on the places of an earlier one */
     int32_t inverted;         /* nonzero: a closed mesh was wound inside out and was turned */
     int32_t simd;             /* lr_simd in use */
+    int32_t has_cells;        /* nonzero: lr_voxelize_cells is wanted */
 } lr_voxelizer_info;
 
 /* Bin the mesh and say what the volume will be; the arrays of mesh must live
  * until lr_voxelizer_free. Then run every part 0..n_parts-1 once, in any order,
- * side by side if wanted; lr_voxelize_end makes the volume. */
+ * side by side if wanted. Where the info's has_cells is set, call lr_voxelize_join and
+ * run every part again, likewise, by lr_voxelize_cells, which finds the exact cells.
+ * lr_voxelize_end makes the volume. */
 LR_API lr_status lr_voxelize_begin(const lr_mesh *mesh, const lr_voxelize_options *options,
                                    const lr_watch *watch, lr_voxelizer **voxelizer,
                                    lr_error *error);
 LR_API void lr_voxelizer_get_info(const lr_voxelizer *voxelizer, lr_voxelizer_info *info);
 LR_API lr_status lr_voxelize_part(lr_voxelizer *voxelizer, uint64_t part, const lr_watch *watch,
                                   lr_error *error);
+LR_API lr_status lr_voxelize_join(lr_voxelizer *voxelizer, const lr_watch *watch,
+                                  lr_error *error);
+LR_API lr_status lr_voxelize_cells(lr_voxelizer *voxelizer, uint64_t part, const lr_watch *watch,
+                                   lr_error *error);
 LR_API lr_status lr_voxelize_end(lr_voxelizer *voxelizer, const lr_watch *watch,
                                  lr_volume **volume, lr_error *error);
 LR_API void lr_voxelizer_free(lr_voxelizer *voxelizer); /* NULL is fine */

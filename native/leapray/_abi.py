@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 13
+LR_ABI = 14
 
 
 class lr_status(IntEnum):
@@ -59,6 +59,12 @@ class lr_simd(IntEnum):
     LR_SIMD_PORTABLE = 1
     LR_SIMD_AVX2 = 2
     LR_SIMD_AVX512 = 3
+
+
+class lr_exact_cells(IntEnum):
+    LR_EXACT_SHEETS = 0
+    LR_EXACT_ALL = 1
+    LR_EXACT_NONE = 2
 
 
 class lr_metric(IntEnum):
@@ -162,6 +168,7 @@ LR_EXTENSION_REPEAT, LR_EXTENSION_EXTEND, LR_EXTENSION_CLIP, LR_EXTENSION_MIRROR
 LR_COLOR_NONE, LR_COLOR_VERTEX = lr_color_source
 LR_FILTER_RAMP, LR_FILTER_BOX, LR_FILTER_CONE, LR_FILTER_GAUSS, LR_FILTER_BINARY = lr_filter
 LR_SIMD_AUTO, LR_SIMD_PORTABLE, LR_SIMD_AVX2, LR_SIMD_AVX512 = lr_simd
+LR_EXACT_SHEETS, LR_EXACT_ALL, LR_EXACT_NONE = lr_exact_cells
 LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK, LR_METRIC_CHAMFER345, LR_METRIC_EUCLID = lr_metric
 LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT = lr_traverser_flag
 LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
@@ -215,7 +222,9 @@ class lr_volume_info(ctypes.Structure):
         ("n_bricks", ctypes.c_uint64),
         ("n_full", ctypes.c_uint64),
         ("n_surface_cells", ctypes.c_uint64),
+        ("n_exact_cells", ctypes.c_uint64),
         ("nbytes", ctypes.c_uint64),
+        ("exact_nbytes", ctypes.c_uint64),
         ("has_colors", ctypes.c_int32),
         ("has_normals", ctypes.c_int32),
         ("surface_lo", ctypes.c_int32 * 3),
@@ -257,6 +266,7 @@ class lr_voxelize_options(ctypes.Structure):
         ("kind", ctypes.c_int32),
         ("sample_type", ctypes.c_int32),
         ("simd", ctypes.c_int32),
+        ("exact", ctypes.c_int32),
     )
 
 
@@ -274,6 +284,7 @@ class lr_voxelizer_info(ctypes.Structure):
         ("n_degenerate", ctypes.c_uint64),
         ("inverted", ctypes.c_int32),
         ("simd", ctypes.c_int32),
+        ("has_cells", ctypes.c_int32),
     )
 
 
@@ -602,6 +613,13 @@ PROTOTYPES = {
         ctypes.POINTER(ctypes.c_float),
         ctypes.POINTER(lr_error),
     )),
+    "lr_volume_exact_at": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.c_uint64,
+        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.POINTER(lr_error),
+    )),
     "lr_voxelize_begin": (ctypes.c_int, (
         ctypes.POINTER(lr_mesh),
         ctypes.POINTER(lr_voxelize_options),
@@ -614,6 +632,17 @@ PROTOTYPES = {
         ctypes.POINTER(lr_voxelizer_info),
     )),
     "lr_voxelize_part": (ctypes.c_int, (
+        ctypes.POINTER(lr_voxelizer),
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_voxelize_join": (ctypes.c_int, (
+        ctypes.POINTER(lr_voxelizer),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_voxelize_cells": (ctypes.c_int, (
         ctypes.POINTER(lr_voxelizer),
         ctypes.c_uint64,
         ctypes.POINTER(lr_watch),

@@ -30,7 +30,9 @@ class VolumeInfo:
     n_bricks: int  # stored
     n_full: int  # bricks of ones, not stored
     n_surface_cells: int
+    n_exact_cells: int  # of those, the ones that keep their triangles
     nbytes: int
+    exact_nbytes: int  # of those, the bytes of exact cells
     surface_lo: tuple[int, int, int]  # bounds of the surface cells, inclusive;
     surface_hi: tuple[int, int, int]  # lo > hi where there are none
     has_colors: bool  # samples at the surface carry a colour,
@@ -97,7 +99,9 @@ class Volume:
             n_bricks=info.n_bricks,
             n_full=info.n_full,
             n_surface_cells=info.n_surface_cells,
+            n_exact_cells=info.n_exact_cells,
             nbytes=info.nbytes,
+            exact_nbytes=info.exact_nbytes,
             surface_lo=tuple(info.surface_lo),
             surface_hi=tuple(info.surface_hi),
             has_colors=bool(info.has_colors),
@@ -138,6 +142,10 @@ class Volume:
         """Which cells of a block are surface cells, as `read`; cell and lowest sample agree."""
         return self._get(origin, size or self.info.size, np.uint8, "surface").astype(bool)
 
+    def read_exact(self, origin=(0, 0, 0), size=None) -> NDArray[np.bool_]:
+        """Which cells of a block keep their triangles, as `read_surface`."""
+        return self._get(origin, size or self.info.size, np.uint8, "surface") == 2
+
     def bricks(self) -> tuple[NDArray[np.int32], int]:
         """Origins (n, 3) of all bricks of 8^3 samples that are not 0, and how many are stored.
 
@@ -157,9 +165,7 @@ class Volume:
 
         Points and gradient are in object space, values in 0..1; 0 outside the lattice.
         """
-        where = np.ascontiguousarray(points, dtype=np.float64)
-        if where.ndim != 2 or where.shape[1] != 3:
-            raise LeapRayError(f"points must have the shape (n, 3); it is {where.shape}")
+        where = _points(points)
         value, gradient = np.empty(len(where)), np.empty((len(where), 3))
         error = _abi.lr_error()
         status = lib.lr_volume_sample(
@@ -181,9 +187,7 @@ class Volume:
         points: (n, 3), object space; ids: (n,), those of the hits that ask (None: 0).
         NaN where the volume carries none.
         """
-        where = np.ascontiguousarray(points, dtype=np.float64)
-        if where.ndim != 2 or where.shape[1] != 3:
-            raise LeapRayError(f"points must have the shape (n, 3); it is {where.shape}")
+        where = _points(points)
         if ids is not None:
             ids = np.ascontiguousarray(np.broadcast_to(np.asarray(ids, np.uint16), len(where)))
         colors, normals = np.empty(where.shape), np.empty(where.shape)
@@ -199,6 +203,21 @@ class Volume:
         )
         check(status, error)
         return colors, normals
+
+    def exact_at(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Whether points (n, 3) in object space lie in cells that keep their triangles."""
+        where = _points(points)
+        exact = np.empty(len(where), np.uint8)
+        error = _abi.lr_error()
+        status = lib.lr_volume_exact_at(
+            self.handle,
+            pointer(where),
+            len(where),
+            pointer(exact, ctypes.c_uint8),
+            ctypes.byref(error),
+        )
+        check(status, error)
+        return exact.astype(bool)
 
 
 class VolumeBuilder:
@@ -263,6 +282,13 @@ class VolumeBuilder:
     def finish(self) -> Volume:
         """The volume; the builder is spent."""
         return Volume.from_handle(self.release())
+
+
+def _points(points: ArrayLike) -> NDArray[np.float64]:
+    where = np.ascontiguousarray(points, dtype=np.float64)
+    if where.ndim != 2 or where.shape[1] != 3:
+        raise LeapRayError(f"points must have the shape (n, 3); it is {where.shape}")
+    return where
 
 
 def _same_shape(values: ArrayLike, shape: tuple, dtype, name: str) -> NDArray:

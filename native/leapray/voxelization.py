@@ -31,6 +31,7 @@ SIMD = {
     "avx2": _abi.LR_SIMD_AVX2,
     "avx512": _abi.LR_SIMD_AVX512,
 }
+EXACT = {"sheets": _abi.LR_EXACT_SHEETS, "all": _abi.LR_EXACT_ALL, "none": _abi.LR_EXACT_NONE}
 HALF_WIDTHS = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # of the ramp: clamping against quantisation
 OTHER_WIDTHS = {"cone": 3.0, "gauss": 1.0, "box": 0.5, "binary": 0.5}  # voxels; of gauss its sigma
 SOLID_FILTERS = ("box", "binary")  # they tell inside from outside, which a sheet has not
@@ -73,6 +74,7 @@ def voxelize(
     ids: ArrayLike | None = None,
     attributes: Attributes | None = None,
     dtype: str = "u16",
+    exact: str = "sheets",
     threads: int = 0,
     watch: Watch | None = None,
     max_nbytes: int | None = None,
@@ -92,6 +94,10 @@ def voxelize(
     kind "solid" takes what the triangles enclose, "sheet" the triangles as a surface
     without inside, "auto" a solid where every edge is shared by two triangles of one
     winding. dtype: "u8", "u16" or "f32".
+    exact "sheets": cells of sheets in which the samples cannot hold the surface (at
+    borders, junctions, creases, close pairs) keep their triangles, which rays meet
+    exactly; "all": those of solids too (creases, walls and gaps thinner than a voxel);
+    "none": the samples alone, so that a sheet ends with the cells that it touches.
     threads 0: all cores; the result does not depend on it. max_nbytes: OutOfMemory,
     its attribute nbytes being the estimate, is raised before the work begins
     where the volume may take more. simd: the vector instructions, "portable",
@@ -113,6 +119,7 @@ def voxelize(
             {name: code for name, (code, _) in SAMPLE_TYPES.items()}, dtype, "dtype"
         ),
         simd=choice(SIMD, simd, "simd"),
+        exact=choice(EXACT, exact, "exact"),
     )
     check_threads(threads)
     _check_table(points, chosen.voxel_size, width, max_nbytes)
@@ -137,13 +144,22 @@ def _run(mesh, chosen, threads: int, progress: _Progress, max_nbytes: int | None
         lib.lr_voxelizer_get_info(voxelizer, ctypes.byref(info))
         _check_nbytes(info.nbytes, max_nbytes)
         progress.add(BEGUN)
+        share = (PARTS_DONE - BEGUN) / (2 if info.has_cells else 1)
 
-        def part(first: int, last: int) -> None:
-            for index in range(first, last):
-                call(lib.lr_voxelize_part, voxelizer, index, watch=progress)
-                progress.add((PARTS_DONE - BEGUN) / info.n_parts)
+        def run(function) -> None:
+            def part(first: int, last: int) -> None:
+                for index in range(first, last):
+                    call(function, voxelizer, index, watch=progress)
+                    progress.add(share / info.n_parts)
 
-        run_parts(part, info.n_parts, 1, threads, progress)
+            run_parts(part, info.n_parts, 1, threads, progress)
+
+        run(lib.lr_voxelize_part)
+        if info.has_cells:
+            call(lib.lr_voxelize_join, voxelizer, watch=progress)
+            run(lib.lr_voxelize_cells)
+            lib.lr_voxelizer_get_info(voxelizer, ctypes.byref(info))
+            _check_nbytes(info.nbytes, max_nbytes)
         handle = ctypes.POINTER(_abi.lr_volume)()
         call(lib.lr_voxelize_end, voxelizer, watch=progress, outputs=(handle,))
         progress.end()

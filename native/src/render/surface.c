@@ -20,6 +20,7 @@
 #include "trace/structure.h"
 #include "volume/affine.h"
 #include "volume/attributes.h"
+#include "volume/exact.h"
 #include "volume/field.h"
 
 /* To world space and to unit length. A vanishing gradient tells nothing: then the
@@ -67,21 +68,24 @@ static void locate(const lr_placed *placed, const lr_surfel *s, int32_t c[3], do
 {
     const lr_volume *v = lr_structure_volume(placed->structure);
     double object[3];
+    for (int a = 0; a < 3; a++)
+        c[a] = s->start.cell[a] + LR_PAD;
     lr_map_point(placed->object_from_world, s->position, object);
     lr_map_point(v->storage_from_object, object, p);
-    for (int a = 0; a < 3; a++) {
-        c[a] = s->start.cell[a] + LR_PAD;
+    for (int a = 0; a < 3; a++)
         p[a] = lr_clamp(p[a] - c[a], 0, 1);
-    }
 }
 
 /* From the hit, at p of storage cell c, to the smooth surface above it, in world
- * space; false where that is not above. */
+ * space; false where that is not above. A hit in an exact cell lies on a triangle,
+ * which is no facet of anything smoother that the samples know. */
 static bool rise(const lr_placed *placed, const lr_surfel *s, const int32_t c[3], const double p[3],
                  double offset[3])
 {
     const lr_volume *v = lr_structure_volume(placed->structure);
     double g[3], g_object[3], g_world[3];
+    if (v->exact != NULL && lr_is_exact(v, c))
+        return false;
     const double left_out = remainder_at(v, c, p, g);
     const double slope = sqrt(lr_dot(g, g));
     lr_map_gradient(v->storage_from_object, g, g_object);

@@ -13,9 +13,9 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 
+#include "trace/exact.h"
 #include "trace/output.h"
 #include "trace/traverser.h"
-#include "trace/uniform.h"
 
 #define LR_JOIN_(a, b, c) a##b##c
 #define LR_JOIN(a, b, c)  LR_JOIN_(a, b, c)
@@ -77,6 +77,7 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
     const double t_min = rays->t_min != NULL ? rays->t_min[i] : 0.0;
     const lr_start *start = rays->start != NULL ? &rays->start[i] : NULL;
     int side = start != NULL ? start->side : 0;
+    const lr_leaving leaving = {t_min, side};
     bool hit = false, first = true;
     lr_put_miss(hits, i);
     if (!lr_ray_setup(&r, v, o, d, rays->t_max != NULL ? rays->t_max[i] : INFINITY) ||
@@ -99,14 +100,11 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
         }
         lr_found found;
         n_tests++;
-        if (options->hit_test == LR_HIT_UNIFORM
-                ? lr_hit_uniform(v, &r, &u, t_min, side, options, &found, &n_samples)
-                : lr_hit_cell(v, &r, &u, side, options, &found, &n_samples)) {
+        if (lr_hit(v, &r, &u, &leaving, &side, options, &found, &n_samples)) {
             lr_put_surface(v, hits, i, &found, d, options->normal);
             hit = true;
             break;
         }
-        side = 0;
         first = false;
     }
 end:

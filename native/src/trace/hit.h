@@ -33,7 +33,10 @@ typedef struct lr_found {
     int32_t c[3]; /* storage cell */
     double p[3];  /* cell coordinates */
     double corner[8];
+    uint32_t triangle; /* of an exact cell; or LR_NO_TRIANGLE */
 } lr_found;
+
+#define LR_NO_TRIANGLE UINT32_MAX
 
 /* f on the face where coordinate a is 0 or 1. */
 LR_INLINE double lr_face_value(const double s[8], int a, bool upper, const double p[3])

@@ -6,6 +6,7 @@
 
 #include "trace/hit.h"
 #include "volume/attributes.h"
+#include "volume/exact.h"
 
 LR_INLINE void lr_put_triple(double *x, double *y, double *z, uint64_t i, const double v[3])
 {
@@ -76,15 +77,42 @@ LR_INLINE int32_t lr_nearest_id(const lr_volume *v, const int32_t c[3], const do
     return id;
 }
 
+/* What is known of a triangle that was hit. */
+LR_INLINE void lr_put_triangle(const lr_volume *v, const lr_hits *hits, uint64_t i,
+                               const lr_found *found, int32_t normal_kind)
+{
+    double inward[3], own[3], shading[3];
+    const int32_t id = v->exact->id != NULL ? v->exact->id[found->triangle] : 0;
+    lr_exact_normal(v->exact, found->triangle, inward);
+    for (int a = 0; a < 3; a++)
+        inward[a] = -inward[a];
+    lr_outward(v, inward, own);
+    memcpy(shading, own, sizeof shading);
+    if (normal_kind != LR_NORMAL_ANALYTIC &&
+        lr_volume_shading_normal(v, found->c, found->p, id, shading)) {
+        const double side = lr_dot(shading, own) < 0.0 ? -1.0 : 1.0;
+        for (int a = 0; a < 3; a++)
+            shading[a] *= side;
+    }
+    lr_put_triple(hits->nx, hits->ny, hits->nz, i, shading);
+    lr_put_triple(hits->gx, hits->gy, hits->gz, i, own);
+    if (hits->id != NULL)
+        hits->id[i] = id;
+}
+
 /* A surface hit; d is the ray's direction in object space. */
 LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t i,
                               const lr_found *found, const double d[3], int32_t normal_kind)
 {
     const int32_t *c = found->c;
     const double *corner = found->corner;
-    const int32_t id = lr_nearest_id(v, c, corner, found->p);
     hits->t[i] = found->t;
     lr_put_cell(hits, i, c);
+    if (found->triangle != LR_NO_TRIANGLE) {
+        lr_put_triangle(v, hits, i, found, normal_kind);
+        return;
+    }
+    const int32_t id = lr_nearest_id(v, c, corner, found->p);
     if (hits->id != NULL)
         hits->id[i] = id;
     if (hits->nx == NULL && hits->gx == NULL)

@@ -6,7 +6,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "error.h"
-#include "volume/access.h"
+#include "volume/exact.h"
 
 /* 0: zero throughout, 1: one throughout, 2: neither. Ids other than 0, touched
  * cells and attributes are something to keep. */
@@ -171,10 +171,10 @@ static void bound(lr_volume *v, const int32_t b[3])
                     widen(v, x, y, z);
 }
 
-lr_status lr_volume_finish(lr_volume *v, const lr_watch *watch, lr_error *error)
+lr_status lr_volume_finish_exact(lr_volume *v, const lr_exact_part *parts, uint32_t n_parts,
+                                 const lr_exact_source *source, const lr_watch *watch,
+                                 lr_error *error)
 {
-    if (v->finished)
-        return LR_OK;
     lr_status status = drop_constants(v, watch, error);
     for (int a = 0; a < 3; a++) {
         v->surface_lo[a] = INT32_MAX / 2;
@@ -194,6 +194,8 @@ lr_status lr_volume_finish(lr_volume *v, const lr_watch *watch, lr_error *error)
         }
         lr_progress(watch, (double)(z + 1) / v->table_size[2]);
     }
+    if (status == LR_OK && n_parts > 0)
+        status = lr_exact_attach(v, parts, n_parts, source, watch, error);
     if (status == LR_OK)
         status = lr_volume_trim_blocks(v, watch, error);
     if (status == LR_OK && v->n_bricks < v->capacity) { /* give back what was not needed */
@@ -202,4 +204,9 @@ lr_status lr_volume_finish(lr_volume *v, const lr_watch *watch, lr_error *error)
     }
     v->finished = status == LR_OK;
     return status;
+}
+
+lr_status lr_volume_finish(lr_volume *v, const lr_watch *watch, lr_error *error)
+{
+    return v->finished ? LR_OK : lr_volume_finish_exact(v, NULL, 0, NULL, watch, error);
 }

@@ -4,6 +4,7 @@
 #include "error.h"
 #include "volume/access.h"
 #include "volume/affine.h"
+#include "volume/exact.h"
 
 enum { MAX_SIDE = 1 << 20 }; /* samples per axis: storage coordinates stay far inside int32 */
 
@@ -169,6 +170,7 @@ void lr_volume_free(lr_volume *v)
     free(v->block_of);
     free(v->colors);
     free(v->normals);
+    lr_exact_free(v->exact);
     free(v);
 }
 
@@ -337,8 +339,10 @@ static void get_surface(const lr_volume *v, const part *p, const int32_t size[3]
         for (int j = 0; j < p->size[1]; j++)
             for (int i = 0; i < p->size[0]; i++) {
                 int32_t x = p->lo[0] + i, y = p->lo[1] + j, z = p->lo[2] + k;
+                const uint32_t sub = lr_sub_of(x, y, z), bit = lr_bit_of(x, y, z);
+                const bool exact = v->exact != NULL && lr_exact_word(v, brick, sub) >> bit & 1;
                 block[in_block(p, size, j, k) + (size_t)i] =
-                    v->cells[brick][lr_sub_of(x, y, z)] >> lr_bit_of(x, y, z) & 1;
+                    (v->cells[brick][sub] >> bit & 1) + exact;
             }
 }
 
@@ -402,7 +406,10 @@ void lr_volume_get_info(const lr_volume *v, lr_volume_info *info)
     info->n_surface_cells = v->n_surface_cells;
     info->nbytes =
         sizeof *v + lr_table_count(v) * sizeof *v->table +
-        (uint64_t)v->capacity * lr_volume_brick_nbytes(v->desc.sample_type, v->desc.has_ids != 0);
+        (uint64_t)v->capacity * lr_volume_brick_nbytes(v->desc.sample_type, v->desc.has_ids != 0) +
+        lr_exact_nbytes(v->exact);
+    info->n_exact_cells = v->exact != NULL ? v->exact->n_cells : 0;
+    info->exact_nbytes = lr_exact_nbytes(v->exact);
     info->has_colors = v->colors != NULL;
     info->has_normals = v->normals != NULL;
     if (v->block_of != NULL)

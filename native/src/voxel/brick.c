@@ -336,7 +336,7 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
         dress(job, first, list, n, scratch, brick);
     clear_outside(job, first, &side, brick);
     if (job->sheet) {
-        if (!touch(job, first, list, n, watch, brick))
+        if (!job->exact && !touch(job, first, list, n, watch, brick))
             return false;
         brick->state = state_of(brick);
         return true;

@@ -20,6 +20,7 @@ typedef struct lr_voxel_job {
     int32_t sample_type;
     bool sheet;
     lr_bake bake;
+    bool exact;        /* cells are judged in a second run (cells.h) */
 } lr_voxel_job;
 
 typedef enum lr_brick_state {

@@ -53,4 +53,21 @@ LR_INLINE double lr_profile(int32_t filter, double s, double r)
     }
 }
 
+/* How much it rises per voxel across a plane, at the plane; of box and binary between
+ * the samples on either side. */
+LR_INLINE double lr_profile_slope(int32_t filter, double r)
+{
+    switch (filter) {
+    case LR_FILTER_CONE:
+        return 1.0 / r;
+    case LR_FILTER_GAUSS:
+        return 0.3989422804014327 / r;
+    case LR_FILTER_BINARY:
+    case LR_FILTER_BOX:
+        return 1.0;
+    default:
+        return 0.5 / r;
+    }
+}
+
 #endif

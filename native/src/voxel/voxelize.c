@@ -5,11 +5,13 @@
  * their bricks' states. At the end, bricks that no triangle came near take the
  * side of the bricks around them: face-connected ones are of one side, which
  * the samples on the faces around them vote for; those that reach the border
- * of the table are outside.
+ * of the table are outside. Then all samples are known, and where exact cells are
+ * wanted every part runs again to judge the cells of its bricks.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "cpu.h"
 #include "voxel/brick.h"
+#include "voxel/cells.h"
 #include "voxel/profile.h"
 
 /* A 4096^3 lattice; the tables of its bricks take 1.2 GB. */
@@ -50,6 +52,9 @@ struct lr_voxelizer {
     part *parts;
     verdict *verdicts; /* [n_active] */
     int32_t simd;      /* lr_simd in use */
+    lr_cells_part *cells; /* [n_parts], or NULL */
+    bool *judged;         /* [n_parts] */
+    bool joined;          /* the parts' bricks are in the volume */
 };
 
 /* ---- begin ------------------------------------------------------------- */
@@ -73,6 +78,9 @@ static lr_status check_options(const lr_voxelize_options *o, lr_error *error)
     if (o->sample_type < LR_U8 || o->sample_type > LR_F32)
         return lr_fail(error, LR_E_ARGUMENT, "sample type %d is none of u8 (0), u16 (1), f32 (2)",
                        o->sample_type);
+    if (o->exact < LR_EXACT_SHEETS || o->exact > LR_EXACT_NONE)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "exact cells %d are none of sheets (0), all (1), none (2)", o->exact);
     return LR_OK;
 }
 
@@ -142,15 +150,21 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_voxelize
     if (status != LR_OK)
         return status;
     v->job.sheet = v->desc.kind == LR_KIND_SHEET;
+    v->job.exact = o->exact == LR_EXACT_ALL || (o->exact == LR_EXACT_SHEETS && v->job.sheet);
     v->job.band =
-        fmax(lr_profile_reach(o->filter, o->half_width), v->job.sheet ? STENCIL : CORNERS);
+        fmax(lr_profile_reach(o->filter, o->half_width), v->job.sheet || v->job.exact ? STENCIL : CORNERS);
     memcpy(v->job.table_size, v->volume->table_size, sizeof v->job.table_size);
     status = lr_bins_make(&v->mesh, v->job.table_size, v->job.band, watch, &v->bins, error);
     if (status != LR_OK)
         return status;
     v->parts = calloc((size_t)v->bins.n_parts + 1, sizeof *v->parts);
     v->verdicts = calloc((size_t)v->bins.n_active + 1, sizeof *v->verdicts);
-    if (v->parts == NULL || v->verdicts == NULL)
+    if (v->job.exact) {
+        v->cells = calloc((size_t)v->bins.n_parts + 1, sizeof *v->cells);
+        v->judged = calloc((size_t)v->bins.n_parts + 1, sizeof *v->judged);
+    }
+    if (v->parts == NULL || v->verdicts == NULL ||
+        (v->job.exact && (v->cells == NULL || v->judged == NULL)))
         return lr_fail_memory(error, v->bins.n_active * sizeof *v->verdicts, "the bricks' states");
     return LR_OK;
 }
@@ -191,7 +205,10 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
         .n_degenerate = v->mesh.n_degenerate,
         .inverted = v->mesh.side < 0.0,
         .simd = v->simd,
+        .has_cells = v->job.exact,
     };
+    for (uint32_t i = 0; v->cells != NULL && i < v->bins.n_parts; i++)
+        info->nbytes += lr_cells_nbytes(&v->cells[i]);
 }
 
 /* ---- parts ------------------------------------------------------------- */
@@ -315,7 +332,7 @@ lr_status lr_voxelize_part(lr_voxelizer *v, uint64_t index, const lr_watch *watc
     return status;
 }
 
-/* ---- end --------------------------------------------------------------- */
+/* ---- join -------------------------------------------------------------- */
 
 /* Bricks that are decided among bricks: their votes, component by component. */
 typedef struct undecided {
@@ -451,8 +468,7 @@ static lr_status move_parts(lr_voxelizer *v, const lr_watch *watch, lr_error *er
     return status;
 }
 
-lr_status lr_voxelize_end(lr_voxelizer *v, const lr_watch *watch, lr_volume **volume,
-                          lr_error *error)
+static lr_status check_parts(const lr_voxelizer *v, lr_error *error)
 {
     if (v->volume == NULL)
         return lr_fail(error, LR_E_ARGUMENT, "the volume of this voxelizer was made before");
@@ -460,13 +476,103 @@ lr_status lr_voxelize_end(lr_voxelizer *v, const lr_watch *watch, lr_volume **vo
         if (!v->parts[i].done)
             return lr_fail(error, LR_E_ARGUMENT, "part %u of %u has not been run", i,
                            v->bins.n_parts);
-    lr_status status = LR_OK;
-    if (!v->job.sheet)
+    return LR_OK;
+}
+
+lr_status lr_voxelize_join(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
+{
+    lr_status status = check_parts(v, error);
+    if (status == LR_OK && v->joined)
+        status = lr_fail(error, LR_E_ARGUMENT, "the parts of this voxelizer were joined before");
+    if (status == LR_OK && !v->job.sheet)
         status = decide(v, watch, error);
     if (status == LR_OK)
         status = move_parts(v, watch, error);
+    v->joined = status == LR_OK;
+    return status;
+}
+
+/* ---- cells ------------------------------------------------------------- */
+
+lr_status lr_voxelize_cells(lr_voxelizer *v, uint64_t index, const lr_watch *watch,
+                            lr_error *error)
+{
+    if (!v->joined || v->cells == NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "cells are judged where the voxelizer has_cells and its parts are joined");
+    if (index >= v->bins.n_parts || v->judged[index])
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the cells of part %llu of %u were judged before or do not exist",
+                       (unsigned long long)index, v->bins.n_parts);
+    lr_status status = lr_cells_make(&v->job, v->volume, &v->bins, v->bins.part[index],
+                                     v->bins.part[index + 1], watch, &v->cells[index], error);
+    v->judged[index] = status == LR_OK;
+    if (status != LR_OK)
+        lr_cells_free(&v->cells[index]);
+    else
+        lr_progress(watch, 1.0);
+    return status;
+}
+
+/* The cells of a sheet in which its field holds: those near a triangle. */
+static lr_status mark_near(lr_voxelizer *v, lr_error *error)
+{
+    lr_status status = LR_OK;
+    for (uint32_t i = 0; i < v->bins.n_parts && v->job.sheet; i++)
+        for (uint32_t k = 0; k < v->cells[i].n && status == LR_OK; k++) {
+            uint32_t brick;
+            status = lr_volume_open_brick(v->volume, v->cells[i].place[k], &brick, error);
+            for (int s = 0; s < 8 && status == LR_OK; s++)
+                v->volume->cells[brick][s] |= v->cells[i].near[k][s];
+        }
+    return status;
+}
+
+static void vertex_of(const void *mesh, int64_t v, double p[3])
+{
+    lr_vertex(mesh, v, p);
+}
+
+static lr_status finish_exact(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
+{
+    const lr_exact_source source = {
+        .triangles = v->mesh.source.triangles,
+        .n_triangles = v->mesh.source.n_triangles,
+        .n_vertices = v->mesh.source.n_vertices,
+        .ids = v->mesh.source.ids,
+        .turned = v->mesh.side < 0.0,
+        .slope = lr_profile_slope(v->job.filter, v->job.half_width),
+        .vertex = vertex_of,
+        .mesh = &v->mesh,
+    };
+    lr_exact_part *parts = calloc((size_t)v->bins.n_parts + 1, sizeof *parts);
+    if (parts == NULL)
+        return lr_fail_memory(error, v->bins.n_parts * sizeof *parts, "a list of parts");
+    for (uint32_t i = 0; i < v->bins.n_parts; i++)
+        parts[i] = v->cells[i].exact;
+    lr_status status =
+        lr_volume_finish_exact(v->volume, parts, v->bins.n_parts, &source, watch, error);
+    free(parts);
+    return status;
+}
+
+/* ---- end --------------------------------------------------------------- */
+
+lr_status lr_voxelize_end(lr_voxelizer *v, const lr_watch *watch, lr_volume **volume,
+                          lr_error *error)
+{
+    lr_status status = check_parts(v, error);
+    for (uint32_t i = 0; i < v->bins.n_parts && status == LR_OK && v->cells != NULL; i++)
+        if (!v->judged[i])
+            status = lr_fail(error, LR_E_ARGUMENT, "the cells of part %u of %u have not been judged",
+                             i, v->bins.n_parts);
+    if (status == LR_OK && !v->joined)
+        status = lr_voxelize_join(v, watch, error);
+    if (status == LR_OK && v->cells != NULL)
+        status = mark_near(v, error);
     if (status == LR_OK)
-        status = lr_volume_finish(v->volume, watch, error);
+        status = v->cells != NULL ? finish_exact(v, watch, error)
+                                  : lr_volume_finish(v->volume, watch, error);
     if (status != LR_OK)
         return status;
     *volume = v->volume;
@@ -480,8 +586,12 @@ void lr_voxelizer_free(lr_voxelizer *v)
         return;
     for (uint32_t i = 0; v->parts != NULL && i < v->bins.n_parts; i++)
         free_part(&v->parts[i]);
+    for (uint32_t i = 0; v->cells != NULL && i < v->bins.n_parts; i++)
+        lr_cells_free(&v->cells[i]);
     free(v->parts);
     free(v->verdicts);
+    free(v->cells);
+    free(v->judged);
     lr_topology_free(&v->mesh);
     lr_bins_free(&v->bins);
     lr_volume_free(v->volume);

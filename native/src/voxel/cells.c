@@ -1,0 +1,419 @@
+/* Which cells keep their triangles: where the field is not the surface.
+ *
+ * Runs when all samples of the volume are made, so that it judges what rays would
+ * see. A cell is exact if one of the triangles near it
+ *  1. ends near it: at a border, or at an edge of many triangles or of opposite
+ *     winding;
+ *  2. is not what the cell's samples are distances from: at one of the cell's corners
+ *     they tell another distance than that from the triangle's plane;
+ *  3. meets it where the field is off: not on its surface, or with another gradient;
+ * and if rays can find anything in it: a triangle meets it, or its samples change
+ * sides. 2 finds close pairs and flipped windings, 3 creases and thin walls.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "voxel/cells.h"
+
+#include "volume/field.h"
+#include "voxel/profile.h"
+#include "voxel/touch.h"
+
+enum { SIDE = 9, CORNERS = SIDE * SIDE * SIDE, POLL = 1 << 6, MOST_POLYGON = 9 };
+
+/* Bars, in voxels. A sphere of radius R leaves its tangent plane by r^2 / (2R) at the
+ * distance r, and its field is off by 1/(4R): cells of smooth surfaces stay in the field
+ * down to BEND voxels of radius. */
+static const double SURFACE_OFF = 0.05, CORNER_OFF = 0.1, GRADIENT_OFF = 0.25, BEND = 4.0;
+
+/* A brick's samples and those beyond it, as distances (true ones near the surface, where
+ * the filter is no ramp); positive inside. */
+typedef struct field {
+    float s[CORNERS];
+} field;
+
+typedef struct pair {
+    uint32_t cell, triangle;
+} pair;
+
+typedef struct work {
+    const lr_voxel_job *job;
+    field field;
+    uint64_t near[8], touched[8], bad[8], change[8];
+    pair *pairs;
+    size_t n_pairs, room;
+} work;
+
+LR_INLINE uint64_t bit_of(int cell)
+{
+    return (uint64_t)1 << lr_bit_of(cell & 7, cell >> 3 & 7, cell >> 6);
+}
+
+LR_INLINE uint32_t word_of(int cell)
+{
+    return lr_sub_of(cell & 7, cell >> 3 & 7, cell >> 6);
+}
+
+/* ---- samples ----------------------------------------------------------- */
+
+static void read_field(const lr_volume *v, const int32_t first[3], double slope, field *f)
+{
+    float *out = f->s;
+    for (int z = 0; z < SIDE; z++)
+        for (int y = 0; y < SIDE; y++)
+            for (int x = 0; x < SIDE; x++) {
+                const int32_t c[3] = {first[0] + x, first[1] + y, first[2] + z};
+                const bool inside = c[0] >> 3 < v->table_size[0] && c[1] >> 3 < v->table_size[1] &&
+                                    c[2] >> 3 < v->table_size[2];
+                const double g = inside ? lr_sample(v, c[0], c[1], c[2]) : 0.0;
+                *out++ = (float)((g - v->threshold) / (v->one * slope));
+            }
+}
+
+static void cell_corners(const field *f, int cell, double corner[8])
+{
+    const int at = (cell & 7) + SIDE * (cell >> 3 & 7) + SIDE * SIDE * (cell >> 6);
+    for (int b = 0; b < 8; b++)
+        corner[b] = (double)f->s[at + (b & 1) + SIDE * (b >> 1 & 1) + SIDE * SIDE * (b >> 2)];
+}
+
+static void find_changes(work *w)
+{
+    for (int cell = 0; cell < LR_BRICK_SAMPLES; cell++) {
+        double corner[8];
+        int inside = 0;
+        cell_corners(&w->field, cell, corner);
+        for (int b = 0; b < 8; b++)
+            inside += corner[b] >= 0.0;
+        if (inside > 0 && inside < 8)
+            w->change[word_of(cell)] |= bit_of(cell);
+    }
+}
+
+/* ---- one triangle and one cell ----------------------------------------- */
+
+/* A triangle in coordinates from the brick's first sample. */
+typedef struct piece {
+    double p[3][3], n[3]; /* unit, outward */
+    double wound[3];      /* unit, by the winding */
+    bool ends[3];         /* is the edge from that corner on a border of its kind? */
+    uint32_t triangle;
+} piece;
+
+/* Does a segment meet the cell, widened by LR_EXACT_NEAR? */
+static bool segment_near(const double a[3], const double b[3], const double cell[3])
+{
+    double in = 0.0, out = 1.0;
+    for (int i = 0; i < 3; i++) {
+        const double lo = cell[i] - LR_EXACT_NEAR, hi = cell[i] + 1.0 + LR_EXACT_NEAR;
+        const double d = b[i] - a[i];
+        if (d == 0.0) {
+            if (a[i] < lo || a[i] > hi)
+                return false;
+            continue;
+        }
+        const double t0 = ((d > 0.0 ? lo : hi) - a[i]) / d, t1 = ((d > 0.0 ? hi : lo) - a[i]) / d;
+        in = t0 > in ? t0 : in;
+        out = t1 < out ? t1 : out;
+    }
+    return in <= out;
+}
+
+static bool ends_near(const piece *t, const double cell[3])
+{
+    for (int e = 0; e < 3; e++)
+        if (t->ends[e] && segment_near(t->p[e], t->p[(e + 1) % 3], cell))
+            return true;
+    return false;
+}
+
+/* Squared distance of a point from the part of the plane that the triangle covers, along
+ * the plane. */
+static double beside2(const piece *t, const double q[3])
+{
+    double best = INFINITY;
+    bool in_face = true;
+    for (int c = 0; c < 3; c++) {
+        double along[3], from[3], out[3];
+        lr_sub(t->p[(c + 1) % 3], t->p[c], along);
+        lr_sub(q, t->p[c], from);
+        lr_cross_product(along, t->wound, out);
+        const double length2 = lr_dot(along, along), height = lr_dot(t->n, from);
+        const double share = lr_clamp(lr_dot(along, from) / length2, 0.0, 1.0);
+        double square = -height * height;
+        for (int a = 0; a < 3; a++)
+            square += (from[a] - share * along[a]) * (from[a] - share * along[a]);
+        in_face = in_face && lr_dot(out, from) <= 0.0;
+        best = square < best ? square : best;
+    }
+    return in_face ? 0.0 : best;
+}
+
+static bool corners_off(const piece *t, const double cell[3], const double corner[8],
+                        const lr_voxel_job *job)
+{
+    const double slope = lr_profile_slope(job->filter, job->half_width);
+    for (int b = 0; b < 8; b++) {
+        const double q[3] = {cell[0] + (b & 1), cell[1] + (b >> 1 & 1), cell[2] + (b >> 2)};
+        double from[3];
+        lr_sub(q, t->p[0], from);
+        const double g = lr_profile(job->filter, -lr_dot(t->n, from), job->half_width);
+        const double off = fabs(corner[b] - (g - 0.5) / slope) - CORNER_OFF;
+        if (off > 0.0 && off > beside2(t, q) / (2.0 * BEND))
+            return true;
+    }
+    return false;
+}
+
+/* The part of a polygon below a plane of one axis, sign * p[a] <= bound.
+ *
+ * Source: Sutherland and Hodgman 1974. */
+static int clip(double p[MOST_POLYGON][3], int n, int a, double sign, double bound)
+{
+    double out[MOST_POLYGON][3];
+    int kept = 0;
+    for (int i = 0; i < n; i++) {
+        const double *q = p[(i + 1) % n];
+        const double at = sign * p[i][a] - bound, next = sign * q[a] - bound;
+        if (at <= 0.0 && kept < MOST_POLYGON)
+            memcpy(out[kept++], p[i], sizeof out[0]);
+        if ((at < 0.0) != (next < 0.0) && at != 0.0 && next != 0.0 && kept < MOST_POLYGON) {
+            for (int c = 0; c < 3; c++)
+                out[kept][c] = p[i][c] + (q[c] - p[i][c]) * (at / (at - next));
+            kept++;
+        }
+    }
+    memcpy(p, out, (size_t)kept * sizeof *p);
+    return kept;
+}
+
+static bool point_off(const double corner[8], const double cell[3], const double p[3],
+                      const double n[3])
+{
+    double q[3], g[3];
+    for (int a = 0; a < 3; a++)
+        q[a] = lr_clamp(p[a] - cell[a], 0.0, 1.0);
+    if (fabs(lr_trilinear(corner, q)) > SURFACE_OFF)
+        return true;
+    lr_trilinear_gradient(corner, q, g);
+    for (int a = 0; a < 3; a++)
+        g[a] += n[a];
+    return lr_dot(g, g) > GRADIENT_OFF * GRADIENT_OFF;
+}
+
+/* Is the field off at the corners or in the middle of the triangle's part in the cell? */
+static bool surface_off(const piece *t, const double cell[3], const double corner[8])
+{
+    double p[MOST_POLYGON][3], middle[3] = {0.0, 0.0, 0.0};
+    int n = 3;
+    memcpy(p, t->p, sizeof t->p);
+    for (int a = 0; a < 3 && n > 0; a++) {
+        n = clip(p, n, a, 1.0, cell[a] + 1.0 + LR_TOUCH);
+        n = clip(p, n, a, -1.0, LR_TOUCH - cell[a]);
+    }
+    for (int i = 0; i < n; i++) {
+        if (point_off(corner, cell, p[i], t->n))
+            return true;
+        for (int a = 0; a < 3; a++)
+            middle[a] += p[i][a] / n;
+    }
+    return n > 0 && point_off(corner, cell, middle, t->n);
+}
+
+/* ---- a brick ----------------------------------------------------------- */
+
+static bool add_pair(work *w, uint32_t cell, uint32_t triangle)
+{
+    if (w->n_pairs == w->room) {
+        const size_t room = 2 * w->room + 4096;
+        pair *pairs = realloc(w->pairs, room * sizeof *pairs);
+        if (pairs == NULL)
+            return false;
+        w->pairs = pairs;
+        w->room = room;
+    }
+    w->pairs[w->n_pairs++] = (pair){cell, triangle};
+    return true;
+}
+
+static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int32_t c[3])
+{
+    const double centre[3] = {c[0] + 0.5, c[1] + 0.5, c[2] + 0.5};
+    const double cell[3] = {c[0], c[1], c[2]};
+    const int at = c[0] + 8 * c[1] + 64 * c[2];
+    const uint32_t word = word_of(at);
+    const uint64_t bit = bit_of(at);
+    if (lr_apart(s, centre, LR_EXACT_NEAR))
+        return true;
+    const bool touched = !lr_apart(s, centre, LR_TOUCH);
+    w->near[word] |= bit;
+    w->touched[word] |= touched ? bit : 0;
+    if (!(w->bad[word] & bit)) {
+        double corner[8];
+        cell_corners(&w->field, at, corner);
+        if (ends_near(t, cell) || corners_off(t, cell, corner, w->job) ||
+            (touched && surface_off(t, cell, corner)))
+            w->bad[word] |= bit;
+    }
+    return add_pair(w, (uint32_t)at, t->triangle);
+}
+
+static bool judge_triangle(work *w, const int32_t first[3], uint32_t triangle)
+{
+    const lr_topology *mesh = w->job->mesh;
+    piece t = {.triangle = triangle};
+    lr_triangle(mesh, triangle, t.p);
+    for (int c = 0; c < 3; c++)
+        for (int a = 0; a < 3; a++)
+            t.p[c][a] -= first[a];
+    int32_t lo[3], hi[3];
+    if (!lr_normal_of((const double (*)[3])t.p, t.wound) ||
+        !lr_cell_range((const double (*)[3])t.p, LR_EXACT_NEAR, lo, hi))
+        return true;
+    for (int a = 0; a < 3; a++) {
+        t.n[a] = t.wound[a] * mesh->side;
+        t.ends[a] = !lr_edge_closed(mesh, 3 * triangle + (uint32_t)a);
+    }
+    lr_separator s[LR_SEPARATORS];
+    lr_separators_make((const double (*)[3])t.p, s);
+    int32_t c[3];
+    for (c[2] = lo[2]; c[2] <= hi[2]; c[2]++)
+        for (c[1] = lo[1]; c[1] <= hi[1]; c[1]++)
+            for (c[0] = lo[0]; c[0] <= hi[0]; c[0]++)
+                if (!judge_cell(w, &t, s, c))
+                    return false;
+    return true;
+}
+
+/* ---- lists ------------------------------------------------------------- */
+
+static bool has_room(lr_exact_part *e, uint32_t n_cells, uint32_t n_list)
+{
+    uint32_t *count = realloc(e->count, ((size_t)e->n_cells + n_cells + 1) * sizeof *count);
+    if (count != NULL)
+        e->count = count;
+    uint32_t *list = realloc(e->list, ((size_t)e->n_list + n_list + 1) * sizeof *list);
+    if (list != NULL)
+        e->list = list;
+    return count != NULL && list != NULL;
+}
+
+/* Sort the pairs of exact cells into lists, in the order of the mask's bits. */
+static bool keep_lists(const work *w, const uint64_t exact[8], lr_exact_part *e)
+{
+    uint32_t place[LR_BRICK_SAMPLES], n_cells = 0, n_list = 0;
+    uint32_t count[LR_BRICK_SAMPLES] = {0}, start[LR_BRICK_SAMPLES];
+    for (int cell = 0; cell < LR_BRICK_SAMPLES; cell++) {
+        const uint32_t word = word_of(cell);
+        uint32_t before = 0;
+        for (uint32_t s = 0; s < word; s++)
+            before += (uint32_t)__builtin_popcountll(exact[s]);
+        before += (uint32_t)__builtin_popcountll(exact[word] & (bit_of(cell) - 1));
+        place[cell] = exact[word] & bit_of(cell) ? before : UINT32_MAX;
+        n_cells += place[cell] != UINT32_MAX;
+    }
+    for (size_t i = 0; i < w->n_pairs; i++)
+        if (place[w->pairs[i].cell] != UINT32_MAX) {
+            count[place[w->pairs[i].cell]]++;
+            n_list++;
+        }
+    if (!has_room(e, n_cells, n_list))
+        return false;
+    memcpy(e->count + e->n_cells, count, n_cells * sizeof *count);
+    for (uint32_t i = 0, at = e->n_list; i < n_cells; at += count[i++])
+        start[i] = at;
+    for (size_t i = 0; i < w->n_pairs; i++)
+        if (place[w->pairs[i].cell] != UINT32_MAX)
+            e->list[start[place[w->pairs[i].cell]]++] = w->pairs[i].triangle;
+    e->n_cells += n_cells;
+    e->n_list += n_list;
+    return true;
+}
+
+static bool keep(const work *w, uint32_t place, lr_cells_part *part)
+{
+    uint64_t exact[8], any_near = 0, any = 0;
+    for (int s = 0; s < 8; s++) {
+        exact[s] = w->bad[s] & (w->touched[s] | w->change[s]);
+        any |= w->bad[s];
+        any_near |= w->near[s];
+    }
+    if (any_near != 0) {
+        memcpy(part->near[part->n], w->near, sizeof w->near);
+        part->place[part->n++] = place;
+    }
+    if (any == 0)
+        return true;
+    lr_exact_part *e = &part->exact;
+    memcpy(e->doubt[e->n], w->bad, sizeof w->bad);
+    memcpy(e->exact[e->n], exact, sizeof exact);
+    e->place[e->n++] = place;
+    return keep_lists(w, exact, e);
+}
+
+static bool judge_brick(work *w, const lr_volume *v, const lr_bins *bins, uint32_t active,
+                        const lr_watch *watch, lr_cells_part *part, bool *stopped)
+{
+    const uint32_t at = bins->brick[active];
+    const uint32_t nx = (uint32_t)v->table_size[0], ny = (uint32_t)v->table_size[1];
+    const int32_t first[3] = {8 * (int32_t)(at % nx), 8 * (int32_t)(at / nx % ny),
+                              8 * (int32_t)(at / nx / ny)};
+    memset(w->near, 0, sizeof w->near);
+    memset(w->touched, 0, sizeof w->touched);
+    memset(w->bad, 0, sizeof w->bad);
+    memset(w->change, 0, sizeof w->change);
+    w->n_pairs = 0;
+    read_field(v, first, lr_profile_slope(w->job->filter, w->job->half_width), &w->field);
+    find_changes(w);
+    for (uint64_t i = bins->start[active]; i < bins->start[active + 1]; i++) {
+        if (i % POLL == 0 && lr_stopped(watch)) {
+            *stopped = true;
+            return false;
+        }
+        if (!judge_triangle(w, first, bins->list[i]))
+            return false;
+    }
+    return keep(w, at, part);
+}
+
+lr_status lr_cells_make(const lr_voxel_job *job, const lr_volume *volume, const lr_bins *bins,
+                        uint32_t first, uint32_t end, const lr_watch *watch, lr_cells_part *part,
+                        lr_error *error)
+{
+    const size_t n = (size_t)(end - first) + 1;
+    *part = (lr_cells_part){.place = malloc(n * sizeof *part->place),
+                            .near = malloc(n * sizeof *part->near)};
+    part->exact.place = malloc(n * sizeof *part->exact.place);
+    part->exact.doubt = malloc(n * sizeof *part->exact.doubt);
+    part->exact.exact = malloc(n * sizeof *part->exact.exact);
+    work w = {.job = job};
+    bool good = part->place != NULL && part->near != NULL && part->exact.place != NULL &&
+                part->exact.doubt != NULL && part->exact.exact != NULL;
+    bool stopped = false;
+    for (uint32_t i = first; i < end && good; i++) {
+        lr_progress(watch, (double)(i - first) / (double)(end - first));
+        good = judge_brick(&w, volume, bins, i, watch, part, &stopped);
+    }
+    free(w.pairs);
+    if (good)
+        return LR_OK;
+    return stopped ? lr_fail_stopped(error)
+                   : lr_fail_memory(error, n * sizeof(pair) + w.room * sizeof(pair),
+                                    "the exact cells of a part");
+}
+
+void lr_cells_free(lr_cells_part *part)
+{
+    free(part->place);
+    free(part->near);
+    free(part->exact.place);
+    free(part->exact.doubt);
+    free(part->exact.exact);
+    free(part->exact.count);
+    free(part->exact.list);
+    memset(part, 0, sizeof *part);
+}
+
+uint64_t lr_cells_nbytes(const lr_cells_part *part)
+{
+    const lr_exact_part *e = &part->exact;
+    return (uint64_t)e->n_cells * sizeof *e->count + (uint64_t)e->n_list * sizeof *e->list;
+}
