@@ -3,17 +3,15 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from dataclasses import replace
 from functools import partial
 
 import bpy
-import numpy as np
 
 import leapray
 
-from . import model, pipeline, properties, result, scene
+from . import pipeline, properties, result, scene
 from .cache import Cache
 
 # How the last render of each view layer went: what the JSON file holds, or why there is none.
@@ -65,9 +63,8 @@ class LeapRayEngine(bpy.types.RenderEngine):
             self.resolution_y,
             settings=self._settings(depsgraph),
             camera=self.camera_override,
+            stop=self._asked_to_stop,
         )
-        if self.is_preview:  # Blender lights these by area lights, which are not supported yet
-            job = replace(job, lights=(shoulder_light(job.camera),))
 
         def progress(share: float, phase: str) -> None:
             self.update_progress(share)
@@ -75,7 +72,7 @@ class LeapRayEngine(bpy.types.RenderEngine):
 
         frame = pipeline.render(
             job,
-            stop=lambda: interrupt.is_set() or self.test_break(),
+            stop=self._asked_to_stop,
             progress=progress,
             on_tile=partial(result.write_tile, self, layer),
             cache=self._cache(depsgraph.scene_eval),
@@ -91,6 +88,9 @@ class LeapRayEngine(bpy.types.RenderEngine):
         for warning in frame.warnings:
             self.report({"WARNING"}, warning)
 
+    def _asked_to_stop(self) -> bool:
+        return interrupt.is_set() or self.test_break()
+
     def _settings(self, depsgraph):
         """The scene's settings; those of a material's preview are Blender's, so small ones."""
         chosen = properties.settings(depsgraph.scene_eval)
@@ -105,14 +105,6 @@ class LeapRayEngine(bpy.types.RenderEngine):
             return _volumes
         _volumes.clear()
         return None
-
-
-def shoulder_light(camera: model.Camera) -> model.Light:
-    """A sun from behind the camera, above its left shoulder, that lights white up to 1."""
-    up, right = (axis / np.linalg.norm(axis) for axis in (camera.dy, camera.dx))
-    towards = up - 0.7 * right - camera.forward
-    towards /= np.linalg.norm(towards)
-    return model.Light("Preview", "sun", (math.pi,) * 3, direction=tuple(towards.tolist()))
 
 
 def register() -> None:

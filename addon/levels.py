@@ -81,7 +81,7 @@ class Levels:
     def _key(self, work: Work, what: str, voxel_size: float) -> tuple:
         s = self.settings
         made = what, work.digest, voxel_size, work.with_ids, work.carries, s.sample_type
-        made = *made, self._filter(work.mesh), s.half_width, work.mesh.modelling.kind
+        made = *made, self._filter(work.mesh), s.half_width, s.exact, work.mesh.modelling.kind
         return made if what == "volume" else (*made, s.traverser)
 
     def _filter(self, mesh: model.Mesh) -> str:
@@ -166,6 +166,7 @@ class Levels:
             ids=work.mesh.slots if work.with_ids else None,
             attributes=self.wardrobe.attributes(work.mesh, work.outfit, voxel_size),
             dtype=self.settings.sample_type,
+            exact=self.settings.exact,
             threads=self.threads,
             watch=self.watch,
             max_nbytes=max_nbytes,

@@ -180,6 +180,7 @@ class Settings:
     sample_type: str = "u16"
     filter: str = "ramp"  # how occupancy falls across the surface, see leapray.voxelize
     half_width: float = 0.0  # of the filter, in voxels; 0: its own
+    exact: str = "sheets"  # whose cells keep their triangles, see leapray.voxelize
     cache_folder: str = ""  # where volumes are kept as .vdb; "": nowhere
     seed: int = 0
     threads: int = 0  # 0: all cores

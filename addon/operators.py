@@ -4,6 +4,7 @@
 # Annotations stay values here, for Blender evaluates them.
 
 import bpy
+import numpy as np
 from bpy_extras.io_utils import ExportHelper
 
 import leapray
@@ -12,7 +13,7 @@ from . import plan, properties, scene, volumes
 
 
 class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
-    """Write the active object, modifiers included, as an OpenVDB file in its own space"""
+    """Write the active object, modifiers included, as the volume that LeapRay makes of it"""
 
     bl_idname = "object.leapray_export_vdb"
     bl_label = "Export Volume"
@@ -29,6 +30,16 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
         max=16384,
     )
 
+    space: bpy.props.EnumProperty(
+        name="Space",
+        description="Where the volume lies in the file",
+        items=[
+            ("WORLD", "World", "Where the object is: a new volume object shows it in its place"),
+            ("OBJECT", "Object", "In the object's own space, for volume objects that follow it"),
+        ],
+        default="WORLD",
+    )
+
     @classmethod
     def poll(cls, context) -> bool:
         return context.object is not None
@@ -36,18 +47,22 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
     def execute(self, context) -> set[str]:
         ob = context.object.evaluated_get(context.evaluated_depsgraph_get())
         try:
-            settings = properties.settings(context.scene)
+            settings, own = properties.settings(context.scene), properties.modelling(ob)
             mesh = scene.read_object_mesh(ob)
             volume = leapray.voxelize(
                 mesh.vertices,
                 mesh.triangles,
                 plan.fixed_size(mesh, self.resolution),
+                kind=own.kind,
+                filter=own.filter or settings.filter,
+                half_width=settings.half_width or None,
                 ids=mesh.slots,
                 dtype=settings.sample_type,
                 threads=settings.threads,
                 max_nbytes=settings.memory_mb * plan.MB,
             )
-            volumes.write(volume, self.filepath)
+            placed = np.array(ob.matrix_world) if self.space == "WORLD" else None
+            volumes.write(volume, self.filepath, placed)
         except leapray.LeapRayError as error:
             self.report({"ERROR"}, f"'{ob.name}' is not exported: {error}")
             return {"CANCELLED"}

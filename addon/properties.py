@@ -14,7 +14,7 @@ import bpy
 
 import leapray
 from leapray.arrays import SAMPLE_TYPES
-from leapray.voxelization import FILTERS, KINDS
+from leapray.voxelization import EXACT, FILTERS, KINDS
 
 from . import model
 
@@ -35,6 +35,9 @@ ABOUT = {  # of menu entries; a new one in the core shows up without
     "cone": "The hypercone of Wang and Kaufman: soft",
     "gauss": "Gaussian: soft",
     "binary": "Inside or outside, nothing between",
+    "sheets": "Those of open surfaces",
+    "all": "Those of solids too: sharper, and larger",
+    "none": "None: a sheet ends with the cells that it touches",
     "auto": "A solid where the mesh is closed, a sheet where it is open",
     "solid": "What the mesh encloses",
     "sheet": "The surface alone, without an inside",
@@ -244,6 +247,13 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         min=0.0,
         soft_max=4.0,
         max=7.0,
+    )
+    exact: bpy.props.EnumProperty(
+        name="Exact Cells",
+        description="Whose cells keep their triangles where samples cannot hold the surface: at "
+        "borders, junctions, creases, thin walls and gaps",
+        items=menu(EXACT),
+        default=DEFAULTS.exact,
     )
     cache_folder: bpy.props.StringProperty(
         name="Volume Folder",

@@ -9,12 +9,13 @@ feature, and a bad object with one per reason; both name the objects.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from leapray import LeapRayError
+from leapray import LeapRayError, Stopped
 
 from . import lights, materials, model, properties, result
 from .meshes import NO_FACES, read_mesh, read_object_mesh
@@ -23,6 +24,8 @@ from .notes import Notes
 VISIBILITIES = tuple(
     f"visible_{rays}" for rays in ("camera", "shadow", "diffuse", "glossy", "transmission")
 )
+
+POLL = 0.03  # seconds between two looks at `stop`
 
 # A 4x4 of float32 whose axes lie in a plane still shows this much thickness.
 FLAT = 4 * np.finfo(np.float32).eps
@@ -51,13 +54,15 @@ def read(
     height: int,
     settings: model.Settings | None = None,
     camera=None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> model.Scene:
     """The scene as the depsgraph has evaluated it.
 
     width, height: of the whole frame in pixels, resolution percentage included; a
     render border is taken from the scene and makes the result smaller. settings:
     the scene's own where None. camera: an evaluated object, the scene's where None.
-    Raises LeapRayError, one sentence, where there is nothing to render.
+    Raises LeapRayError, one sentence, where there is nothing to render, Stopped soon
+    after stop() said so.
     """
     start = time.perf_counter()
     scene = depsgraph.scene_eval
@@ -69,7 +74,10 @@ def read(
     notes = Notes()
     film = _camera(camera or scene.camera, scene, width, height, border, notes)
     _note_scene(scene, notes)
-    objects = _Objects(depsgraph, notes)
+    _note_libraries(notes)
+    objects = _Objects(depsgraph, notes, stop)
+    if not objects.instances:
+        _nothing_shown(depsgraph, notes)
     world = getattr(depsgraph.view_layer_eval, "world_override", None) or scene.world
     return model.Scene(
         meshes=tuple(objects.meshes),
@@ -172,7 +180,7 @@ def _mist(world) -> tuple[float, float, str]:
 class _Objects:
     """Walks the depsgraph's instances once: meshes, their places, materials, lights."""
 
-    def __init__(self, depsgraph, notes: Notes) -> None:
+    def __init__(self, depsgraph, notes: Notes, stop: Callable[[], bool]) -> None:
         self.notes = notes
         self.meshes: list[model.Mesh] = []
         self.instances: list[model.Instance] = []
@@ -183,14 +191,15 @@ class _Objects:
         self._material_at: dict[str, int] = {}
         self._override = depsgraph.view_layer_eval.material_override
         self._instancers: set[str] = set()
+        asked = time.monotonic()
         for instance in depsgraph.object_instances:
+            if time.monotonic() - asked > POLL:
+                if stop():
+                    raise Stopped("The reading was stopped")
+                asked = time.monotonic()
             self._take(instance)
         for name in self._instancers:  # whose geometry is that of others
             notes.forget(NO_FACES, name)
-        if not self.instances:
-            scene = depsgraph.scene_eval.name
-            why = "".join(f"; {sentence}" for sentence in notes.sentences())
-            raise LeapRayError(f"Scene '{scene}' shows no mesh that can be rendered{why}")
 
     def _take(self, instance) -> None:
         """One instance of the depsgraph, which is only valid during this call."""
@@ -310,6 +319,17 @@ def _has_hair(ob) -> bool:
     )
 
 
+def _nothing_shown(depsgraph, notes: Notes) -> None:
+    """Raise LeapRayError, or where other view layers may show something, note the layer."""
+    scene, layer = depsgraph.scene, depsgraph.view_layer
+    others = [each for each in scene.view_layers if each.use and each.name != layer.name]
+    if others and not scene.render.use_single_layer:
+        notes.missing("View layer", layer.name, "shows no mesh that can be rendered")
+        return
+    why = "".join(f"; {sentence}" for sentence in notes.sentences())
+    raise LeapRayError(f"Scene '{scene.name}' shows no mesh that can be rendered{why}")
+
+
 # ---- warnings ------------------------------------------------------------
 
 
@@ -318,3 +338,14 @@ def _note_scene(scene, notes: Notes) -> None:
         notes.unsupported("Motion blur is", scene.name)
     if scene.render.use_multiview:
         notes.unsupported("Stereoscopy is", scene.name)
+
+
+def _note_libraries(notes: Notes) -> None:
+    """Libraries that are gone leave empty objects behind, which nobody would miss."""
+    import bpy
+
+    for library in bpy.data.libraries:
+        lost = [each.name for each in library.users_id if getattr(each, "is_missing", False)]
+        if lost:
+            names = ", ".join(f"'{name}'" for name in lost[: notes.SHOWN])
+            notes.missing("Library", library.filepath, f"is missing, or lacks {names}")

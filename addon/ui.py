@@ -99,7 +99,7 @@ class RENDER_PT_leapray_volumes(_Panel, bpy.types.Panel):
         column, settings = self.columns(), context.scene.leapray
         column.prop(settings, "layout")
         column.prop(settings, "resolution")
-        for name in ("filter", "half_width", "sample_type"):
+        for name in ("filter", "half_width", "exact", "sample_type"):
             column.prop(settings, name)
         column.separator()
         column.prop(settings, "memory_mb")

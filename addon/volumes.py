@@ -28,14 +28,19 @@ ONE = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}  # the stored value of occupancy
 DTYPE = {"u8": np.uint8, "u16": np.uint16, "f32": np.float32}
 
 
-def write(volume: Volume, path: str | Path) -> None:
-    """Write a volume as .vdb; `read` gives an equal one.
+def write(
+    volume: Volume, path: str | Path, world_from_object: NDArray[np.float64] | None = None
+) -> None:
+    """Write a volume as .vdb; `read` gives an equal one, placed by world_from_object if given.
 
     The file is written beside its place and renamed, so it is whole or absent.
     Raises LeapRayError where there is no OpenVDB or the place cannot be written.
     """
     openvdb = _openvdb()
     info = volume.info
+    matrix = info.object_from_index
+    if world_from_object is not None:
+        matrix = np.asarray(world_from_object, np.float64) @ matrix
     grids = [_density(openvdb, volume)]
     if info.has_ids:
         grids.append(_grid_of_bricks(openvdb.FloatGrid(), ID, volume, volume.read_ids, np.float32))
@@ -49,12 +54,12 @@ def write(volume: Volume, path: str | Path) -> None:
             "dtype": info.dtype,
             "kind": info.kind,
             "threshold": info.threshold,
-            "object_from_index": info.object_from_index.tolist(),
+            "object_from_index": matrix.tolist(),
             "mesh": volume.mesh_info and asdict(volume.mesh_info),
         }
     )
     for grid in grids:
-        grid.transform = _transform(openvdb, info.object_from_index)
+        grid.transform = _transform(openvdb, matrix)
     _write_whole(openvdb, Path(path), grids)
 
 

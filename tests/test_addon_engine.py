@@ -2,16 +2,19 @@
 """The engine in a session of Blender's: passes, borders, layers, frames, errors."""
 
 import threading
+import time
 
 import bpy
 import numpy as np
 import pytest
 from blender_scenes import combined, diffuse, exr, fresh, light, mesh, plane, put, read
-from numpy.testing import assert_array_equal
+from mathutils import Vector
+from numpy.testing import assert_allclose, assert_array_equal
 
 import addon
 import leapray
 from addon import engine, model, pipeline, plan, properties, result, session, ui, volumes
+from addon import scene as scene_module
 
 
 @pytest.fixture
@@ -77,7 +80,7 @@ def test_a_border_renders_its_part_of_the_frame(scene, tmp_path, crop):
     if not crop:
         assert part.shape == (48, 64)
         part = part[y, x]
-    np.testing.assert_allclose(part, whole[y, x], rtol=1e-6)  # film corner in another place
+    assert_allclose(part, whole[y, x], rtol=1e-6)  # film corner in another place
 
 
 def test_resolution_percentage_and_transparent_film(scene):
@@ -227,13 +230,14 @@ def test_an_objects_volume_is_exported_as_it_is_voxelized(scene, tmp_path):
     cube.modifiers.new("Bevel", "BEVEL").width = 0.3
     bpy.context.view_layer.objects.active = cube
     path = tmp_path / "cube.vdb"
-    bpy.ops.object.leapray_export_vdb(filepath=str(path), resolution=40)
+    bpy.ops.object.leapray_export_vdb(filepath=str(path), resolution=40, space="OBJECT")
     got = volumes.read(path)
     (mine,) = (m for m in read().meshes if m.name == "Cube")
     assert len(mine.triangles) > 12
     want = leapray.voxelize(mine.vertices, mine.triangles, plan.fixed_size(mine, 40))
     assert got.info.size == want.info.size and 38 <= max(got.info.size) <= 48
     assert_array_equal(got.read((0, 0, 0), got.info.size), want.read((0, 0, 0), want.info.size))
+    assert_array_equal(got.info.object_from_index, want.info.object_from_index)
     for bad in (scene.camera, put("Empty", None)):
         bpy.context.view_layer.objects.active = bad
         with pytest.raises(RuntimeError, match=f"'{bad.name}' is not exported: its mesh has no"):
@@ -263,7 +267,7 @@ def test_the_mist_pass_is_the_worlds(scene):
     passes = pipeline.render(read()).passes
     seen = passes["Position"].any(axis=2)
     deep = np.linalg.norm(passes["Position"][seen] - (0, 0, 10), axis=1)
-    np.testing.assert_allclose(
+    assert_allclose(
         passes["Mist"][seen, 0], np.clip((deep - 2) / 6, 0, 1), atol=0.01
     )  # means over the pixel against its centre
 
@@ -277,3 +281,77 @@ def test_the_volume_pass_numbers_the_volumes_of_the_report(scene):
     middle = shown[24, 32]
     assert names[int(middle) - 1] == "Cube" and set(np.unique(shown)) == {0, 1, 2}
     assert (frame.passes["Error"][shown > 0] < 1.0).all()
+
+
+def test_an_exported_volume_opens_in_blender_where_the_object_is(scene, tmp_path):
+    cube = bpy.data.objects["Cube"]
+    cube.location, cube.scale = (3.0, -2.0, 1.0), (2.0, 1.0, 0.5)
+    bpy.context.view_layer.update()
+    bpy.context.view_layer.objects.active = cube
+    path = tmp_path / "cube.vdb"
+    bpy.ops.object.leapray_export_vdb(filepath=str(path), resolution=64)
+    bpy.ops.object.volume_import(filepath=str(path))
+    opened = bpy.context.object
+    assert opened.type == "VOLUME" and opened.data.grids.load()
+    assert [grid.name for grid in opened.data.grids] == ["density"]
+    (grid,) = volumes._grids(path)  # Blender's module reads what Blender shows
+    lo, hi = (np.array(grid.transform.indexToWorld(c)) for c in grid.evalActiveVoxelBoundingBox())
+    corners = np.array([cube.matrix_world @ Vector(corner) for corner in cube.bound_box])
+    assert_allclose((lo + hi) / 2, (corners.min(axis=0) + corners.max(axis=0)) / 2, atol=0.1)
+    place = volumes.read(path).info.object_from_index
+    turned = np.array(cube.matrix_world)[:3, :3]
+    assert_allclose(np.linalg.solve(turned, place[:3, :3]) / place[0, 0] * turned[0, 0], np.eye(3),
+                    atol=1e-6)  # fmt: skip
+    values, _ = volumes.read(path).sample(corners * 0.98 + np.array(cube.location) * 0.02)
+    outside, _ = volumes.read(path).sample(corners * 1.2 - np.array(cube.location) * 0.2)
+    assert (values > 0.2).all() and (outside < 0.2).all()
+
+
+def test_an_empty_view_layer_among_others_is_named_and_shows_the_world(scene, tmp_path):
+    hidden = bpy.data.collections.new("Hidden")
+    scene.collection.children.link(hidden)
+    for name in ("Cube", "Ground"):
+        hidden.objects.link(bpy.data.objects[name])
+        scene.collection.objects.unlink(bpy.data.objects[name])
+    empty = scene.view_layers.new("Nothing here")
+    empty.layer_collection.children["Hidden"].exclude = True
+    channels = render_exr(scene, tmp_path / "out.exr")
+    (index,) = (each for each in result.PASSES if each.name == "Object Index")
+    assert 3 in of_layer(channels, "ViewLayer", index)
+    assert_array_equal(of_layer(channels, "Nothing here", index), 0)
+    assert engine.failures == {}
+    told = engine.reports["Nothing here"]["warnings"]
+    assert told == ["View layer 'Nothing here' shows no mesh that can be rendered"]
+
+
+def test_reading_is_cancelled_too(scene, monkeypatch):
+    for number in range(50):
+        put(f"Copy {number}", mesh())
+    bpy.context.view_layer.update()
+    real = scene_module.read_mesh
+
+    def slowly(*words):
+        time.sleep(0.02)
+        return real(*words)
+
+    monkeypatch.setattr(scene_module, "read_mesh", slowly)
+    began = time.monotonic()
+    with pytest.raises(leapray.Stopped):
+        scene_module.read(bpy.context.evaluated_depsgraph_get(), 64, 48, stop=lambda: True)
+    assert time.monotonic() - began < 0.3  # all of them would take a second
+
+
+def test_a_missing_library_is_named_with_what_it_lacks(scene, tmp_path):
+    library = tmp_path / "library.blend"
+    bpy.data.libraries.write(str(library), {bpy.data.objects["Cube"]})
+    fresh()
+    put("Here", mesh())
+    with bpy.data.libraries.load(str(library), link=True) as (_, linked):
+        linked.objects = ["Cube"]
+    bpy.context.scene.collection.objects.link(linked.objects[0])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "user.blend"))
+    library.unlink()
+    with session.quiet():
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "user.blend"))
+    (warning,) = read().warnings
+    assert warning == "Library '//library.blend' is missing, or lacks 'Cube'"
