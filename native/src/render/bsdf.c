@@ -30,8 +30,9 @@ static const double ALPHA_MIN = 1e-5;
 /* An index so near 1 bends nothing. */
 static const double INDEX_MIN = 1e-4;
 
-/* Rough facets may refract where a smooth surface would not: no group that is there gets less. */
-static const double SHARE_MIN = 0.02;
+/* Rare facets may refract where most do not, more so on the way out: no closure of theirs
+ * gets less than that. */
+static const double SHARE_MIN = 0.05, SHARE_MIN_OUT = 0.2;
 
 /* ---- albedo --------------------------------------------------------------- */
 
@@ -131,13 +132,29 @@ static double mean(const double c[3])
     return (c[0] + c[1] + c[2]) / 3;
 }
 
+/* What a few facets send on, in the mean: as many as tell the two sides of glass apart. */
+static void passed_by_facets(const lr_bsdf *bsdf, const lr_closure *c, double f[3])
+{
+    static const double at[4][2] = {{0.125, 0.375}, {0.375, 0.875}, {0.625, 0.125}, {0.875, 0.625}};
+    f[0] = f[1] = f[2] = 0;
+    for (int i = 0; i < 4; i++) {
+        double h[3], of_facet[3];
+        lr_ggx_sample(c->alpha, bsdf->view, at[i][0], at[i][1], h);
+        passed(c, lr_dot(bsdf->view, h), of_facet);
+        for (int a = 0; a < 3; a++)
+            f[a] += of_facet[a] / 4;
+    }
+}
+
 /* The closure's share: about its albedo as seen. */
 static void enlist(lr_bsdf *bsdf, lr_closure *c)
 {
     double f[3] = {1, 1, 1};
-    if (c->kind != LR_RAY_DIFFUSE)
+    if (c->fresnel == FRESNEL_DIELECTRIC && c->alpha > 0)
+        passed_by_facets(bsdf, c, f);
+    else if (c->kind != LR_RAY_DIFFUSE)
         passed(c, bsdf->view[2], f);
-    const double least = c->alpha > 0 ? SHARE_MIN : 0;
+    const double least = c->alpha == 0 ? 0 : c->n < 1 ? SHARE_MIN_OUT : SHARE_MIN;
     c->share = 0;
     for (int a = 0; a < 3; a++)
         c->share += c->weight[a] * fmax(f[a], least) / 3;
