@@ -192,10 +192,11 @@ static bool light_by(const lr_job *job, const lr_surfel *s, uint64_t lamp, uint3
     lr_workspace *w = job->workspace;
     const double chance = lr_lamp_chance(job->scene, s->path->bounces[LR_RAY_CAMERA]);
     const uint32_t key = lr_key(s->path->key, chance < 1 ? LAMP : FIRST_LAMP + (uint32_t)lamp);
-    double u[2];
+    double u[2] = {0, 0};
     lr_way way;
     lr_beam *beam = &w->beams[n];
-    lr_sample_pair(key, job->sample, u);
+    if (lamp == job->scene->n_lights || lr_light_has_extent(&job->scene->lights[lamp]))
+        lr_sample_pair(key, job->sample, u);
     if (!find_way(job->scene, lamp, s->origin, u, &way) || !weigh(s, &way, chance, beam->brings))
         return false;
     beam->surfel = s;

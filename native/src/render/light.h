@@ -15,6 +15,14 @@ typedef struct lr_light_ray {
     bool delta;          /* without extent: no other ray can meet it */
 } lr_light_ray;
 
+/* Can rays meet it? */
+LR_INLINE bool lr_light_has_extent(const lr_light *light)
+{
+    if (light->kind == LR_LIGHT_SUN)
+        return light->angle > 0;
+    return light->kind == LR_LIGHT_AREA || light->radius > 0;
+}
+
 /* Whether light i can be used. */
 lr_status lr_light_check(const lr_light *light, uint64_t i, lr_error *error);
 

@@ -74,6 +74,8 @@ void lr_scatter_choose(const lr_job *job, lr_surfel *s, uint32_t *spare)
         s->chance[order[k]] = k + 1 == n && k == sure ? 1 : s->bsdf.share[order[k]] / rest;
     const uint32_t followed = sure + (sure < n);
     *spare -= followed > 1 ? followed - 1 : 0;
+    s->followed = followed;
+    s->gambles = n - sure > 1;
 }
 
 /* Of the kinds that are left to chance the one whose turn it is, or none (0). */
@@ -183,8 +185,8 @@ static void follow(const lr_job *job, const lr_surfel *s, int kind)
 
 void lr_scatter_on(const lr_job *job, const lr_surfel *s)
 {
-    const int drawn = draw(job, s);
-    for (int kind = LR_RAY_DIFFUSE; kind < LR_RAY_KINDS; kind++)
+    const int drawn = s->gambles ? draw(job, s) : 0;
+    for (int kind = LR_RAY_DIFFUSE; kind < LR_RAY_KINDS && s->followed > 0; kind++)
         if (s->chance[kind] >= 1 || (kind == drawn && drawn != 0))
             follow(job, s, kind);
 }

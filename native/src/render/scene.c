@@ -158,13 +158,6 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
     return LR_OK;
 }
 
-static bool has_extent(const lr_light *light)
-{
-    if (light->kind == LR_LIGHT_SUN)
-        return light->angle > 0;
-    return light->kind == LR_LIGHT_AREA || light->radius > 0;
-}
-
 /* What instances may do to rays. */
 static void judge(lr_scene *scene)
 {
@@ -182,7 +175,7 @@ static void judge(lr_scene *scene)
         scene->shines |= (flags & LR_MATERIAL_EMITS) != 0;
     }
     for (uint64_t k = 0; k < scene->n_lights; k++)
-        scene->has_lamps |= has_extent(&scene->lights[k]);
+        scene->has_lamps |= lr_light_has_extent(&scene->lights[k]);
 }
 
 static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error *error)

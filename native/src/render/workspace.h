@@ -56,7 +56,6 @@ typedef struct lr_pair {
 /* A point of a surface that is to be lit and scatters. */
 typedef struct lr_surfel {
     lr_point point;
-    lr_bsdf bsdf;
     double position[3];
     double origin[3]; /* of rays on the viewer's side */
     lr_start start;   /* in the cell of the hit, on the viewer's side */
@@ -67,7 +66,10 @@ typedef struct lr_surfel {
     const lr_material *material;
     uint32_t instance, material_index;
     int32_t object_index;
+    uint32_t followed; /* rays that go on from here */
+    bool gambles;      /* one of them is chosen at random */
     double chance[LR_RAY_KINDS]; /* that rays of this kind are followed: 1, 0 or between */
+    lr_bsdf bsdf; /* large, and mostly not used: so it comes last */
 } lr_surfel;
 
 /* A ray towards a light. */
