@@ -227,3 +227,22 @@ def test_what_is_wrong_with_sampling_is_said_in_a_sentence(still):
     for sentence, change in cases.items():
         with pytest.raises(leapray.LeapRayError, match=sentence):
             still.render_tile(0, 0, 4, 4, **change)
+
+
+@pytest.mark.parametrize("traverser", [t.name for t in leapray.traversers() if t.exact])
+def test_steps_are_the_cells_in_which_a_ray_stood(traverser):
+    structure = leapray.build(ball(10.0), traverser)
+    instances = [one(structure), one(structure, at(0, 2.5))]
+    cam = camera((0.3, -4, 0.2), size=(32, 24))
+    scene = leapray.Scene(cam, instances, (), [of("diffuse")], [0])
+    counters = _abi.lr_counters()
+    got = scene.render_tile(0, 0, 32, 24, samples=1, passes=["Steps"], counters=counters)
+    assert got["Steps"].sum() == counters.cells
+    alone = leapray.Scene(cam, instances[:1], (), [of("diffuse")], [0])
+    steps = alone.render_tile(0, 0, 32, 24, samples=1, passes=["Steps"])["Steps"]
+    o, d = (a.reshape(-1, 3) for a in centre_rays(cam, (32, 24)))
+    for pixel in (0, 32 * 12 + 16, 32 * 12 + 24):
+        want = leapray.trace(structure, o[pixel : pixel + 1], d[pixel : pixel + 1]).counters[
+            "cells"
+        ]
+        assert steps.ravel()[pixel] == want

@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 14 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 15 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -381,6 +381,7 @@ typedef struct lr_hits {
     double *gx, *gy, *gz;   /* unit normal of the trilinear field itself: tells the
                                side on which a secondary ray starts */
     int32_t *id;            /* of the object sample nearest the hit; 0 without ids */
+    int32_t *steps;         /* cells in which the ray stood */
 } lr_hits;
 
 typedef struct lr_counters {
@@ -583,6 +584,7 @@ typedef struct lr_passes {
     float *environment;  /* [height][width][3] */
     float *error;        /* lr_instance.error in widths of a pixel there */
     float *volume;       /* lr_instance.volume_index */
+    float *steps;        /* cells in which the ray through the pixel's centre stood */
 } lr_passes;
 
 /* Bytes of working memory that lr_render_tile wants for a tile of that size and

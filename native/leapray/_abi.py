@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 14
+LR_ABI = 15
 
 
 class lr_status(IntEnum):
@@ -347,6 +347,7 @@ class lr_hits(ctypes.Structure):
         ("gy", ctypes.POINTER(ctypes.c_double)),
         ("gz", ctypes.POINTER(ctypes.c_double)),
         ("id", ctypes.POINTER(ctypes.c_int32)),
+        ("steps", ctypes.POINTER(ctypes.c_int32)),
     )
 
 
@@ -509,6 +510,7 @@ class lr_passes(ctypes.Structure):
         ("environment", ctypes.POINTER(ctypes.c_float)),
         ("error", ctypes.POINTER(ctypes.c_float)),
         ("volume", ctypes.POINTER(ctypes.c_float)),
+        ("steps", ctypes.POINTER(ctypes.c_float)),
     )
 
 

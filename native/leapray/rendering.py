@@ -31,6 +31,7 @@ PASSES = {
     "Environment": 3,
     "Error": 1,
     "Volume": 1,
+    "Steps": 1,
 }
 MEMBERS = {name: name.lower().replace(" ", "_") for name in PASSES}  # of lr_passes
 MEMBERS["Ambient Occlusion"] = "ao"

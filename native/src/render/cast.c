@@ -115,6 +115,8 @@ static void scatter(const lr_caster *c, const lr_pair *pairs, uint32_t n)
     for (uint32_t k = 0; k < n; k++) {
         const uint32_t i = pairs[k].ray, instance = pairs[k].instance;
         const double t = from->t[k];
+        if (c->options->steps)
+            to->steps[i] += from->steps[k];
         if (!(t < INFINITY) || t > wave->t[i] || (t == wave->t[i] && instance > wave->instance[i]))
             continue;
         wave->instance[i] = instance;
@@ -150,10 +152,13 @@ static lr_status trace_group(const lr_caster *c, const lr_pair *pairs, uint32_t 
         .start = leaves ? b->start : NULL,
     };
     const lr_hits only_t = {.t = b->hit.t};
+    lr_hits all = b->hit;
+    if (!c->options->steps)
+        all.steps = NULL;
     const lr_watch stop = {.stop = c->watch != NULL ? c->watch->stop : NULL};
     const lr_status status =
         lr_trace(c->scene->instances[pairs[0].instance].structure, &rays, n, &c->options->trace,
-                 c->options->any ? &only_t : &b->hit, c->counters, &stop, c->error);
+                 c->options->any ? &only_t : &all, c->counters, &stop, c->error);
     if (status == LR_OK)
         scatter(c, pairs, n);
     return status;
@@ -177,6 +182,7 @@ static void begin(const lr_caster *c, uint32_t n)
     lr_wave *wave = &c->w->wave;
     for (uint32_t i = 0; i < n; i++) {
         wave->instance[i] = LR_NOWHERE;
+        wave->hit.steps[i] = 0;
         wave->stacked[i] = c->scene->hierarchy.n_nodes > 0 ? 1 : 0;
         wave->stack[(size_t)i * c->scene->hierarchy.height] = (lr_branch){c->options->t_min, 0};
         c->w->batch.t_min[i] = c->options->t_min;

@@ -19,6 +19,7 @@ typedef struct lr_cast_options {
     lr_among among;
     bool any;     /* whether something is hit, not what is first */
     bool leaving; /* wave->from and wave->start are set */
+    bool steps;   /* count them into wave->hit.steps; not with `any` */
     lr_trace_options trace;
 } lr_cast_options;
 

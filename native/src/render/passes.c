@@ -59,6 +59,13 @@ void lr_write_geometry(const lr_job *job, uint32_t n, uint64_t first)
     }
 }
 
+void lr_write_steps(const lr_job *job, uint32_t n, uint64_t first)
+{
+    const lr_workspace *w = job->workspace;
+    for (uint32_t i = 0; i < n; i++)
+        put(job->passes->steps, first + w->flying[i]->pixel, w->wave.hit.steps[i]);
+}
+
 /* As Cycles: by the distance from the camera, in a perspective view from its eye. */
 void lr_add_mist(const lr_job *job, const lr_surfel *s)
 {

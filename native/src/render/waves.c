@@ -149,11 +149,14 @@ static lr_status fly(const lr_job *job, uint32_t n, bool any, uint64_t first, bo
         .t_min = camera ? job->scene->camera.clip_start : 0,
         .any = any,
         .leaving = !camera,
+        .steps = geometry && job->passes->steps != NULL,
         .trace = job->tile->trace,
     };
     lr_status status = lr_cast_wave(job, n, &options);
     if (status != LR_OK)
         return status;
+    if (options.steps)
+        lr_write_steps(job, n, first);
     const uint32_t n_surfels = see(job, n, any);
     for (uint32_t k = 0; k < n_surfels; k++)
         lr_scatter_choose(job, &w->surfels[k], &w->spare[w->surfels[k].path->pixel]);

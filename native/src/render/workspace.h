@@ -66,10 +66,10 @@ typedef struct lr_surfel {
     const lr_material *material;
     uint32_t instance, material_index;
     int32_t object_index;
-    uint32_t followed; /* rays that go on from here */
-    bool gambles;      /* one of them is chosen at random */
+    uint32_t followed;           /* rays that go on from here */
+    bool gambles;                /* one of them is chosen at random */
     double chance[LR_RAY_KINDS]; /* that rays of this kind are followed: 1, 0 or between */
-    lr_bsdf bsdf; /* large, and mostly not used: so it comes last */
+    lr_bsdf bsdf;                /* large, and mostly not used: so it comes last */
 } lr_surfel;
 
 /* A ray towards a light. */

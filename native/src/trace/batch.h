@@ -108,6 +108,8 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
         first = false;
     }
 end:
+    if (counted && hits->steps != NULL)
+        hits->steps[i] = (int32_t)(tally.cells < INT32_MAX ? tally.cells : INT32_MAX);
     if (counted) {
         counters->rays++;
         counters->cells += tally.cells;
@@ -133,7 +135,7 @@ lr_status LR_JOIN(lr_, LR_NAME,
             return lr_fail_stopped(error);
         lr_progress(watch, (double)first / (double)n);
         uint64_t last = n - first < POLL ? n : first + POLL;
-        if (counters != NULL)
+        if (counters != NULL || hits->steps != NULL)
             for (uint64_t i = first; i < last; i++)
                 lr_trace_one(volume, data, rays, i, options, hits, true, &sum);
         else
