@@ -39,7 +39,7 @@ THIN_SHARE, THIN_VOXEL = 0.25, 4.0  # lost, of the pixels, to voxels below so ma
 CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
-COLOR_ERROR = 0.03  # of the square root of light, the mean: black and white checks need 0.6 pixel
+COLOR_ERROR = 0.01  # of the square root of light, the mean: black and white checks need 0.4 pixel
 
 
 @dataclass(frozen=True)
