@@ -242,11 +242,10 @@ class Levels:
         return False
 
     def keep_on_disk(self, work: Work) -> None:
-        """Write the volume into the folder, unless it has exact cells, which files do not hold."""
-        if work.structure.volume.info.n_exact_cells:
+        """Write the volume into the folder, unless it holds what files cannot: triangles, colours."""
+        info = work.structure.volume.info
+        if info.n_exact_cells or info.has_colors or info.has_normals:
             return
-        if work.carries:
-            return  # .vdb holds no attributes
         key, folder = self._key(work, "volume", work.measure.voxel_size), self.settings.cache_folder
         if not caches.path(folder, key).exists():
             why = caches.store(folder, key, work.structure.volume)

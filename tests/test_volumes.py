@@ -9,6 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from addon import volumes
 from leapray import LeapRayError, Volume, voxelize
 
+pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
+
 SHEARED = np.array([[0.5, 0.2, 0, 7.3], [0, -1.5, 0.1, 1e5 + 0.1], [0.3, 0, 2, -3], [0, 0, 0, 1]])
 
 
@@ -73,7 +75,7 @@ def test_floats_beyond_0_and_1_come_back(tmp_path):
 def test_sparse_volumes_come_back_equal(mesh, tmp_path):
     vertices, triangles = meshes.icosphere(3) if mesh == "solid" else meshes.leaf()
     ids = np.arange(len(triangles)) % 5
-    volume = voxelize(vertices, triangles, 0.02, ids=ids)
+    volume = voxelize(vertices, triangles, 0.02, ids=ids, exact="none")  # files hold no triangles
     assert volume.info.kind == mesh
     volumes.write(volume, tmp_path / "a.vdb")
     again = volumes.read(tmp_path / "a.vdb")
