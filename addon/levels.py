@@ -242,7 +242,7 @@ class Levels:
         return False
 
     def keep_on_disk(self, work: Work) -> None:
-        """Write the volume into the folder, unless it holds what files cannot: triangles, colours."""
+        """Write the volume into the folder, unless it has triangles or colours of its own."""
         info = work.structure.volume.info
         if info.n_exact_cells or info.has_colors or info.has_normals:
             return
