@@ -99,6 +99,18 @@ def parser(argv: Sequence[str] = ()) -> argparse.ArgumentParser:
         default="scene",
         help="black: the lights alone give light",
     )
+    verb.add_argument(
+        "--materials",
+        choices=["scene", "plain"],
+        default="scene",
+        help="plain: all diffuse, and light does not bounce",
+    )
+    verb.add_argument(
+        "--diffuse-bounces", type=count(0), metavar="N", help="of both; default: the scene's"
+    )
+    verb.add_argument(
+        "--curve", type=count(1), metavar="N", help="chart both engines at 1, 4, 16 .. N samples"
+    )
     verb.add_argument("--percentage", type=count(1), metavar="P", help="of the resolution")
     verb.add_argument(
         "--cache-folder",

@@ -35,6 +35,7 @@ def compared(tmp_path_factory):
     """The folder that a comparison of the sphere leaves, and what it printed."""
     folder = tmp_path_factory.mktemp("compare")
     options = ["--percentage", 25, "--samples", 4, "--reference", 32, "--traversers", "all"]
+    options += ["--curve", 4]
     done = run("compare", ROOT / "blend_samples/sphere.blend", *options, cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / "sphere-compare", done.stdout
@@ -62,6 +63,17 @@ def test_the_folder_holds_the_page_the_figures_and_the_pictures(compared, told):
     page = (output / "report.html").read_text()
     assert page.count("data:image/png;base64,") >= len(shown) - 2
     assert 'src="http' not in page and "href=" not in page
+
+
+def test_both_engines_are_charted_at_the_counts_of_the_curve(told):
+    assert list(told["by_samples"]) == ["1", "4"]
+    for count, values in told["by_samples"].items():
+        assert values["seconds"] >= values["phases"]["total"] > 0
+        assert values["all"]["flip"] > 0 and count in told["cycles"]["by_samples"]
+    one, four = (told["by_samples"][count]["rims"]["rmse"] for count in ("1", "4"))
+    assert 0 < four < one
+    run = next(iter(told["runs"].values()))["light"]["all"]
+    assert told["by_samples"]["4"]["all"]["rmse"] == pytest.approx(run["rmse"], rel=1e-6)
 
 
 def test_every_traverser_is_measured(told):

@@ -98,3 +98,28 @@ def test_white_is_what_a_lit_white_plane_shows(tmp_path):
     frame = frames.render_cycles(scene, tmp_path / "frame.exr", 1)
     brightest = frame.passes["Combined"][..., :3].max()
     assert brightest == pytest.approx(subject.white, rel=0.01)
+
+
+def test_cycles_gets_leaprays_limits_of_bounces_and_loses_them_for_geometry():
+    scene = opened("still")
+    scene.leapray.max_bounces, scene.leapray.glossy_bounces = 9, 3
+    scene.leapray.transmission_bounces, scene.leapray.transparent_bounces = 7, 5
+    names = {m.name for m in bpy.data.materials if frames.refracting(m)}
+    assert names
+    frames.prepare(scene, plain=False, diffuse_bounces=2)
+    limits = {"max": 9, "diffuse": 2, "glossy": 3, "transmission": 7, "transparent_max": 5}
+    for kind, most in limits.items():
+        assert getattr(scene.cycles, f"{kind}_bounces") == most
+    assert {m.name for m in bpy.data.materials if frames.refracting(m)} == names  # they stay
+    sun = bpy.data.lights.new("Wide", "SUN")
+    sun.angle = 0.3
+    with frames.sharp(scene):
+        assert {getattr(scene.cycles, f"{kind}_bounces") for kind in limits} == {0}
+        assert scene.leapray.max_bounces == scene.leapray.glossy_bounces == 0
+        assert sun.angle == 0
+    assert sun.angle == pytest.approx(0.3)
+    for kind, most in limits.items():
+        assert getattr(scene.cycles, f"{kind}_bounces") == most
+    frames.prepare(scene, plain=True)
+    assert not any(frames.refracting(m) for m in bpy.data.materials)
+    assert scene.cycles.max_bounces == scene.leapray.diffuse_bounces == 0

@@ -2,9 +2,10 @@
 """The same frame by Cycles and by LeapRay, and how they differ.
 
 Geometry: Cycles with one sample, which goes through the pixel's centre, under a black world; its
-Combined tells what is lit. LeapRay's geometry passes go through the same points. Light: linear RGB
-at equal samples, both measured against a Cycles render of its own at many more samples and with
-another seed. What the scene is changed to for that, `frames.prepare` says and the report repeats.
+Combined tells what is lit; light does not bounce then, and shadows are sharp. LeapRay's geometry
+passes go through the same points. Light: linear RGB at equal samples, filter and limits of
+bounces, both measured against a Cycles render of its own at many more samples and with another
+seed. What the scene is changed to for that, `frames.prepare` says and the report repeats.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from .folder import result_folder
 PIXELS_PER_DEGREE = 67  # FLIP's own viewing distance
 LEAST_PIXELS = 64  # objects that fewer pixels show are listed, and left out of the worst
 LIT = 1e-4  # of white: what is darker in the first sample is not lit
+FLIP, GLASS_FLIP = 0.03, 0.06  # asked of the mean, without and with refraction
 Json = dict[str, object]
 
 
@@ -84,7 +86,11 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     if args.threads is not None:
         scene.render.threads_mode = "FIXED" if args.threads else "AUTO"
         scene.render.threads = args.threads or scene.render.threads
-    subject = frames.examine(scene, frames.prepare(scene))
+    plain = option("materials", "scene") == "plain"
+    notes = frames.prepare(
+        scene, plain=plain, diffuse_bounces=getattr(args, "diffuse_bounces", None)
+    )
+    subject = frames.examine(scene, notes)
     own_world = scene.world
     frames.blacken_world(scene)
     black = option("world", "scene") == "black"
@@ -97,10 +103,11 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
         )
 
     path = folder / "frame.exr"
-    step("Cycles, geometry")
-    want = frames.render_cycles(scene, path, 1)
-    step(f"LeapRay, geometry, {chosen[0].name}")
-    got = frames.render_leapray(scene, path, 1, chosen[0].spec)
+    with frames.sharp(scene):
+        step("Cycles, geometry")
+        want = frames.render_cycles(scene, path, 1)
+        step(f"LeapRay, geometry, {chosen[0].name}")
+        got = frames.render_leapray(scene, path, 1, chosen[0].spec)
     geometry = Geometry(subject, want, got)
 
     if not black:
@@ -110,12 +117,20 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     step(f"Cycles, reference, {reference_samples} samples")
     reference = frames.render_cycles(scene, path, reference_samples, seed=1)
     light = Light(subject, geometry, reference.passes["Combined"][..., :3])
-    for count in sorted({1, max(samples // 4, 1), samples, 4 * samples}):
+    most = option("curve", 0)
+    curve = {4**k for k in range(16) if 4**k <= most}
+    for count in sorted({1, max(samples // 4, 1), samples, 4 * samples} | curve):
         if count < reference_samples:
             step(f"Cycles, {count} samples")
             frame = frames.render_cycles(scene, path, count)
             cycles[count] = {"seconds": frame.seconds, **light.of(frame)}
             images["cycles"] = frame if count == samples else images.get("cycles", frame)
+    ours: dict[int, Json] = {}
+    for count in sorted(curve):
+        step(f"LeapRay, {count} samples")
+        frame = frames.render_leapray(scene, path, count, chosen[0].spec)
+        ours[count] = {"seconds": frame.seconds, "phases": frame.report["seconds"]}
+        ours[count] |= light.of(frame)
     runs: dict[str, Json] = {}
     for each in chosen:
         step(f"LeapRay, {samples} samples, {each.spec}")
@@ -140,6 +155,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
         "height": want.index.shape[0],
         "samples": samples,
         "reference_samples": reference_samples,
+        "materials": "plain" if plain else "of the scene",
         "world": "black" if black or is_black(own_world) else "of the scene",
         "white": subject.white,
         "notes": subject.notes,
@@ -149,6 +165,9 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
             "seconds_reference": reference.seconds,
             "by_samples": cycles,
         },
+        "by_samples": ours,
+        "bounces": {name: getattr(scene.leapray, name) for name in frames.BOUNCES},
+        "refracts": subject.refracts,
         "runs": runs,
     }
     told["bars"] = bars(told, geometry)
@@ -194,8 +213,11 @@ class Geometry:
             np.nan,
         )
         self.angle = np.where(self.agree, metrics.angle(passes["Normal"], others["Normal"]), np.nan)
-        self.is_lit = is_lit(self.want, self.subject.white)
-        self.other_lit = is_lit(self.lit or self.got, self.subject.white)
+        self.is_lit, self.other_lit = (
+            np.full(frame.index.shape, True) if self.subject.soft else is_lit(frame, white)
+            for white in (self.subject.white,)
+            for frame in (self.want, self.lit or self.got)
+        )
         self.sheet_rims = self.see_rims()
 
     def see_rims(self) -> metrics.Mask:
@@ -354,7 +376,14 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
         ),
         bar("mean of Combined against the reference", light["all"]["mean_ratio"], 0.01),
     ]
-    if told["world"] == "black":  # else it tells the noise of the world's light, not an error
+    limit = GLASS_FLIP if told["refracts"] else FLIP
+    light_bars += [
+        bar("FLIP of Combined, mean, but rims", light["but_rims"]["flip"], limit),
+        bar("FLIP of Combined, mean", light["all"]["flip"], limit),
+    ]
+    if (
+        told["world"] == "black" and told["materials"] == "plain"
+    ):  # else it tells the noise of the world's light, not an error
         light_bars.append(
             bar("RMSE of Combined by white, but rims", light["but_rims"]["rmse"], 0.02)
         )

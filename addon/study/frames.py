@@ -8,9 +8,11 @@ there LeapRayError says so.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -54,19 +56,29 @@ class Subject:
     white: float  # Combined of a lit white surface that faces the lights
     rim_starts: NDArray[np.float64]  # (n, 3) border edges of open meshes, world space
     rim_ends: NDArray[np.float64]
+    refracts: bool  # some material lets light through
+    soft: bool  # some light has no sharp shadows, whatever its size: lit and unlit are not told
     notes: list[str]  # what was changed for the comparison
 
 
 # ---- making scenes comparable --------------------------------------------
 
 
-def prepare(scene: bpy.types.Scene) -> list[str]:
+def prepare(
+    scene: bpy.types.Scene, *, plain: bool = True, diffuse_bounces: int | None = None
+) -> list[str]:
     """Change the open scene so that both engines can draw the same; returns what was changed.
 
-    Materials become diffuse, light goes from the lamp to the surface to the camera, pixels have a
-    box filter, and every object has a pass index of its own; instances share their object's.
+    plain: materials become diffuse, and light goes from the lamp to the surface to the camera.
+    Else Cycles gets the limits of bounces that the scene has for LeapRay. Pixels have a box
+    filter, and every object has a pass index of its own; instances share their object's.
     """
-    notes = [f"{name} became a diffuse material of its base colour" for name in make_diffuse()]
+    notes = []
+    if plain:
+        notes = [f"{name} became a diffuse material of its base colour" for name in make_diffuse()]
+    elif diffuse_bounces is not None:
+        scene.leapray.diffuse_bounces = diffuse_bounces
+    limit_bounces(scene, 0 if plain else None)
     render = scene.render
     render.use_border = render.use_motion_blur = render.use_sequencer = False
     render.use_compositing = render.film_transparent = False
@@ -79,9 +91,9 @@ def prepare(scene: bpy.types.Scene) -> list[str]:
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
     cycles.light_sampling_threshold = 0.0
-    for kind in ("max", "diffuse", "glossy", "transmission", "volume", "transparent_max"):
-        setattr(cycles, f"{kind}_bounces", 0)
+    cycles.blur_glossy = 0.0
     cycles.use_fast_gi = False
+    scene.leapray.pixel_filter, scene.leapray.noise_threshold = "box", 0.0
     cycles.film_exposure = 1.0
     if scene.camera is not None and scene.camera.data.type != "PANO":
         scene.camera.data.dof.use_dof = False
@@ -92,6 +104,58 @@ def prepare(scene: bpy.types.Scene) -> list[str]:
     for other in scene.view_layers:
         other.use = other == layer
     return notes
+
+
+BOUNCES = {  # LeapRay's limits of bounces, and Cycles'
+    "max_bounces": "max_bounces",
+    "diffuse_bounces": "diffuse_bounces",
+    "glossy_bounces": "glossy_bounces",
+    "transmission_bounces": "transmission_bounces",
+    "transparent_bounces": "transparent_max_bounces",
+}
+
+
+def limit_bounces(scene: bpy.types.Scene, most: int | None) -> None:
+    """Give both engines this limit of bounces of every kind; None: Cycles gets LeapRay's."""
+    for ours, theirs in BOUNCES.items():
+        if most is not None:
+            setattr(scene.leapray, ours, most)
+        setattr(scene.cycles, theirs, getattr(scene.leapray, ours))
+    scene.cycles.volume_bounces = 0
+
+
+@contextlib.contextmanager
+def sharp(scene: bpy.types.Scene) -> Iterator[None]:
+    """Meanwhile light does not bounce, and suns, points and spots have no extent."""
+    limits = {name: getattr(scene.leapray, name) for name in BOUNCES}
+    limit_bounces(scene, 0)
+    extents = [
+        (light, name, getattr(light, name))
+        for light in bpy.data.lights
+        for name in {"SUN": ("angle",), "AREA": ()}.get(light.type, ("shadow_soft_size",))
+    ]
+    for light, name, _ in extents:
+        setattr(light, name, 0.0)
+    try:
+        yield
+    finally:
+        for light, name, value in extents:
+            setattr(light, name, value)
+        for name, value in limits.items():
+            setattr(scene.leapray, name, value)
+        limit_bounces(scene, None)
+
+
+def refracting(material: bpy.types.Material) -> bool:
+    """Whether some node of the material lets light through."""
+    nodes = material.node_tree.nodes if material.node_tree else ()
+    names = ("Transmission Weight", "Transmission")
+    return any(
+        node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}
+        or any(node.inputs[n].default_value > 0 for n in names if n in node.inputs)
+        for node in nodes
+        if node.type.startswith("BSDF")
+    )
 
 
 def make_diffuse() -> list[str]:
@@ -154,7 +218,17 @@ def examine(scene: bpy.types.Scene, notes: list[str]) -> Subject:
     ]
     if not suns:
         notes.append("there is no sun: errors of light are relative to 1")
-    return Subject(names, view(scene, depsgraph), sum(suns) / math.pi or 1.0, starts, ends, notes)
+    used = {m for o in scene.objects for slot in o.material_slots if (m := slot.material)}
+    return Subject(
+        names,
+        view(scene, depsgraph),
+        sum(suns) / math.pi or 1.0,
+        starts,
+        ends,
+        any(map(refracting, used)),
+        any(o.type == "LIGHT" and o.data.type == "AREA" for o in scene.objects),
+        notes,
+    )
 
 
 def view(scene: bpy.types.Scene, depsgraph) -> View:

@@ -107,6 +107,14 @@ def draw_errors(axis, told: dict, which: str) -> None:
     axis.plot(xs, ys, "-o", color=charts.INK, label="Cycles, samples as numbered")
     for count, x, y in zip(points, xs, ys, strict=True):
         axis.annotate(f"{count}", (x, y), xytext=(5, 5), textcoords="offset points", fontsize=9)
+    ours = told["by_samples"]
+    if ours:
+        xs = [values["seconds"] for values in ours.values()]
+        curve = [values[which]["rmse"] for values in ours.values()]
+        axis.plot(xs, curve, "-", color=charts.COLORS[0], label="LeapRay, likewise")
+        ys += curve
+        for count, x, y in zip(ours, xs, curve, strict=True):
+            axis.annotate(f"{count}", (x, y), xytext=(5, 5), textcoords="offset points", fontsize=9)
     for k, run in enumerate(told["runs"].values()):
         y = run["light"][which]["rmse"]
         ys.append(y)
@@ -280,6 +288,8 @@ def write(folder: Path, told: dict) -> None:
 def light_table(told: dict) -> str:
     rows = []
     named = {f"LeapRay, {esc(run['label'])}": run["light"] for run in told["runs"].values()}
+    for count, values in told["by_samples"].items():
+        named[f"LeapRay, samples: {count}"] = values
     for count, values in told["cycles"]["by_samples"].items():
         named[f"Cycles, samples: {count}"] = values
     for name, values in named.items():
