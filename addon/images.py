@@ -14,7 +14,7 @@ DATA = ("Non-Color", "Raw")
 def pixels_of(image, notes, *, straight: bool = False) -> NDArray[np.float32] | None:
     """(height, width, 4) linear, rows from below; None, and a note, for one that cannot be read.
 
-    straight: colours are not multiplied by alpha, as when a node's alpha is used.
+    straight: not multiplied by alpha, as colours are when a node's alpha is used too.
     """
     width, height = image.size
     if not width or not height or not len(image.pixels):
@@ -32,20 +32,16 @@ def pixels_of(image, notes, *, straight: bool = False) -> NDArray[np.float32] | 
         pixels[..., :3] = stored[..., : 3 if image.channels == 3 else 1]
         if image.channels == 2:
             pixels[..., 3] = stored[..., 1]
-    space = image.colorspace_settings.name
-    alpha = image.alpha_mode
+    space, alpha = image.colorspace_settings.name, pixels[..., 3:]
+    means_cover = image.alpha_mode in ("STRAIGHT", "PREMUL") and space not in DATA
+    if means_cover and straight != (image.alpha_mode == "STRAIGHT"):  # as Cycles, not decoded yet
+        pixels[..., :3] *= 1.0 / np.where(alpha > 0, alpha, 1.0) if straight else alpha
     if not image.is_float and space not in LINEAR:
         if space != "sRGB":
             notes.missing("Image", image.name, f"is taken for sRGB, it is {space}")
         pixels[..., :3] = from_srgb(pixels[..., :3])
-    if alpha == "NONE":
+    if image.alpha_mode == "NONE":
         pixels[..., 3] = 1.0
-    elif alpha in ("STRAIGHT", "PREMUL") and space not in DATA:
-        # Bytes hold straight colours, floats premultiplied ones.
-        if image.is_float and straight:
-            pixels[..., :3] /= np.where(pixels[..., 3:] > 0, pixels[..., 3:], 1.0)
-        elif not image.is_float and not straight:
-            pixels[..., :3] *= pixels[..., 3:]
     return pixels
 
 

@@ -344,6 +344,31 @@ def test_an_images_pixels_are_linear_and_its_uvs_come_with_the_corners(scene):
     assert got.warnings == ()
 
 
+# Colours (0.8, 0.4, 0.2) under an alpha of 0.5, as Cycles shows them on an emitting square.
+DECODED, HALVED = (0.6038, 0.1329, 0.0331), (0.1329, 0.0331, 0.0097)
+ALPHAS = [
+    ("STRAIGHT", False, False, HALVED),
+    ("STRAIGHT", True, False, DECODED),
+    ("PREMUL", False, False, DECODED),
+    ("PREMUL", True, False, (2.920, 0.5985, 0.1318)),
+    ("CHANNEL_PACKED", True, False, DECODED),
+    ("NONE", False, False, DECODED),
+    ("STRAIGHT", False, True, (0.4, 0.2, 0.1)),
+    ("STRAIGHT", True, True, (0.8, 0.4, 0.2)),
+    ("PREMUL", True, True, (1.6, 0.8, 0.4)),
+]
+
+
+@pytest.mark.parametrize(("mode", "used", "floats", "want"), ALPHAS)
+def test_alpha_counts_as_in_cycles(scene, mode, used, floats, want):
+    made, texture = textured(np.full((2, 2, 4), (0.8, 0.4, 0.2, 0.5)), float_buffer=floats)
+    texture.image.alpha_mode = mode
+    if used:
+        node(made, "BsdfTransparent", Color=texture.outputs["Alpha"])
+    got, _ = materials.read(made, Notes())
+    assert_allclose(got.image.pixels[0, 0], want, rtol=0.05)  # bytes round
+
+
 def test_nodes_after_a_texture_change_its_pixels(scene):
     pixels = np.random.default_rng(1).uniform(0, 1, (3, 5, 3)).astype(np.float32)
     made, texture = textured(pixels, float_buffer=True)
