@@ -307,6 +307,11 @@ class LeapRayObject(bpy.types.PropertyGroup):
 class LeapRayViewLayer(bpy.types.PropertyGroup):
     """LeapRay's own passes of a view layer."""
 
+    use_pass_steps: bpy.props.BoolProperty(
+        name="Steps",
+        description="How many cells the camera's rays stand in before they meet something: what "
+        "the pixel costs",
+    )
     use_pass_error: bpy.props.BoolProperty(
         name="Error",
         description="How far the surface that is seen may lie from its true place, in pixels",

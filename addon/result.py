@@ -44,6 +44,7 @@ PASSES = (
     Pass("Emission", "RGB", "COLOR", "use_pass_emit", old_name="Emit"),
     Pass("Environment", "RGB", "COLOR", "use_pass_environment", old_name="Env"),
     Pass("Ambient Occlusion", "RGB", "COLOR", "use_pass_ambient_occlusion", old_name="AO"),
+    Pass("Steps", "X", "VALUE", "use_pass_steps", own=True),
     Pass("Error", "X", "VALUE", "use_pass_error", own=True),
     Pass("Volume", "X", "VALUE", "use_pass_volume", own=True),
 )

@@ -10,6 +10,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -156,6 +157,40 @@ def interruptible(event: threading.Event) -> Iterator[None]:
         if event.is_set():
             event.clear()
             raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def interrupt_ends_process(folder: Path) -> Iterator[None]:
+    """Have Ctrl-C end the process while Blender is deaf inside; folder goes if it is a .part.
+
+    Python hears signals between its own commands, so not before a call into Blender
+    has returned; another engine's render may take an hour. Exit code 130. Where
+    Python does not listen to Ctrl-C, and on other threads, nothing changes.
+    """
+    on_main_thread = threading.current_thread() is threading.main_thread()
+    if not on_main_thread or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+
+    def listen() -> None:
+        if os.read(reader, 1) == bytes([signal.SIGINT]):  # else the other end was closed
+            if folder.suffix == ".part":
+                shutil.rmtree(folder, ignore_errors=True)
+            print("leapray: interrupted", file=sys.stderr, flush=True)
+            os._exit(130)
+
+    listener = threading.Thread(target=listen, daemon=True)
+    before = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    listener.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.close(writer)
+        listener.join()
+        os.close(reader)
 
 
 @contextlib.contextmanager

@@ -3,8 +3,10 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -118,3 +120,25 @@ def test_an_unknown_traverser_and_a_missing_folder_are_refused_in_a_sentence(tmp
     assert done.returncode == 1
     assert "does not exist" in done.stderr and "Traceback" not in done.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_is_heard_while_cycles_renders(tmp_path):
+    words = ["compare", ROOT / "blend_samples/sphere.blend", "--reference", 10**6]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "addon.cli", *map(str, words)],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "native")])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        while "reference" not in (line := process.stderr.readline()):
+            assert line, "it ended"
+        time.sleep(1.0)  # Cycles has begun
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=10)
+    finally:
+        process.kill()
+    assert process.returncode == 130 and said.endswith("leapray: interrupted\n")
+    assert list(tmp_path.iterdir()) == []

@@ -301,12 +301,12 @@ def mesh_borders(thing) -> NDArray[np.float64]:
 
 
 def render_cycles(scene: bpy.types.Scene, path: Path, samples: int, seed: int = 0) -> Frame:
-    """The frame by Cycles."""
+    """The frame by Cycles. Ctrl-C meanwhile ends the process."""
     scene.render.engine = "CYCLES"
     scene.cycles.samples, scene.cycles.seed = samples, seed
     write_to(scene, path)
     began = time.perf_counter()
-    with session.quiet():
+    with session.quiet(), session.interrupt_ends_process(path.parent):
         bpy.ops.render.render(write_still=True, scene=scene.name)
     seconds = time.perf_counter() - began
     return Frame(read(path), seconds)

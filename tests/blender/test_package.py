@@ -117,3 +117,21 @@ def test_a_scene_without_a_camera_fails_by_a_sentence_and_an_exit_code(installed
     done = installed.run("-b", installed.inside(scene), "--python-expr", strip, *words)
     assert done.returncode != 0
     assert "camera" in done.stdout.lower() and "Traceback" not in done.stdout
+
+
+SAMPLES = sorted((build.ROOT / "blend_samples").glob("*.blend"))
+
+
+@pytest.mark.parametrize("sample", SAMPLES, ids=lambda path: path.stem)
+def test_every_sample_renders(installed, sample, tmp_path):
+    inside = installed.inside(installed.bring(sample))
+    small = (
+        "import bpy; scene = bpy.context.scene; scene.render.resolution_percentage = 15;"
+        "scene.leapray.samples = 4; scene.leapray.pixel_error = 1"
+    )
+    words = ["-b", inside, "--python-expr", small, "-E", "LEAPRAY", "-o", f"//{sample.stem}_"]
+    done = installed.run(*words, "-F", "PNG", "-f", "1")
+    assert done.returncode == 0, done.stdout
+    assert "Not understood" not in done.stdout and "not supported" not in done.stdout, done.stdout
+    shown = pixels(installed.room / f"{sample.stem}_0001.png")
+    assert shown.std(axis=(0, 1)).min() > 8  # a picture

@@ -152,6 +152,42 @@ def test_an_error_is_a_sentence_and_the_session_goes_on(session, picture, fault)
     assert (again.saved("again.png") == pixels(picture[1])).all()
 
 
+# ---- passes ------------------------------------------------------------------
+
+SWITCHES = ("z", "mist", "position", "normal", "object_index", "material_index", "emit",
+            "environment", "ambient_occlusion")  # fmt: skip
+NAMES = {"Depth", "Mist", "Position", "Normal", "Object Index", "Material Index", "Emission",
+         "Environment", "Ambient Occlusion", "Steps", "Error", "Volume"}  # fmt: skip
+
+
+def test_the_compositor_offers_the_passes_and_the_exr_holds_them(session):
+    session.run(
+        "scene = bpy.context.scene; layer = bpy.context.view_layer\n"
+        f"for name in {SWITCHES!r}: setattr(layer, 'use_pass_' + name, True)\n"
+        "for name in ('steps', 'error', 'volume'):\n"
+        "    setattr(layer.leapray, 'use_pass_' + name, True)\n"
+        "tree = bpy.data.node_groups.new('Passes', 'CompositorNodeTree')\n"
+        "scene.compositing_node_group = tree\n"
+        "layers, output = (tree.nodes.new(kind) for kind in ('CompositorNodeRLayers', "
+        "'NodeGroupOutput'))\n"
+        "tree.interface.new_socket('Image', in_out='OUTPUT', socket_type='NodeSocketColor')\n"
+        "tree.links.new(layers.outputs['Image'], output.inputs[0])"
+    )
+    time.sleep(0.5)
+    offered = set(session.run("result = [s.name for s in layers.outputs if s.enabled]"))
+    assert offered == {"Image", "Alpha"} | NAMES
+    assert "render_complete" in session.render()
+    path = session.window.blender.room / "passes.exr"
+    inside = session.window.blender.inside(path)
+    session.run(
+        "settings = scene.render.image_settings\n"
+        "settings.media_type = 'MULTI_LAYER_IMAGE'; settings.file_format = 'OPEN_EXR_MULTILAYER'\n"
+        f"bpy.data.images['Render Result'].save_render({inside!r})"
+    )
+    held = path.read_bytes()
+    assert [name for name in NAMES if f"ViewLayer.{name}".encode() not in held] == []
+
+
 # ---- panels and viewport -------------------------------------------------------
 
 OPEN_PANELS = """
