@@ -60,7 +60,7 @@ typedef enum lr_sample_type {
 } lr_sample_type;
 
 typedef enum lr_kind {
-    LR_KIND_AUTO = 0, /* for lr_voxelize_begin: solid where every edge is closed */
+    LR_KIND_AUTO = 0, /* for lr_voxelize_begin: see lr_reason */
     LR_KIND_SOLID = 1,
     LR_KIND_SHEET = 2 /* a surface without inside: valid in touched cells only */
 } lr_kind;
@@ -231,9 +231,31 @@ typedef struct lr_voxelize_options {
 
 typedef struct lr_voxelizer lr_voxelizer;
 
+typedef enum lr_stage {
+    LR_STAGE_NONE = 0,
+    LR_STAGE_SET_UP = 1,
+    LR_STAGE_LABELS = 2,  /* where winding numbers tell inside from outside: which samples go
+                             together */
+    LR_STAGE_WINDING = 3, /* and what their winding numbers are */
+    LR_STAGE_BRICKS = 4,
+    LR_STAGE_CELLS = 5, /* exact cells, where wanted */
+    LR_STAGE_DONE = 6
+} lr_stage;
+
+/* Why a mesh is taken for a solid or a sheet. */
+typedef enum lr_reason {
+    LR_REASON_ASKED = 0,    /* the options say so */
+    LR_REASON_CLOSED = 1,   /* solid: every edge has two triangles of one winding */
+    LR_REASON_CROSSING = 2, /* solid, closed too, but parts cross or lie in each other */
+    LR_REASON_ENCLOSES = 3, /* solid: not closed, but it encloses a volume; holes are small */
+    LR_REASON_HOLES = 4,    /* sheet: it has holes that would be seen to be closed */
+    LR_REASON_FLIPPED = 5,  /* sheet: neighbouring faces disagree in winding */
+    LR_REASON_EMPTY = 6     /* sheet: it encloses nothing */
+} lr_reason;
+
 typedef struct lr_voxelizer_info {
     lr_volume_desc desc;      /* of the volume to come; its lattice lies on multiples of voxel_size */
-    uint64_t n_parts;         /* parts to run */
+    int32_t stage;            /* lr_stage; kind, nbytes and what follows is known after set-up */
     uint64_t nbytes;          /* memory of the finished volume, from above; of exact cells only what
                                  parts have found so far */
     uint64_t n_border_edges;  /* edges with one triangle */
@@ -241,24 +263,23 @@ typedef struct lr_voxelizer_info {
     uint64_t n_degenerate;    /* triangles without area, or on the places of an earlier one */
     int32_t inverted;         /* nonzero: a closed mesh was wound inside out and was turned */
     int32_t simd;             /* lr_simd in use */
-    int32_t has_cells;        /* nonzero: lr_voxelize_cells is wanted */
+    int32_t reason;           /* lr_reason */
+    int32_t by_winding;       /* nonzero: winding numbers tell inside from outside */
+    double hole;              /* extent of the widest loop of border edges, in voxels */
 } lr_voxelizer_info;
 
-/* Bin the mesh and say what the volume will be; the arrays of mesh must live
- * until lr_voxelizer_free. Then run every part 0..n_parts-1 once, in any order,
- * side by side if wanted. Where the info's has_cells is set, call lr_voxelize_join and
- * run every part again, likewise, by lr_voxelize_cells, which finds the exact cells.
- * lr_voxelize_end makes the volume. */
+/* Check the mesh, whose arrays must live until lr_voxelizer_free. lr_voxelize_next opens the
+ * first stage and says how many parts it has; run every part 0..n_parts-1 once, in any order,
+ * side by side if wanted, then open the next stage, until it has none: then lr_voxelize_end
+ * makes the volume. */
 LR_API lr_status lr_voxelize_begin(const lr_mesh *mesh, const lr_voxelize_options *options,
                                    const lr_watch *watch, lr_voxelizer **voxelizer,
                                    lr_error *error);
 LR_API void lr_voxelizer_get_info(const lr_voxelizer *voxelizer, lr_voxelizer_info *info);
+LR_API lr_status lr_voxelize_next(lr_voxelizer *voxelizer, const lr_watch *watch,
+                                  uint64_t *n_parts, lr_error *error);
 LR_API lr_status lr_voxelize_part(lr_voxelizer *voxelizer, uint64_t part, const lr_watch *watch,
                                   lr_error *error);
-LR_API lr_status lr_voxelize_join(lr_voxelizer *voxelizer, const lr_watch *watch,
-                                  lr_error *error);
-LR_API lr_status lr_voxelize_cells(lr_voxelizer *voxelizer, uint64_t part, const lr_watch *watch,
-                                   lr_error *error);
 LR_API lr_status lr_voxelize_end(lr_voxelizer *voxelizer, const lr_watch *watch,
                                  lr_volume **volume, lr_error *error);
 LR_API void lr_voxelizer_free(lr_voxelizer *voxelizer); /* NULL is fine */

@@ -67,6 +67,26 @@ class lr_exact_cells(IntEnum):
     LR_EXACT_NONE = 2
 
 
+class lr_stage(IntEnum):
+    LR_STAGE_NONE = 0
+    LR_STAGE_SET_UP = 1
+    LR_STAGE_LABELS = 2
+    LR_STAGE_WINDING = 3
+    LR_STAGE_BRICKS = 4
+    LR_STAGE_CELLS = 5
+    LR_STAGE_DONE = 6
+
+
+class lr_reason(IntEnum):
+    LR_REASON_ASKED = 0
+    LR_REASON_CLOSED = 1
+    LR_REASON_CROSSING = 2
+    LR_REASON_ENCLOSES = 3
+    LR_REASON_HOLES = 4
+    LR_REASON_FLIPPED = 5
+    LR_REASON_EMPTY = 6
+
+
 class lr_metric(IntEnum):
     LR_METRIC_CHESSBOARD = 0
     LR_METRIC_CITYBLOCK = 1
@@ -169,6 +189,8 @@ LR_COLOR_NONE, LR_COLOR_VERTEX = lr_color_source
 LR_FILTER_RAMP, LR_FILTER_BOX, LR_FILTER_CONE, LR_FILTER_GAUSS, LR_FILTER_BINARY = lr_filter
 LR_SIMD_AUTO, LR_SIMD_PORTABLE, LR_SIMD_AVX2, LR_SIMD_AVX512 = lr_simd
 LR_EXACT_SHEETS, LR_EXACT_ALL, LR_EXACT_NONE = lr_exact_cells
+LR_STAGE_NONE, LR_STAGE_SET_UP, LR_STAGE_LABELS, LR_STAGE_WINDING, LR_STAGE_BRICKS, LR_STAGE_CELLS, LR_STAGE_DONE = lr_stage
+LR_REASON_ASKED, LR_REASON_CLOSED, LR_REASON_CROSSING, LR_REASON_ENCLOSES, LR_REASON_HOLES, LR_REASON_FLIPPED, LR_REASON_EMPTY = lr_reason
 LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK, LR_METRIC_CHAMFER345, LR_METRIC_EUCLID = lr_metric
 LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT = lr_traverser_flag
 LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
@@ -277,14 +299,16 @@ class lr_voxelizer(ctypes.Structure):
 class lr_voxelizer_info(ctypes.Structure):
     _fields_ = (
         ("desc", lr_volume_desc),
-        ("n_parts", ctypes.c_uint64),
+        ("stage", ctypes.c_int32),
         ("nbytes", ctypes.c_uint64),
         ("n_border_edges", ctypes.c_uint64),
         ("n_bad_edges", ctypes.c_uint64),
         ("n_degenerate", ctypes.c_uint64),
         ("inverted", ctypes.c_int32),
         ("simd", ctypes.c_int32),
-        ("has_cells", ctypes.c_int32),
+        ("reason", ctypes.c_int32),
+        ("by_winding", ctypes.c_int32),
+        ("hole", ctypes.c_double),
     )
 
 
@@ -633,18 +657,13 @@ PROTOTYPES = {
         ctypes.POINTER(lr_voxelizer),
         ctypes.POINTER(lr_voxelizer_info),
     )),
+    "lr_voxelize_next": (ctypes.c_int, (
+        ctypes.POINTER(lr_voxelizer),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(ctypes.c_uint64),
+        ctypes.POINTER(lr_error),
+    )),
     "lr_voxelize_part": (ctypes.c_int, (
-        ctypes.POINTER(lr_voxelizer),
-        ctypes.c_uint64,
-        ctypes.POINTER(lr_watch),
-        ctypes.POINTER(lr_error),
-    )),
-    "lr_voxelize_join": (ctypes.c_int, (
-        ctypes.POINTER(lr_voxelizer),
-        ctypes.POINTER(lr_watch),
-        ctypes.POINTER(lr_error),
-    )),
-    "lr_voxelize_cells": (ctypes.c_int, (
         ctypes.POINTER(lr_voxelizer),
         ctypes.c_uint64,
         ctypes.POINTER(lr_watch),

@@ -36,8 +36,25 @@ HALF_WIDTHS = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # of the ramp: clamping again
 OTHER_WIDTHS = {"cone": 3.0, "gauss": 1.0, "box": 0.5, "binary": 0.5}  # voxels; of gauss its sigma
 SOLID_FILTERS = ("box", "binary")  # they tell inside from outside, which a sheet has not
 
-# Shares of the progress; setting up is serial, so it takes longer than its work.
-BEGUN, PARTS_DONE = 0.2, 0.9
+# Share of the work that is done after a stage; not all are there each time.
+STAGE_DONE = {
+    _abi.LR_STAGE_SET_UP: 0.2,
+    _abi.LR_STAGE_LABELS: 0.5,
+    _abi.LR_STAGE_WINDING: 0.6,
+    _abi.LR_STAGE_BRICKS: 0.85,
+    _abi.LR_STAGE_CELLS: 0.95,
+}
+
+REASONS = {
+    _abi.LR_REASON_ASKED: "it was asked for",
+    _abi.LR_REASON_CLOSED: "every edge is shared by two triangles of one winding",
+    _abi.LR_REASON_CROSSING: "it is closed, though parts of it cross or lie in each other",
+    _abi.LR_REASON_ENCLOSES: "it encloses a volume, though {edges}",
+    _abi.LR_REASON_HOLES: "it has holes, the widest {hole:.1f} voxels",
+    _abi.LR_REASON_FLIPPED: "neighbouring faces disagree in winding",
+    _abi.LR_REASON_EMPTY: "{edges}, and it encloses no volume",
+}
+OBVIOUS = {_abi.LR_REASON_ASKED, _abi.LR_REASON_CLOSED, _abi.LR_REASON_HOLES}
 
 
 @dataclass(frozen=True)
@@ -50,6 +67,10 @@ class MeshInfo:
     n_degenerate: int  # triangles without area, or on the places of an earlier one
     inverted: bool  # a closed mesh was wound inside out and was turned
     simd: str  # the vector instructions used
+    why: str  # it is a solid or a sheet: the end of a sentence
+    obvious: bool  # so that nobody need be told
+    winding: bool  # winding numbers told inside from outside, since pseudonormals could not
+    hole: float  # extent of the widest loop of border edges in voxels, where it mattered
 
 
 def own_half_width(filter: str, dtype: str) -> float:
@@ -105,7 +126,7 @@ def voxelize(
     Returns a Volume with mesh_info set. Raises LeapRayError for wrong input and
     lattices that are too large, Stopped when watch was told to stop.
     Source: Sramek and Kaufman 1999 (oriented box filter); Wang and Kaufman 1993
-    (hypercone); Baerentzen and Aanaes 2005 (sign).
+    (hypercone); Baerentzen and Aanaes 2005, Barill et al. 2018 (sign).
     """
     points, corners, numbers = _mesh_arrays(vertices, triangles, ids)
     kernel = choice(FILTERS, filter, "filter")
@@ -140,26 +161,21 @@ def _run(mesh, chosen, threads: int, progress: _Progress, max_nbytes: int | None
     begin = (ctypes.byref(mesh), ctypes.byref(chosen))
     call(lib.lr_voxelize_begin, *begin, watch=progress, outputs=(voxelizer,))
     try:
-        info = _abi.lr_voxelizer_info()
-        lib.lr_voxelizer_get_info(voxelizer, ctypes.byref(info))
-        _check_nbytes(info.nbytes, max_nbytes)
-        progress.add(BEGUN)
-        share = (PARTS_DONE - BEGUN) / (2 if info.has_cells else 1)
-
-        def run(function) -> None:
-            def part(first: int, last: int) -> None:
-                for index in range(first, last):
-                    call(function, voxelizer, index, watch=progress)
-                    progress.add(share / info.n_parts)
-
-            run_parts(part, info.n_parts, 1, threads, progress)
-
-        run(lib.lr_voxelize_part)
-        if info.has_cells:
-            call(lib.lr_voxelize_join, voxelizer, watch=progress)
-            run(lib.lr_voxelize_cells)
+        info, n_parts = _abi.lr_voxelizer_info(), ctypes.c_uint64()
+        while True:
+            call(lib.lr_voxelize_next, voxelizer, watch=progress, outputs=(n_parts,))
             lib.lr_voxelizer_get_info(voxelizer, ctypes.byref(info))
             _check_nbytes(info.nbytes, max_nbytes)
+            if not n_parts.value:
+                break
+            share = progress.until(STAGE_DONE[info.stage]) / n_parts.value
+
+            def part(first: int, last: int, share: float = share) -> None:
+                for index in range(first, last):
+                    call(lib.lr_voxelize_part, voxelizer, index, watch=progress)
+                    progress.add(share)
+
+            run_parts(part, n_parts.value, 1, threads, progress)
         handle = ctypes.POINTER(_abi.lr_volume)()
         call(lib.lr_voxelize_end, voxelizer, watch=progress, outputs=(handle,))
         progress.end()
@@ -206,6 +222,10 @@ class _Progress:
         with self._lock:
             self._write(self._share + share)
 
+    def until(self, share: float) -> float:
+        """What is left until a share of the whole is done."""
+        return max(0.0, share - self._share)
+
     def end(self) -> None:
         with self._lock:
             self._write(1.0)
@@ -223,8 +243,21 @@ def _mesh_info(info: _abi.lr_voxelizer_info) -> MeshInfo:
         n_bad_edges=info.n_bad_edges,
         n_degenerate=info.n_degenerate,
         inverted=bool(info.inverted),
+        why=REASONS[info.reason].format(edges=_open_edges(info), hole=info.hole),
+        obvious=info.reason in OBVIOUS,
+        winding=bool(info.by_winding),
+        hole=info.hole,
         simd=next(name for name, code in SIMD.items() if code == info.simd),
     )
+
+
+def _open_edges(info: _abi.lr_voxelizer_info) -> str:
+    counts = {
+        "with one triangle": info.n_border_edges,
+        "with more than two triangles or of opposite winding": info.n_bad_edges,
+    }
+    found = [f"{n} {'edge' if n == 1 else 'edges'} {words}" for words, n in counts.items() if n]
+    return "it has " + " and ".join(found)
 
 
 def _mesh_arrays(vertices: ArrayLike, triangles: ArrayLike, ids: ArrayLike | None):

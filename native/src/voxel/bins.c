@@ -13,30 +13,31 @@
 #include "voxel/frame.h"
 
 enum {
-    POLL = 1 << 14,  /* triangles, or bricks of one triangle, between looks at the stop word */
-    MAX_PARTS = 512, /* enough for an even end on many threads */
+    POLL = 1 << 14,   /* triangles, or bricks of one triangle, between looks at the stop word */
+    MAX_PARTS = 512,  /* enough for an even end on many threads */
     BRICK_WORK = 400, /* of a brick without triangles, in units of a listed triangle */
     PLANES = 5
 };
 
 /* Samples of a brick lie within HALF of its centre on every axis. */
-#define HALF 3.5
+#define HALF          3.5
 #define HALF_DIAGONAL 6.0622
 
 /* What is remembered of a triangle: its lowest brick's place in the table (27 bits)
  * and, per axis, whether it reaches the next one; or one of these. */
 #define SECOND_BRICK (1u << 27)
-#define NOWHERE 0xffffffffu
-#define LARGE 0xfffffffeu
+#define NOWHERE      0xffffffffu
+#define LARGE        0xfffffffeu
 
 typedef struct binning {
     const lr_topology *mesh;
     int32_t size[3]; /* of the table */
+    bool all;        /* also triangles that do not count */
     double band;
-    uint32_t *count;  /* [table]: triangles, then the active brick's number */
-    uint32_t *box;    /* [n_triangles] */
-    uint64_t *next;   /* [n_active] */
-    uint32_t *list;   /* NULL while counting */
+    uint32_t *count; /* [table]: triangles, then the active brick's number */
+    uint32_t *box;   /* [n_triangles] */
+    uint64_t *next;  /* [n_active] */
+    uint32_t *list;  /* NULL while counting */
     const lr_watch *watch;
 } binning;
 
@@ -135,9 +136,9 @@ static void set_planes(reach *r, double band)
 static uint32_t box_of(const binning *b, uint64_t t, reach *r)
 {
     double cross[3];
-    const double(*p)[3] = (const double(*)[3])r->frame.p;
+    const double (*p)[3] = (const double (*)[3])r->frame.p;
     lr_triangle(b->mesh, t, r->frame.p);
-    if (!lr_counts(b->mesh, t) || !lr_cross_of(p, cross))
+    if ((!b->all && !lr_counts(b->mesh, t)) || !lr_cross_of(p, cross))
         return NOWHERE;
     uint32_t second = 0;
     bool large = false;
@@ -152,8 +153,8 @@ static uint32_t box_of(const binning *b, uint64_t t, reach *r)
         large = large || r->hi[a] > r->lo[a] + 1;
     }
     size_t row = (size_t)r->lo[2] * (size_t)b->size[1] + (size_t)r->lo[1];
-    return large ? LARGE : (uint32_t)(row * (size_t)b->size[0] + (size_t)r->lo[0]) |
-                               second * SECOND_BRICK;
+    return large ? LARGE
+                 : (uint32_t)(row * (size_t)b->size[0] + (size_t)r->lo[0]) | second * SECOND_BRICK;
 }
 
 static lr_status visit_all(binning *b, lr_error *error)
@@ -176,8 +177,7 @@ static lr_status visit_all(binning *b, lr_error *error)
 }
 
 /* From counts to active bricks; count then says which active brick it is. */
-static lr_status make_active(uint32_t *count, const int32_t size[3], lr_bins *bins,
-                             lr_error *error)
+static lr_status make_active(uint32_t *count, const int32_t size[3], lr_bins *bins, lr_error *error)
 {
     size_t n_table = (size_t)size[0] * (size_t)size[1] * (size_t)size[2];
     for (size_t i = 0; i < n_table; i++)
@@ -214,8 +214,7 @@ static lr_status make_parts(lr_bins *bins, lr_error *error)
     uint32_t brick = 0;
     for (uint32_t i = 0; i < bins->n_parts; i++) {
         uint64_t before = work / bins->n_parts * i;
-        while (brick < bins->n_active &&
-               bins->start[brick] + (uint64_t)brick * BRICK_WORK < before)
+        while (brick < bins->n_active && bins->start[brick] + (uint64_t)brick * BRICK_WORK < before)
             brick++;
         bins->part[i] = brick;
     }
@@ -239,11 +238,11 @@ static lr_status list_all(binning *b, lr_bins *bins, lr_error *error)
     return status == LR_OK ? make_parts(bins, error) : status;
 }
 
-lr_status lr_bins_make(const lr_topology *m, const int32_t table_size[3], double band,
+lr_status lr_bins_make(const lr_topology *m, const int32_t table_size[3], double band, bool all,
                        const lr_watch *watch, lr_bins *bins, lr_error *error)
 {
     *bins = (lr_bins){0};
-    binning b = {.mesh = m, .band = band, .watch = watch};
+    binning b = {.mesh = m, .all = all, .band = band, .watch = watch};
     size_t n_table = 1;
     for (int a = 0; a < 3; a++) {
         b.size[a] = table_size[a];
@@ -253,8 +252,8 @@ lr_status lr_bins_make(const lr_topology *m, const int32_t table_size[3], double
     b.box = malloc(m->source.n_triangles * sizeof *b.box);
     lr_status status = LR_OK;
     if (b.count == NULL || b.box == NULL)
-        status = lr_fail_memory(error, (n_table + m->source.n_triangles) * 4,
-                                "the table of bricks");
+        status =
+            lr_fail_memory(error, (n_table + m->source.n_triangles) * 4, "the table of bricks");
     else
         status = list_all(&b, bins, error);
     free(b.next);

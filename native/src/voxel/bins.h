@@ -13,16 +13,17 @@
 
 typedef struct lr_bins {
     uint32_t n_active;
-    uint32_t *brick;  /* [n_active]: place in the volume's table, ascending */
-    uint64_t *start;  /* [n_active + 1]: where its list starts */
-    uint32_t *list;   /* triangles, ascending within a brick */
+    uint32_t *brick; /* [n_active]: place in the volume's table, ascending */
+    uint64_t *start; /* [n_active + 1]: where its list starts */
+    uint32_t *list;  /* triangles, ascending within a brick */
     uint32_t n_parts;
     uint32_t *part;   /* [n_parts + 1]: first active brick of each part */
     uint32_t longest; /* list of all */
 } lr_bins;
 
-/* Band in voxels. What was built is freed by lr_bins_free, after an error too. */
-lr_status lr_bins_make(const lr_topology *mesh, const int32_t table_size[3], double band,
+/* Band in voxels. all: also triangles that do not count, which are not known before the
+ * mesh is linked. What was built is freed by lr_bins_free, after an error too. */
+lr_status lr_bins_make(const lr_topology *mesh, const int32_t table_size[3], double band, bool all,
                        const lr_watch *watch, lr_bins *bins, lr_error *error);
 void lr_bins_free(lr_bins *bins);
 

@@ -18,6 +18,7 @@
 
 #include "voxel/box.h"
 #include "voxel/frame.h"
+#include "voxel/labels.h"
 #include "voxel/profile.h"
 
 /* The nearest triangle is chosen in f32; its exact distance can exceed the band by this. */
@@ -96,7 +97,7 @@ static void frame_of(const lr_topology *mesh, const int32_t first[3], uint32_t t
 
 /* Measure what is grouped in f64. */
 static void measure(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list,
-                    uint32_t n, lr_scratch *scratch, float *distance)
+                    uint32_t n, lr_scratch *scratch, float *distance, uint8_t *loose)
 {
     const lr_topology *mesh = job->mesh;
     for (uint32_t i = 0; i < n; i++) {
@@ -110,9 +111,12 @@ static void measure(const lr_voxel_job *job, const int32_t first[3], const uint3
             continue;
         for (; sample >= 0; sample = scratch->next[sample]) {
             const double p[3] = {sample & 7, sample >> 3 & 7, sample >> 6};
-            double height, s = lr_signed_distance(mesh, list[i], &frame, p, &height);
+            bool border;
+            double height, s = lr_signed_distance(mesh, list[i], &frame, p, &height, &border);
             if (fabs(s) <= job->band + BAND_SLACK)
                 distance[sample] = (float)(mesh->side * (job->sheet ? height : s));
+            if (loose != NULL)
+                loose[sample] = border;
         }
     }
 }
@@ -126,6 +130,38 @@ static void take_ids(const lr_voxel_job *job, const uint32_t *list, const lr_nea
             if (who >= 0 && distance[sample] != INFINITY)
                 brick->id[sample] = job->mesh->source.ids[list[who]];
         }
+}
+
+/* Sides by the winding number of the component. */
+static void take_sides(const lr_scratch *scratch, float *distance)
+{
+    for (int i = 0; i < LR_BRICK_SAMPLES; i++)
+        if (scratch->labels[i] != LR_UNLABELLED) {
+            bool inside = scratch->components[scratch->labels[i]].inside;
+            distance[i] = inside ? fabsf(distance[i]) : -fabsf(distance[i]);
+        }
+}
+
+/* Distances of neighbours differ by the voxel between them at most, if their signs are
+ * right; MOST leaves room for rounding. */
+#define MOST 1.001f
+
+static bool contradicts(const float *distance)
+{
+    static const int STEP[3] = {1, 8, 64};
+    const __m128 infinity = _mm_set1_ps(INFINITY), sign = _mm_set1_ps(-0.0f);
+    int found = 0;
+    for (int a = 0; a < 3; a++)
+        for (int i = 0; i + STEP[a] < LR_BRICK_SAMPLES; i += 4) {
+            if (a > 0 && (i >> (3 * a) & 7) == 7)
+                continue;
+            __m128 p = _mm_load_ps(&distance[i]), q = _mm_loadu_ps(&distance[i + STEP[a]]);
+            __m128 known = _mm_and_ps(_mm_cmplt_ps(p, infinity), _mm_cmplt_ps(q, infinity));
+            __m128 apart = _mm_cmpgt_ps(_mm_andnot_ps(sign, _mm_sub_ps(p, q)), _mm_set1_ps(MOST));
+            int bits = _mm_movemask_ps(_mm_and_ps(known, apart));
+            found |= a == 0 && (i & 4) != 0 ? bits & 7 : bits; /* the row ends */
+        }
+    return found != 0;
 }
 
 /* Values of the ramp, and sides; 0 and neither side where there is no distance. */
@@ -307,8 +343,8 @@ static bool touch(const lr_voxel_job *job, const int32_t first[3], const uint32_
     return true;
 }
 
-bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, uint32_t n,
-                   const lr_watch *watch, lr_scratch *scratch, lr_brick *brick)
+bool lr_brick_distances(const lr_voxel_job *job, uint32_t at, const uint32_t *list, uint32_t n,
+                        const lr_watch *watch, lr_scratch *scratch, float *distance, uint8_t *loose)
 {
     int32_t first[3];
     double centre[3];
@@ -317,14 +353,27 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
         centre[a] = first[a] + 3.5;
     if (!job->search(job->mesh, centre, list, n, job->band, watch, &scratch->nearest))
         return false;
+    take_heights(job, scratch, distance);
+    measure(job, first, list, n, scratch, distance, loose);
+    return true;
+}
+
+bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, uint32_t n,
+                   const lr_watch *watch, lr_scratch *scratch, lr_brick *brick)
+{
+    int32_t first[3];
+    place_of(job, at, first);
     sides side = {0};
-    _Alignas(16) float distance[LR_BRICK_SAMPLES];
+    _Alignas(16) float distance[LR_BRICK_SAMPLES + 4]; /* a neighbour beyond the end is read */
     brick->state = LR_STATE_UNKNOWN;
     brick->dressed = false;
     memset(brick->touched, 0, sizeof brick->touched);
     memset(brick->face, 0, sizeof brick->face);
-    take_heights(job, scratch, distance);
-    measure(job, first, list, n, scratch, distance);
+    if (!lr_brick_distances(job, at, list, n, watch, scratch, distance, NULL))
+        return false;
+    if (scratch->labels != NULL)
+        take_sides(scratch, distance);
+    brick->contradicts = !job->sheet && scratch->labels == NULL && contradicts(distance);
     settle(job, distance, &side, brick);
     if (job->filter != LR_FILTER_RAMP)
         set_profile(job, distance, brick);

@@ -20,7 +20,7 @@ typedef struct lr_voxel_job {
     int32_t sample_type;
     bool sheet;
     lr_bake bake;
-    bool exact;        /* cells are judged in a second run (cells.h) */
+    bool exact; /* cells are judged in a second run (cells.h) */
 } lr_voxel_job;
 
 typedef enum lr_brick_state {
@@ -34,10 +34,12 @@ typedef enum lr_brick_state {
 typedef struct lr_brick {
     lr_brick_state state;
     _Alignas(16) float value[LR_BRICK_SAMPLES]; /* occupancy; quantised only when it is written */
-    uint16_t id[LR_BRICK_SAMPLES]; /* of the nearest triangle; 0 beyond the band; of meshes with ids */
-    uint64_t touched[8];           /* cells that a triangle of a sheet meets */
-    int8_t face[6];                /* -x +x -y +y -z +z: samples inside less samples outside */
-    bool dressed;                  /* the scratch's codes hold something */
+    uint16_t
+        id[LR_BRICK_SAMPLES]; /* of the nearest triangle; 0 beyond the band; of meshes with ids */
+    uint64_t touched[8];      /* cells that a triangle of a sheet meets */
+    int8_t face[6];           /* -x +x -y +y -z +z: samples inside less samples outside */
+    bool contradicts;         /* neighbours differ by more than lies between them */
+    bool dressed;             /* the scratch's codes hold something */
 } lr_brick;
 
 /* Per-thread memory: the samples that each listed triangle won, as linked lists. */
@@ -45,21 +47,30 @@ typedef struct lr_scratch {
     int32_t *first;                 /* [longest list]: -1 between bricks */
     int32_t next[LR_BRICK_SAMPLES]; /* -1: last */
     lr_nearest nearest;
+    const uint16_t *labels; /* [512]: of the brick; NULL: pseudonormals tell the side */
+    const struct lr_component *components; /* by label */
     uint32_t *colors; /* [512]: the brick's codes, written where it is dressed; NULL: none wanted */
     uint32_t *normals; /* likewise */
 } lr_scratch;
 
-/* False where stopped. at is the brick's place in the table. */
+/* Signed distances of the samples of a brick, infinity beyond the band; at is its place in
+ * the table. loose[512], or NULL: set where the nearest point lies on the mesh's border.
+ * False where stopped. */
+bool lr_brick_distances(const lr_voxel_job *job, uint32_t at, const uint32_t *list, uint32_t n,
+                        const lr_watch *watch, lr_scratch *scratch, float *distance,
+                        uint8_t *loose);
+
+/* False where stopped. */
 bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, uint32_t n,
                    const lr_watch *watch, lr_scratch *scratch, lr_brick *brick);
 
 /* Signed distance, positive inside (behind the winding's front). The feature of
  * the triangle that is nearest gives the sign. *height is the same, but beyond the
  * border of the mesh: there it is the height over the surface's continuation, so
- * that the field of a sheet runs on straight beyond its rim. */
+ * that the field of a sheet runs on straight beyond its rim; *border tells. */
 struct lr_frame;
 double lr_signed_distance(const lr_topology *mesh, uint32_t t, const struct lr_frame *frame,
-                          const double p[3], double *height);
+                          const double p[3], double *height, bool *border);
 
 /* Mark the brick's cells that the triangle, in coordinates from the brick's
  * first sample, meets. */

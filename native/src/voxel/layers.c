@@ -289,7 +289,9 @@ lr_status lr_mesh_layers(const lr_mesh *mesh, double margin, const lr_watch *wat
     if (!(margin >= 0.0))
         return lr_fail(error, LR_E_ARGUMENT, "margin must be 0 or more; it is %g", margin);
     lr_topology topology;
-    lr_status status = lr_topology_make(mesh, unit_of(mesh), watch, &topology, error);
+    lr_status status = lr_topology_begin(mesh, unit_of(mesh), watch, &topology, error);
+    if (status == LR_OK)
+        status = lr_topology_link(&topology, watch, error);
     if (status == LR_OK)
         status = split(&topology, margin, watch, layer, n_layers, error);
     lr_topology_free(&topology);

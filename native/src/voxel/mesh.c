@@ -85,7 +85,7 @@ static void widen(lr_topology *m, const int32_t corner[3])
 
 /* Bounds, triangles without area, and the volume seen from a vertex, so that little
  * cancels. */
-static lr_status measure(lr_topology *m, const lr_watch *watch, double *volume, lr_error *error)
+static lr_status measure(lr_topology *m, const lr_watch *watch, lr_error *error)
 {
     for (int a = 0; a < 3; a++) {
         m->lo[a] = INFINITY;
@@ -104,7 +104,7 @@ static lr_status measure(lr_topology *m, const lr_watch *watch, double *volume, 
         }
         widen(m, m->source.triangles + 3 * t);
         lr_sub(p[0], from, p[0]);
-        *volume += lr_dot(p[0], n);
+        m->volume += lr_dot(p[0], n);
     }
     if (m->n_degenerate == m->source.n_triangles)
         return lr_fail(error, LR_E_ARGUMENT, "none of the mesh's %llu triangles has an area",
@@ -342,6 +342,7 @@ static void link_run(lr_topology *m, const uint64_t *run, uint32_t n)
     }
     ends(m, (uint32_t)run[1], b);
     m->n_bad_edges += n > 2 || a[0] == b[0];
+    m->n_flipped_edges += n == 2 && a[0] == b[0];
 }
 
 static lr_status link_bucket(lr_topology *m, uint64_t *key, uint32_t n, const lr_watch *watch,
@@ -411,21 +412,25 @@ static double volume_of_twins(const lr_topology *m)
 
 /* ---- all --------------------------------------------------------------- */
 
-lr_status lr_topology_make(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
-                           lr_topology *m, lr_error *error)
+lr_status lr_topology_begin(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
+                            lr_topology *m, lr_error *error)
 {
     *m = (lr_topology){.source = *mesh, .per_unit = 1.0 / voxel_size, .side = 1.0};
-    double farthest = 0.0, volume = 0.0;
+    double farthest = 0.0;
     lr_status status = check_vertices(mesh, &farthest, error);
     if (status == LR_OK && !(farthest * m->per_unit <= FARTHEST))
         status = check_reach(m, error);
     if (status == LR_OK)
-        status = measure(m, watch, &volume, error);
-    if (status == LR_OK)
-        status = weld(m, watch, error);
+        status = measure(m, watch, error);
+    return status;
+}
+
+lr_status lr_topology_link(lr_topology *m, const lr_watch *watch, lr_error *error)
+{
+    lr_status status = weld(m, watch, error);
     if (status == LR_OK)
         status = link_edges(m, watch, error);
-    if (status == LR_OK && m->closed && volume - volume_of_twins(m) < 0.0)
+    if (status == LR_OK && m->closed && m->volume - volume_of_twins(m) < 0.0)
         m->side = -1.0; /* wound inside out */
     return status;
 }

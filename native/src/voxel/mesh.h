@@ -23,15 +23,19 @@ typedef struct lr_topology {
     uint32_t *twin;             /* [n_triangles]: the first triangle on the same places, the others
                                    count for nothing; NULL: all differ */
     uint64_t n_border_edges, n_bad_edges, n_degenerate;
+    uint64_t n_flipped_edges;   /* those of the bad ones with two triangles */
+    double volume;              /* signed, times 6, of all triangles */
     double side;                /* -1 where the mesh is wound inside out, else 1 */
     bool closed;                /* every edge has two triangles of one winding */
 } lr_topology;
 
-/* Check the mesh and fill all but origin, which is left 0: coordinates
- * are voxels from the object's origin until the caller sets it. What was built
- * is freed by lr_topology_free, after an error too. */
-lr_status lr_topology_make(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
-                           lr_topology *topology, lr_error *error);
+/* Check the mesh, find its bounds and volume. origin is left 0: coordinates are voxels
+ * from the object's origin until the caller sets it. What was built is freed by
+ * lr_topology_free, after an error too. */
+lr_status lr_topology_begin(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
+                            lr_topology *topology, lr_error *error);
+/* Then weld it, link its edges and orient it. */
+lr_status lr_topology_link(lr_topology *topology, const lr_watch *watch, lr_error *error);
 void lr_topology_free(lr_topology *topology);
 
 /* Has the half-edge one partner, of its own winding? */

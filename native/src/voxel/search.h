@@ -18,7 +18,7 @@
 enum {
     EDGES = 3,
     FIRST = 1 + EDGES, /* forms that are asked first: height, excess of each edge */
-    POLL = 1 << 6 /* batches between looks at the stop word */
+    POLL = 1 << 6      /* batches between looks at the stop word */
 };
 
 /* Rounding of the f32 forms, in voxels: a triangle that is within it of being

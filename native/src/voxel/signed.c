@@ -86,7 +86,7 @@ static bool vertex_normal(const lr_topology *mesh, uint32_t t, int corner, doubl
 }
 
 double lr_signed_distance(const lr_topology *mesh, uint32_t t, const lr_frame *f,
-                          const double p[3], double *height)
+                          const double p[3], double *height, bool *border)
 {
     double from[3][3], excess[3], place[3];
     bool in_face = true;
@@ -98,6 +98,7 @@ double lr_signed_distance(const lr_topology *mesh, uint32_t t, const lr_frame *f
     }
     double h = lr_dot(f->n, from[0]);
     *height = -h;
+    *border = false;
     if (in_face)
         return -h;
     int nearest = 0;
@@ -111,24 +112,23 @@ double lr_signed_distance(const lr_topology *mesh, uint32_t t, const lr_frame *f
         }
     }
     double n[3], side, distance = sqrt(h * h + smallest);
-    bool border;
     if (place[nearest] > 0.0 && place[nearest] < f->length[nearest]) {
         uint32_t half_edge = 3 * t + (uint32_t)nearest;
         edge_normal(mesh, half_edge, f->n, n);
         side = h * lr_dot(n, f->n) + excess[nearest] * lr_dot(n, f->m[nearest]);
-        border = mesh->ring[half_edge] == half_edge; /* its only face is this one: height is set */
+        *border = mesh->ring[half_edge] == half_edge; /* its only face is this one: height is set */
     } else {
         int corner = place[nearest] > 0.0 ? (nearest + 1) % 3 : nearest;
         bool rim = vertex_normal(mesh, t, corner, n);
         side = lr_dot(n, from[corner]);
-        border = rim && lr_dot(n, n) > 0.0;
-        if (border)
+        *border = rim && lr_dot(n, n) > 0.0;
+        if (*border)
             *height = -side / sqrt(lr_dot(n, n));
     }
     if (side == 0.0) /* normals that cancel: the face's own side */
         side = h;
     distance = copysign(distance, -side);
-    if (!border)
+    if (!*border)
         *height = distance;
     return distance;
 }

@@ -21,7 +21,7 @@ enum {
 };
 
 #define FAR 2.0
-#define PI 3.14159265358979323846
+#define PI  3.14159265358979323846
 
 /* ---- order ------------------------------------------------------------- */
 
@@ -102,7 +102,7 @@ static void add_triangle(const lr_topology *m, uint32_t t, extent *e)
 {
     double p[3][3], n[3];
     lr_triangle(m, t, p);
-    if (!lr_cross_of((const double(*)[3])p, n))
+    if (!lr_cross_of((const double (*)[3])p, n))
         return;
     double area = 0.5 * sqrt(lr_dot(n, n));
     e->area += area;
@@ -174,8 +174,8 @@ lr_status lr_winding_make(const lr_topology *mesh, const lr_watch *watch, lr_win
     uint32_t *key = malloc(n * sizeof *key), *other = malloc(n * sizeof *other);
     lr_status status = LR_OK;
     if (w->list == NULL || w->nodes == NULL || key == NULL || other == NULL)
-        status = lr_fail_memory(error, n * 12 + n_nodes * sizeof *w->nodes,
-                                "the mesh's winding number");
+        status =
+            lr_fail_memory(error, n * 12 + n_nodes * sizeof *w->nodes, "the mesh's winding number");
     else if (!order(w, key, other, watch) || !build(w, 0, 0, w->n, watch, &whole))
         status = lr_fail_stopped(error);
     free(key);
@@ -221,8 +221,7 @@ double lr_winding_at(const lr_winding *w, const double p[3])
         lr_sub(node->centre, p, to);
         double d2 = lr_dot(to, to);
         if (d2 > node->far2) {
-            sum += node->far2 < 0.0 ? 0.0
-                                    : lr_dot(node->normal, to) / (4.0 * PI * d2 * sqrt(d2));
+            sum += node->far2 < 0.0 ? 0.0 : lr_dot(node->normal, to) / (4.0 * PI * d2 * sqrt(d2));
         } else if (node->n <= LEAF) {
             for (uint32_t i = node->first; i < node->first + node->n; i++)
                 sum += share_of(w->mesh, w->list[i], p);

@@ -7,15 +7,15 @@
 #include "voxel/mesh.h"
 
 typedef struct lr_winding_node {
-    double centre[3]; /* of the triangles' area */
-    double normal[3]; /* sum of their area vectors */
-    double far2;      /* a point whose squared distance is larger may take them as one dipole */
+    double centre[3];  /* of the triangles' area */
+    double normal[3];  /* sum of their area vectors */
+    double far2;       /* a point whose squared distance is larger may take them as one dipole */
     uint32_t first, n; /* of the list: a leaf where n is small */
 } lr_winding_node;
 
 typedef struct lr_winding {
     const lr_topology *mesh;
-    uint32_t *list;         /* triangles in the order of the leaves */
+    uint32_t *list; /* triangles in the order of the leaves */
     uint32_t n;
     lr_winding_node *nodes; /* the children of node i are 2 i + 1 and 2 i + 2 */
 } lr_winding;
