@@ -76,6 +76,21 @@ def test_nothing_beats_the_front(made, rows):
         assert any(b.mrays >= p.mrays and b.hit_99 <= p.hit_99 for b in best)
 
 
+@pytest.mark.parametrize("dtype", shapes.LEVELS)
+@pytest.mark.parametrize("shape", [shapes.sphere(), shapes.torus(), shapes.rods(), shapes.box()],
+                         ids=lambda shape: shape.name)  # fmt: skip
+def test_samples_are_those_of_the_distance_at_every_point(shape, dtype):
+    samples, matrix = shape.samples(45, dtype)
+    z, y, x = np.indices(samples.shape)
+    points = np.stack([x, y, z], axis=-1).reshape(-1, 3) * matrix[0, 0] - 1.1
+    kind, top, half_width = shapes.LEVELS[dtype]
+    ramp = np.clip(0.5 - shape.distance(points) / (2 * half_width * matrix[0, 0]), 0, 1) * top
+    want = ramp if dtype == "f32" else np.rint(ramp)
+    assert samples.dtype == kind and samples.min() == 0
+    np.testing.assert_allclose(samples.ravel(), want, atol=1e-6 if dtype == "f32" else 1)
+    assert 0.01 < ((samples > 0) & (samples < top)).mean() < 0.5
+
+
 def test_embree_agrees_with_the_sphere_that_its_mesh_approaches():
     u, v = np.meshgrid(np.linspace(0, np.pi, 101), np.linspace(0, 2 * np.pi, 201), indexing="ij")
     points = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)], axis=-1) * 0.9

@@ -60,7 +60,7 @@ def subjects(files: list[Path], divisions: int, percentage: int):
         yield path.stem, scenes.read(path, percentage)
     width, height = (n * percentage // 100 for n in (960, 540))
     mesh = scenes.scan(divisions)
-    yield "scan-like", scenes.looked_at(mesh, (2.2, -3.4, 1.4), (0, 0, 0), width, height)
+    yield "scan-like", scenes.looked_at(mesh, (2.9, -4.5, 1.85), (0, 0, 0), width, height)
 
 
 # ---- measuring -----------------------------------------------------------
