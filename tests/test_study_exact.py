@@ -18,10 +18,24 @@ EXACT = [entry for entry in leapray.variants() if entry.exact]
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
     output = tmp_path_factory.mktemp("exact") / "made"
-    sizes = {"rays": 8000, "size": 32, "cells": 20_000, "views": 4, "image": 96}
+    sizes = {
+        "rays": 8000,
+        "size": 32,
+        "cells": 20_000,
+        "views": 4,
+        "image": 96 * 8,
+        "counts": (1, 3),
+    }
     assert exact.main(argparse.Namespace(output=output, quick=True, **sizes)) == 0
     drawn = {"walks.svg", "walks.png"}
-    tables = {"exact.csv", "exact-roots.csv", "exact-closed.csv", "exact.json", "exact.html"}
+    tables = {
+        "exact.csv",
+        "exact-roots.csv",
+        "exact-closed.csv",
+        "exact-skips.csv",
+        "exact.json",
+        "exact.html",
+    }
     assert {path.name for path in output.iterdir()} == drawn | tables
     return json.loads((output / "exact.json").read_text())
 
@@ -63,6 +77,17 @@ def test_random_cells_give_their_first_root_to_all_but_the_linear_one(told):
         assert row["doubtful"] < 1e-3 * row["rays"]
         assert row["missed"] == row["false"] == 0
         assert (row["off"] == 0) == (name != "linear")
+
+
+def test_skipped_pixels_are_right_but_for_the_published_skip(told):
+    rows = told["skips"]
+    assert [(row["n"], row["skip"]) for row in rows] == [
+        (n, skip) for n in (1, 3) for skip in ("safe", "paper")
+    ]
+    for row in rows:
+        assert row["skipped"] > 0.05 * row["pixels"]
+        assert row["pixels"] == 4 * 96**2
+        assert (row["wrong"] == 0) == (row["skip"] == "safe")
 
 
 def test_closed_surfaces_have_no_holes(told):

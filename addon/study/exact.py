@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What must be exact, counted in full: first cells, lengths of walks, roots, and closed surfaces.
+"""What must be exact, counted in full: first cells, walks, roots, skipped pixels, closed surfaces.
 
 First cells: every traverser that promises exactness, with all its options, against the integer
 oracle on volumes of all shapes and on a large one; ties at edges and corners are no faults. No walk
 may take more steps than there are planes between cells. Roots: one random cell per ray, against the
-first root in f64. Closed surfaces: a sphere and a torus seen from all around through every pixel
-that must hit; the hit must lie between the entries into the solid grown and shrunk by a margin,
-so that neither a hole nor a wall seen through another one can hide.
+first root in f64. Skipped pixels: those around a ray that misses must miss, too. Closed surfaces: a
+sphere and a torus seen from all around through every pixel that must hit; the hit must lie between
+the entries into the solid grown and shrunk by a margin, so that neither a hole nor a wall seen
+through another one can hide.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 import leapray
 from leapray.threads import cores
 
-from . import charts, methods, oracle, page, reference, shapes
+from . import charts, methods, oracle, page, reference, shapes, skips
 from .compiled import library, pointer
 from .folder import study_folder, write_figures
 from .options import chosen, number
@@ -40,6 +41,7 @@ SIDES = 41  # small volumes have 1..40 samples along each axis
 PER_VOLUME = 2000  # generic rays, and a fifth of it along the lattice
 MARGIN = 0.05  # voxels; the field of a torus of 15 voxels' radius deviates by 0.02
 SAMPLES = 128  # a side, of the closed surfaces
+PHANTOM, SMALLER = 128, 8  # samples of phantoms; their pictures by those of closed surfaces
 ROWS = 64  # of a picture at a time
 
 
@@ -58,14 +60,18 @@ def main(args: argparse.Namespace) -> int:
     cells = chosen(args, "cells", 200_000, 1_000_000)
     views = chosen(args, "views", 10, 50)
     image = chosen(args, "image", 1024, 2048)
+    counts = chosen(args, "counts", (1, 4, 10), tuple(range(1, 11)))
     with study_folder(args, "exact") as folder:
         claims = first_cells(rays, size)
         roots = judge_roots(cells)
+        skipped = skips.measure(counts, directions(views), min(size, PHANTOM), image // SMALLER)
+        say("pixels are skipped")
         solids = [closed(solid, views, image) for solid in SOLIDS]
         told = {"rays": rays, "size": size, "views": views, "image": image}
-        told = write_figures(folder, "exact", told, first_cells=claims, roots=roots, closed=solids)
+        tables = {"first_cells": claims, "roots": roots, "skips": skipped, "closed": solids}
+        told = write_figures(folder, "exact", told, **tables)
         draw(folder, claims, size)
-        write_page(folder, told, claims, roots, solids)
+        write_page(folder, told, claims, roots, skipped, solids)
     return 0
 
 
@@ -326,12 +332,12 @@ def draw(folder: Path, claims: list[Claim], size: int) -> None:
         axis.legend(loc="lower right")
 
 
-def write_page(folder: Path, told: dict, claims: list[Claim], roots, solids) -> None:
+def write_page(folder: Path, told: dict, claims: list[Claim], roots, skipped, solids) -> None:
     """exact.html: the counts with what they say."""
     body = [
         "<h1>What must be exact</h1>",
         f'<p class="soft">{page.esc(told["machine"])}.</p>',
-        "<p>" + " ".join(map(page.esc, sentences(claims, roots, solids))) + "</p>",
+        "<p>" + " ".join(map(page.esc, sentences(claims, roots, skipped, solids))) + "</p>",
         "<h2>First cells</h2>",
         page.table(
             ["traverser", "samples a side", "generic rays", "along the lattice", "that hit",
@@ -362,6 +368,21 @@ def write_page(folder: Path, told: dict, claims: list[Claim], roots, solids) -> 
                 for row in roots
             ],
         ),
+        "<h2>Pixels skipped around rays that miss</h2>",
+        page.table(
+            ["phantom", "skip", "views", "pixels", "skipped", "wrong", "seconds", "ray by ray"],
+            [
+                [
+                    f"N = {row.n}",
+                    row.skip,
+                    *(f"{n:,}" for n in (row.views, row.pixels)),
+                    f"{row.skipped / row.pixels:.1%}",
+                    str(row.wrong),
+                    *(f"{t:.1f}" for t in (row.seconds, row.seconds_traced)),
+                ]
+                for row in skipped
+            ],
+        ),
         "<h2>Closed surfaces</h2>",
         page.table(
             ["solid", "views", "pixels", "that must hit", "holes", "displaced", "seconds"],
@@ -389,7 +410,7 @@ def write_page(folder: Path, told: dict, claims: list[Claim], roots, solids) -> 
     (folder / "exact.html").write_text(page.whole("What must be exact", body), "utf-8")
 
 
-def sentences(claims: list[Claim], roots: list[Crossing], solids: list[Closed]) -> list[str]:
+def sentences(claims: list[Claim], roots: list[Crossing], skipped, solids) -> list[str]:
     """What the tables say, computed from them."""
     faults, long = sum(row.faults for row in claims), sum(row.long for row in claims)
     rays = sum(row.rays + row.lattice_rays for row in claims)
@@ -404,6 +425,13 @@ def sentences(claims: list[Claim], roots: list[Crossing], solids: list[Closed]) 
         said.append(
             f"{row.root.capitalize()}: {row.faults} of {row.crossing:,} first "
             f"roots missed, false or off; the worst error is {row.error_max:.1e} voxels."
+        )
+    for skip in dict.fromkeys(row.skip for row in skipped):
+        rows = [row for row in skipped if row.skip == skip]
+        share = sum(row.skipped for row in rows) / sum(row.pixels for row in rows)
+        said.append(
+            f"The {skip} skip leaves out {share:.0%} of the pixels around {len(rows)} phantoms "
+            f"from {rows[0].views} views, {sum(row.wrong for row in rows)} of them wrongly."
         )
     for row in solids:
         said.append(
