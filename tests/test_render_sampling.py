@@ -93,6 +93,29 @@ def test_choosing_among_branches_keeps_the_mean(still):
         assert mean(n, seed) == pytest.approx(all_followed, rel=0.03)
 
 
+def test_clamps_hold_what_one_ray_brings(sphere):
+    mirror, lamp = Lobe("glossy", (1, 1, 1), roughness=0.0), (40.0, 20.0, 0.0)
+    cam = camera((0, -4, 0))
+    inner = clearance(*centre_rays(cam, (96, 64))) < 0.9
+    ball_or_two = [one(sphere), one(leapray.build(ball(10.0)), at(scale=30.0), first_material=1)]
+    materials = [Material([mirror]), Material([Lobe("emission", lamp)])]
+    scene = leapray.Scene(cam, ball_or_two, (), materials, [0, 1])
+    for name, limit, want in (("clamp_direct", 10.0, 0.5), ("clamp_indirect", 10.0, 1.0),
+                              ("clamp_direct", 30.0, 1.0)):  # fmt: skip
+        got = scene.render_tile(0, 0, 96, 64, samples=2, **{name: limit})["Combined"]
+        np.testing.assert_allclose(got[inner][:, :3] / (40, 20, 1), [[want, want, 0]] * inner.sum())
+
+
+def test_the_ambient_reaches_where_the_world_is_hidden_from_afar(sphere):
+    cam = camera((0, -0.4, 0), (0, 1, 0), width=1.5)
+    scene = leapray.Scene(cam, [one(sphere)], (), [of("diffuse", (1, 1, 1))], [0], World((1, 1, 1)))
+    dark = scene.render_tile(0, 0, 96, 64, samples=64)["Combined"][..., :3]
+    near = scene.render_tile(0, 0, 96, 64, samples=64, ambient_distance=1.0)["Combined"][..., 0]
+    assert not dark.any()
+    # chords of the unit sphere are 2 cos: those above 1 lie in the cone of 60 degrees
+    assert near.mean() == pytest.approx(np.sin(np.radians(60)) ** 2, rel=0.005)
+
+
 # ---- filter and noise --------------------------------------------------------------------------
 
 
@@ -221,6 +244,7 @@ def test_what_is_wrong_with_sampling_is_said_in_a_sentence(still):
         "bounces must be 0 to 1024, one is -1": dict(glossy_bounces=-1),
         "filter's width .* it is 0": dict(filter_width=0.0),
         "noise threshold .* -1": dict(noise_threshold=-1.0),
+        "clamps .* -2": dict(clamp_direct=-2.0),
         "unknown pixel filter 'mitchell'": dict(pixel_filter="mitchell"),
         "sampling is min_samples, .* not luck": dict(luck=1),
     }

@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 15 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 16 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -586,7 +586,11 @@ typedef struct lr_tile {
     int32_t diffuse_bounces, glossy_bounces, transmission_bounces, transparent_bounces;
     int32_t branches;            /* rays of one sample that may be on their way at a time, 1..16:
                                     where a surface sends off more, some are left to chance */
-    double ao_distance;          /* reach of ambient occlusion in world space */
+    double ao_distance;          /* reach of the ambient occlusion pass in world space */
+    double ambient_distance;     /* what lies farther keeps no light of the world from a surface whose
+                                    diffuse rays are scattered no more: cheap and bright; 0: all does */
+    double clamp_direct, clamp_indirect; /* most that one ray may bring, mean of its channels, straight
+                                    and after bounces, as in Cycles; 0: any */
     lr_trace_options trace;      /* mode must be LR_MODE_SURFACE */
 } lr_tile;
 

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 15
+LR_ABI = 16
 
 
 class lr_status(IntEnum):
@@ -516,6 +516,9 @@ class lr_tile(ctypes.Structure):
         ("transparent_bounces", ctypes.c_int32),
         ("branches", ctypes.c_int32),
         ("ao_distance", ctypes.c_double),
+        ("ambient_distance", ctypes.c_double),
+        ("clamp_direct", ctypes.c_double),
+        ("clamp_indirect", ctypes.c_double),
         ("trace", lr_trace_options),
     )
 

@@ -50,6 +50,9 @@ SAMPLING = {
     "transparent_bounces": 8,
     "branches": 0,
     "ao_distance": 10.0,
+    "ambient_distance": 0.0,
+    "clamp_direct": 0.0,
+    "clamp_indirect": 0.0,
 }
 PIXEL_FILTERS = {"box": _abi.LR_FILM_BOX, "blackman_harris": _abi.LR_FILM_BLACKMAN_HARRIS}
 MIST_POWERS = {"LINEAR": 1.0, "QUADRATIC": 2.0, "INVERSE_QUADRATIC": 0.5}  # Blender's falloffs

@@ -16,6 +16,7 @@
 #include "render/inside.h"
 #include "render/light.h"
 #include "render/sampling.h"
+#include "render/scatter.h"
 #include "render/surface.h"
 
 enum { CHOOSE = 1, LAMP = 2, AMBIENT = 3, FIRST_LAMP = 64 }; /* which choice: see lr_key */
@@ -80,13 +81,6 @@ static bool weigh(const lr_surfel *s, const lr_way *way, double chance, double b
     for (int a = 0; a < 3; a++)
         brings[a] = sum[a] * way->color[a] * s->path->weight[a] * scale;
     return brings[0] > 0 || brings[1] > 0 || brings[2] > 0;
-}
-
-static void add(const lr_job *job, const lr_beam *beam)
-{
-    double *part = job->workspace->pixels[beam->surfel->path->pixel].part[job->sample % LR_PARTS];
-    for (int a = 0; a < 3; a++)
-        part[a] += beam->brings[a];
 }
 
 /* Ray `ray` goes on as beam `beam` from the surface of a surfel. */
@@ -179,8 +173,10 @@ static lr_status send(const lr_job *job, uint32_t n, uint32_t n_beams)
         if (status == LR_OK)
             flying = pass_surfaces(job, flying);
     }
-    for (uint32_t k = 0; k < n_beams && status == LR_OK; k++)
-        add(job, &w->beams[k]);
+    for (uint32_t k = 0; k < n_beams && status == LR_OK; k++) {
+        const lr_path *path = w->beams[k].surfel->path;
+        lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA], w->beams[k].brings);
+    }
     return status;
 }
 
@@ -199,6 +195,8 @@ static bool light_by(const lr_job *job, const lr_surfel *s, uint64_t lamp, uint3
         lr_sample_pair(key, job->sample, u);
     if (!find_way(job->scene, lamp, s->origin, u, &way) || !weigh(s, &way, chance, beam->brings))
         return false;
+    if (lamp == job->scene->n_lights)
+        way.distance = lr_world_distance(job, s->path, LR_RAY_DIFFUSE);
     beam->surfel = s;
     beam->clear = s->path->bounces[LR_RAY_TRANSPARENT];
     beam->ends = way.distance;

@@ -38,6 +38,13 @@ static bool is_last(const lr_job *job, const lr_path *path, int kind)
     return kind != LR_RAY_TRANSPARENT && path->bounces[LR_RAY_CAMERA] >= limit[LR_RAY_CAMERA];
 }
 
+double lr_world_distance(const lr_job *job, const lr_path *path, int kind)
+{
+    const bool short_sighted =
+        job->tile->ambient_distance > 0 && kind == LR_RAY_DIFFUSE && is_last(job, path, kind);
+    return short_sighted ? job->tile->ambient_distance : INFINITY;
+}
+
 /* Whether following this kind may bring anything. */
 static bool worth(const lr_job *job, const lr_surfel *s, int kind)
 {
@@ -146,7 +153,7 @@ static bool turn(const lr_job *job, const lr_surfel *s, int kind, lr_path *child
     }
     child->pdf = sample.delta ? INFINITY : sample.pdf * s->chance[kind];
     child->travelled = 0;
-    child->t_max = INFINITY;
+    child->t_max = lr_world_distance(job, s->path, kind);
     child->visibility = sees[kind];
     child->seen = false;
     child->bounces[LR_RAY_CAMERA]++;

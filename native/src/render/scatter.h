@@ -13,4 +13,8 @@ void lr_scatter_choose(const lr_job *job, lr_surfel *surfel, uint32_t *spare);
 /* Put the rays that were chosen into the next queue. */
 void lr_scatter_on(const lr_job *job, const lr_surfel *surfel);
 
+/* How far a ray of this kind from a surface of the path must see nothing, to see
+ * the world. */
+double lr_world_distance(const lr_job *job, const lr_path *path, int kind);
+
 #endif

@@ -62,6 +62,11 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
                        "the noise threshold must be 0 or more and the reach of ambient occlusion "
                        "above 0, they are %g and %g",
                        tile->noise_threshold, tile->ao_distance);
+    if (!(tile->ambient_distance >= 0 && tile->clamp_direct >= 0 && tile->clamp_indirect >= 0))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the reach of the ambient and the clamps must be 0 or more, they are %g, %g "
+                       "and %g",
+                       tile->ambient_distance, tile->clamp_direct, tile->clamp_indirect);
     if (tile->trace.mode != LR_MODE_SURFACE)
         return lr_fail(error, LR_E_ARGUMENT, "rendering needs surface mode (%d), the mode is %d",
                        LR_MODE_SURFACE, tile->trace.mode);

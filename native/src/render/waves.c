@@ -19,9 +19,10 @@
 static void add(const lr_job *job, const lr_path *path, const double rgb[3], const double weight[3],
                 double share)
 {
-    double *part = job->workspace->pixels[path->pixel].part[job->sample % LR_PARTS];
+    double brings[3];
     for (int a = 0; a < 3; a++)
-        part[a] += share * weight[a] * rgb[a];
+        brings[a] = share * weight[a] * rgb[a];
+    lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA] - 1, brings);
 }
 
 /* The share of what a scattered ray finds by itself; the rest comes from asking
