@@ -132,6 +132,6 @@ def test_every_sample_renders(installed, sample, tmp_path):
     words = ["-b", inside, "--python-expr", small, "-E", "LEAPRAY", "-o", f"//{sample.stem}_"]
     done = installed.run(*words, "-F", "PNG", "-f", "1")
     assert done.returncode == 0, done.stdout
-    assert "Not understood" not in done.stdout and "not supported" not in done.stdout, done.stdout
+    assert "Warning: " not in done.stdout, done.stdout
     shown = pixels(installed.room / f"{sample.stem}_0001.png")
     assert shown.std(axis=(0, 1)).min() > 8  # a picture
