@@ -154,6 +154,11 @@ def add_settings(verb: argparse.ArgumentParser) -> None:
     )
     verb.add_argument("--pixel-filter", choices=list(leapray.PIXEL_FILTERS))
     verb.add_argument("--filter-width", type=float, metavar="X", help="of the pixel filter, pixels")
+    verb.add_argument("--clamp-direct", type=float, metavar="X", help="light of a sample; 0: off")
+    verb.add_argument("--clamp-indirect", type=float, metavar="X", help="after bounces; 0: off")
+    verb.add_argument(
+        "--ambient-distance", type=float, metavar="X", help="fast stand-in for bounces; 0: off"
+    )
     verb.add_argument("--ao-distance", type=float, metavar="X", help="reach of ambient occlusion")
     verb.add_argument("--seed", type=count(0), metavar="N", help="another pattern of rays")
     verb.add_argument(

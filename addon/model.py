@@ -168,6 +168,9 @@ class Settings:
     transmission_bounces: int = 12
     transparent_bounces: int = 8
     branches: int = 0  # rays of one sample on their way at a time; 0: by the samples
+    clamp_direct: float = 0.0  # most that a sample brings of lights it sees; 0: all
+    clamp_indirect: float = 10.0  # of what is scattered more than once
+    ambient_distance: float = 0.0  # within it things darken the world's light; 0: no such light
     ao_distance: float = 10.0  # reach of ambient occlusion, in world space
     traverser: str = ""  # "" is the core's default
     hit_test: str = "extrema"

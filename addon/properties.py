@@ -155,6 +155,35 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         min=0,
         max=16,
     )
+    clamp_direct: bpy.props.FloatProperty(
+        name="Clamp Direct",
+        description="The most light that one sample brings from lamps that its surface sees; 0 "
+        "lets all through",
+        default=DEFAULTS.clamp_direct,
+        min=0.0,
+        soft_max=100.0,
+        max=1e8,
+    )
+    clamp_indirect: bpy.props.FloatProperty(
+        name="Clamp Indirect",
+        description="The most light that one sample brings after more than one bounce: less noise, "
+        "some light lost; 0 lets all through",
+        default=DEFAULTS.clamp_indirect,
+        min=0.0,
+        soft_max=100.0,
+        max=1e8,
+    )
+    ambient_distance: bpy.props.FloatProperty(
+        name="Fast Ambient",
+        description="Where no diffuse bounce is left, surfaces still see the world where nothing "
+        "lies within this distance: a fast stand-in for bounced light, as Cycles' Fast GI; 0 is "
+        "off",
+        default=DEFAULTS.ambient_distance,
+        min=0.0,
+        soft_max=100.0,
+        max=1e9,
+        subtype="DISTANCE",
+    )
     ao_distance: bpy.props.FloatProperty(
         name="Distance",
         description="How far away things darken the Ambient Occlusion pass",

@@ -74,6 +74,10 @@ class RENDER_PT_leapray_paths(_Panel, bpy.types.Panel):
         for kind in ("max", "diffuse", "glossy", "transmission", "transparent"):
             bounces.prop(settings, f"{kind}_bounces")
         column.separator()
+        for name in ("clamp_direct", "clamp_indirect"):
+            column.prop(settings, name)
+        column.separator()
+        column.prop(settings, "ambient_distance")
         column.prop(settings, "ao_distance", text="Ambient Occlusion Distance")
 
 

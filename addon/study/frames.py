@@ -90,6 +90,7 @@ def prepare(
     cycles.use_auto_tile = False
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
+    scene.leapray.clamp_direct = scene.leapray.clamp_indirect = 0.0
     cycles.light_sampling_threshold = 0.0
     cycles.blur_glossy = 0.0
     cycles.use_fast_gi = False
