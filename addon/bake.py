@@ -7,10 +7,12 @@ outfits differ get volumes of their own, all others share one. A colour is baked
 only for slots whose material asks for it, and a mesh none of whose materials do
 carries none.
 
-Smooth normals are baked where facets show: where corner normals lean from their
-facet by more than LEAN, and the facet is larger than a voxel (on smaller ones
-the field is smoother than its facets, and its own gradient is as good), on at
-least SHOWS of the area. Flat-shaded meshes have no corner normals at all.
+Normals are baked where facets show: where facets are larger than a voxel (on
+smaller ones the field is smoother than its facets, and its own gradient is as
+good), on at least SHOWS of the area, and corner normals lean from them by more
+than LEAN; or where such facets meet in creases, beside which central differences
+would see both sides. Flat-shaded meshes have no corner normals: then those of the
+facets.
 """
 
 from __future__ import annotations
@@ -108,10 +110,17 @@ class Wardrobe:
         return tuple(made)
 
     def attributes(
-        self, mesh: model.Mesh, outfit: Outfit, voxel_size: float
+        self, mesh: model.Mesh, outfit: Outfit, voxel_size: float, creased: bool
     ) -> leapray.Attributes | None:
-        """What a volume of the mesh, or of a part of it, is to carry; None: nothing."""
-        normals = mesh.corner_normals if facets_show(mesh, voxel_size) else None
+        """What a volume of the mesh, or of a part of it, is to carry; None: nothing.
+
+        creased: the mesh has creases.
+        """
+        normals = None
+        if facets_show(mesh, voxel_size, creased):
+            normals = mesh.corner_normals
+            if normals is None:
+                normals = np.ascontiguousarray(unit(facet_normals(mesh)), np.float32)
         sources = slot_sources(mesh, outfit)
         if sources is None and normals is None:
             return None
@@ -150,18 +159,29 @@ def slot_sources(mesh: model.Mesh, outfit: Outfit) -> NDArray[np.int32] | None:
     return None if (sources == WHITE).all() else sources
 
 
-def facets_show(mesh: model.Mesh, voxel_size: float) -> bool:
-    """Whether smooth normals would be missed at that voxel size."""
-    if mesh.corner_normals is None or not len(mesh.triangles):
+def facets_show(mesh: model.Mesh, voxel_size: float, creased: bool = False) -> bool:
+    """Whether the mesh's own normals would be missed at that voxel size."""
+    if not (creased or mesh.corner_normals is not None) or not len(mesh.triangles):
         return False
+    facets = facet_normals(mesh)[:, 0]
+    twice = np.linalg.norm(facets, axis=1)
+    shows = twice > voxel_size**2
+    if not creased:
+        cosine = np.einsum("mka,ma->mk", mesh.corner_normals, unit(facets))
+        shows &= cosine.min(axis=1) < np.cos(LEAN)
+    return bool(twice[shows].sum() > SHOWS * twice.sum())
+
+
+def facet_normals(mesh: model.Mesh) -> NDArray[np.float64]:
+    """(m, 3, 3): at each corner the facet's normal, twice as long as the facet's area."""
     a, b, c = (mesh.vertices[mesh.triangles[:, k]].astype(np.float64) for k in range(3))
-    cross = np.cross(b - a, c - a)
-    twice = np.linalg.norm(cross, axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        cosine = np.einsum("mka,ma->mk", mesh.corner_normals, cross / twice[:, None])
-    leans = cosine.min(axis=1) < np.cos(LEAN)
-    large = twice > voxel_size**2
-    return bool(twice[leans & large].sum() > SHOWS * twice.sum())
+    return np.broadcast_to(np.cross(b - a, c - a)[:, None], (len(a), 3, 3))
+
+
+def unit(vectors: NDArray) -> NDArray:
+    """(..., 3), of length 1; those of length 0 stay so."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 # ---- what a mesh's corners carry when it changes -------------------------------
@@ -195,8 +215,7 @@ def joined(
                 array = _default(mesh, name, n)
             if name == "corner_normals":
                 array = array @ np.linalg.inv(matrix)
-                length = np.linalg.norm(array, axis=2, keepdims=True)
-                array = np.divide(array, length, out=np.zeros_like(array), where=length > 0)
+                array = unit(array)
             rows.append(array[:, ::-1] if np.linalg.det(matrix) < 0 else array)
         made[name] = np.concatenate(rows).astype(np.float32)
     return made
@@ -206,8 +225,7 @@ def _default(mesh: model.Mesh, name: str, n: int) -> NDArray[np.float64]:
     shape = (len(mesh.triangles), 3, n)
     if name != "corner_normals":
         return np.full(shape, 1.0 if name == "corner_colors" else 0.0)
-    a, b, c = (mesh.vertices[mesh.triangles[:, k]].astype(np.float64) for k in range(3))
-    return np.broadcast_to(np.cross(b - a, c - a)[:, None], shape)
+    return facet_normals(mesh)
 
 
 # ---- how far a volume's colours are from the mesh's ----------------------------

@@ -38,6 +38,7 @@ THIN = 0.25  # of a footprint: what such voxels do not find may be lost
 THIN_SHARE, THIN_VOXEL = 0.25, 4.0  # lost, of the pixels, to voxels below so many footprints
 CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
+CARRIED = 0.5  # of such a voxel counts where the volume carries normals, which turn within one cell
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
 COLOR_ERROR = 0.01  # of the square root of light, the mean: black and white checks need 0.4 pixel
 
@@ -54,7 +55,7 @@ class Measure:
     color: NDArray[np.float32] | None  # (n, k) as bake.color_errors gives it; None: no colours
     shape: tuple[int, int, int]
     kind: str
-    normals: bool  # smooth ones are in the volume
+    normals: bool  # the mesh's own are in the volume
     why: str  # it is a sheet; "" for solids
     volume_nbytes: int
     structure_nbytes: int
@@ -214,6 +215,7 @@ def seen(measure: Measure, weights: Weights) -> Errors:
     pixels = w.surface_pixels / w.surface_pixels.sum()
     found = ~m.lost
     surface = 0.0
+    turn = m.voxel_size * (CARRIED if m.normals else 1.0)
     if found.any():
         surface = quantile(m.surface[found] / w.surface_footprint[found], pixels[found], QUANTILE)
     return Errors(
@@ -221,7 +223,7 @@ def seen(measure: Measure, weights: Weights) -> Errors:
         lost=float(pixels[m.lost].sum()),
         voxel=float((m.voxel_size / w.surface_footprint * pixels).sum()),
         crease=mean(m.crease / w.outline_footprint, 1 / w.outline_footprint),
-        blur=mean(np.where(m.sharp, 0, m.voxel_size) / w.crease_footprint, 1 / w.crease_footprint),
+        blur=mean(np.where(m.sharp, 0, turn) / w.crease_footprint, 1 / w.crease_footprint),
         color=color_seen(m, w) if m.color is not None else 0.0,
     )
 

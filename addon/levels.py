@@ -164,13 +164,17 @@ class Levels:
             filter=kernel,
             half_width=self.settings.half_width or None if own else None,
             ids=work.mesh.slots if work.with_ids else None,
-            attributes=self.wardrobe.attributes(work.mesh, work.outfit, voxel_size),
+            attributes=self._attributes(work, voxel_size),
             dtype=self.settings.sample_type,
             exact=self.settings.exact,
             threads=self.threads,
             watch=self.watch,
             max_nbytes=max_nbytes,
         )
+
+    def _attributes(self, work: Work, voxel_size: float) -> leapray.Attributes | None:
+        creased = len(self._probes(work).creases) > 0
+        return self.wardrobe.attributes(work.mesh, work.outfit, voxel_size, creased)
 
     def _rise(self, mesh: model.Mesh, volume: leapray.Volume) -> float:
         """Of occupancy per voxel across a plane."""
@@ -224,7 +228,7 @@ class Levels:
         if not volume.info.has_colors:
             return None
         size = volume.info.object_from_index[0, 0]
-        attributes = self.wardrobe.attributes(work.mesh, work.outfit, size)
+        attributes = self._attributes(work, size)
         where = at.surface, at.surface_triangles, at.surface_weights
         return bake.color_errors(volume, work.mesh, attributes, *where, size)
 

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scenes import camera, join, place, plane, scene, sphere
+from scenes import box, camera, join, place, plane, scene, sphere
 
 import leapray
 from addon import bake, model, objects, parts, plan
@@ -113,13 +113,36 @@ def test_what_is_missing_is_said_once_and_white(mesh, asked, words):
 # ---- smooth normals -------------------------------------------------------------
 
 
-def test_coarse_smooth_meshes_carry_normals_and_others_do_not():
+def test_meshes_whose_facets_show_carry_normals_and_others_do_not():
     coarse, fine = sphere(n=6), sphere(n=64)
     assert bake.facets_show(smooth(coarse), 0.02)
-    assert not bake.facets_show(coarse, 0.02)  # flat
-    assert not bake.facets_show(smooth(fine), 0.1)  # facets smaller than voxels
-    made = planned(scene([smooth(coarse), coarse], [place(0), place(1, at=(3, 0, 0))]))
-    assert [row["carries"] for row in made.volumes] == [["normals"], []]
+    assert not bake.facets_show(coarse, 0.02)  # flat, and without creases so far as this call knows
+    assert bake.facets_show(coarse, 0.02, creased=True)
+    assert not bake.facets_show(smooth(fine), 0.1, creased=True)  # facets smaller than voxels
+    places = [place(0), place(1, at=(3, 0, 0)), place(2, at=(-3, 0, 0)), place(3, at=(0, 0, 3))]
+    made = planned(scene([smooth(coarse), coarse, fine, plane()], places))
+    carried = [row["carries"] for row in made.volumes]
+    assert carried == [["normals"], ["normals"], [], []]
+
+
+def test_beside_a_crease_normals_are_those_of_the_face():
+    """Central differences would see both sides within two voxels."""
+    made = planned(scene([box(turn=0.3)], resolution=48))
+    structure = made.instances[0].structure
+    rng = np.random.default_rng(3)
+    origins = rng.uniform(-4, 4, (20000, 3))
+    hits = leapray.trace(structure, origins, rng.uniform(-0.8, 0.8, (20000, 3)) - origins)
+    normals = hits.normal[np.isfinite(hits.t)]
+    a = np.array([1, 1, 0]) / np.sqrt(2)
+    k = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+    axes = np.eye(3) + np.sin(0.3) * k + (1 - np.cos(0.3)) * k @ k
+    cosine = np.abs(normals @ axes).max(axis=1)
+    assert len(cosine) > 10000
+    assert (cosine < np.cos(np.radians(0.1))).mean() < 0.04  # within half a voxel of the edges
+    blurred = leapray.voxelize(box(turn=0.3).vertices, box().triangles, 2 / 32)
+    hits = leapray.trace(leapray.build(blurred), origins, -origins)
+    cosine = np.abs(hits.normal[np.isfinite(hits.t)] @ axes).max(axis=1)
+    assert (cosine < np.cos(np.radians(0.1))).mean() > 0.1
 
 
 def test_normals_along_the_facets_are_not_worth_it():
@@ -226,7 +249,7 @@ def test_the_measured_error_is_the_one_that_a_picture_shows():
         dressed([mesh], [place(0)], [material(picture)]), Cache(), leapray.Watch()
     )
     outfit = wardrobe.outfit(mesh, (0,))
-    attributes = wardrobe.attributes(mesh, outfit, 1 / 16)
+    attributes = wardrobe.attributes(mesh, outfit, 1 / 16, False)
     volume = leapray.voxelize(mesh.vertices, mesh.triangles, 1 / 16, attributes=attributes)
     rng = np.random.default_rng(3)
     weights = rng.dirichlet((1, 1, 1), 3000)

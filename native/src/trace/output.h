@@ -89,7 +89,7 @@ LR_INLINE void lr_put_triangle(const lr_volume *v, const lr_hits *hits, uint64_t
     lr_outward(v, inward, own);
     memcpy(shading, own, sizeof shading);
     if (normal_kind != LR_NORMAL_ANALYTIC &&
-        lr_volume_shading_normal(v, found->c, found->p, id, shading)) {
+        lr_volume_shading_normal(v, found->c, found->p, id, own, shading)) {
         const double side = lr_dot(shading, own) < 0.0 ? -1.0 : 1.0;
         for (int a = 0; a < 3; a++)
             shading[a] *= side;
@@ -126,7 +126,7 @@ LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t 
         return;
     memcpy(central, field, sizeof central);
     if (normal_kind != LR_NORMAL_ANALYTIC &&
-        lr_volume_shading_normal(v, c, found->p, id, central)) {
+        lr_volume_shading_normal(v, c, found->p, id, field, central)) {
         /* a mesh whose winding is not that of the solid: the field knows its outside */
         const double side = lr_dot(central, field) < 0.0 ? -1.0 : 1.0;
         for (int a = 0; a < 3; a++)

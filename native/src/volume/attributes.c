@@ -163,7 +163,7 @@ lr_status lr_volume_attributes(const lr_volume *v, const double *points, const u
             memcpy(colors + 3 * i, color, sizeof color);
         }
         if (normals != NULL) {
-            lr_volume_shading_normal(v, c, p, id, normal);
+            lr_volume_shading_normal(v, c, p, id, NULL, normal);
             memcpy(normals + 3 * i, normal, sizeof normal);
         }
     }

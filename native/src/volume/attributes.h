@@ -10,7 +10,9 @@
  * takes 2 x 16 bits of the octahedron's map: 0.003 degrees at most.
  *
  * At a hit they are interpolated as the field is, over those corners of its cell
- * that are of the hit's id: so nothing bleeds from one material into another.
+ * that are of the hit's id: so nothing bleeds from one material into another. Of
+ * normals only those count that lean little from the surface that was hit: so
+ * nothing bleeds over a crease.
  *
  * Source: Cigolle, Donow, Evangelakos et al. 2014 (octahedral unit vectors).
  *
@@ -123,10 +125,12 @@ LR_INLINE bool lr_volume_color(const lr_volume *v, const int32_t c[3], const dou
 }
 
 /* Unit shading normal in object space, outward as the mesh is wound; false, and n
- * untouched, where the volume carries none. */
+ * untouched, where the volume carries none. geometric: the unit normal of the
+ * surface there, of either sign, or NULL. */
 LR_INLINE bool lr_volume_shading_normal(const lr_volume *v, const int32_t c[3], const double p[3],
-                                        int32_t id, double n[3])
+                                        int32_t id, const double *geometric, double n[3])
 {
+    static const double least_cosine = 0.5; /* beyond 60 degrees it is another face's */
     uint32_t code[8];
     double weight[8], sum[3] = {0.0, 0.0, 0.0};
     if (v->normals == NULL)
@@ -137,6 +141,8 @@ LR_INLINE bool lr_volume_shading_normal(const lr_volume *v, const int32_t c[3], 
         if (code[b] == 0)
             continue;
         lr_normal_decode(code[b], normal);
+        if (geometric != NULL && fabs(lr_dot(normal, geometric)) < least_cosine)
+            continue;
         for (int a = 0; a < 3; a++)
             sum[a] += weight[b] * normal[a];
     }
