@@ -86,6 +86,9 @@ typedef struct lr_volume_info {
     uint64_t exact_nbytes;         /* of it, by exact cells */
     int32_t has_colors;            /* nonzero: samples at the surface carry a colour, */
     int32_t has_normals;           /* a shading normal */
+    uint64_t n_objects;            /* of a merged volume, else 0 */
+    uint64_t n_shared;             /* samples that hold two objects of it */
+    uint64_t n_dropped;            /* thirds that found no place in a sample */
     int32_t surface_lo[3];         /* bounds of the surface cells, inclusive; */
     int32_t surface_hi[3];         /* lo > hi where there are none */
 } lr_volume_info;
@@ -123,9 +126,11 @@ LR_API lr_status lr_volume_get_bricks(const lr_volume *volume, int32_t *origins,
 
 /* Value and gradient of the trilinear field at n points in object space:
  * points[n][3], value[n] (0..1), gradient[n][3] (per unit of object space);
- * either output may be NULL. Outside the lattice the field is 0. */
-LR_API lr_status lr_volume_sample(const lr_volume *volume, const double *points, uint64_t n,
-                                  double *value, double *gradient, lr_error *error);
+ * either output may be NULL. Outside the lattice the field is 0. ids: of a merged
+ * volume, whose object's own field; NULL: of the largest samples. */
+LR_API lr_status lr_volume_sample(const lr_volume *volume, const double *points,
+                                  const uint16_t *ids, uint64_t n, double *value,
+                                  double *gradient, lr_error *error);
 
 /* Colours and shading normals at n points near the surface, in object space, as hits
  * of the given ids see them (NULL: 0): points[n][3], colors[n][3] (linear RGB),
@@ -133,6 +138,13 @@ LR_API lr_status lr_volume_sample(const lr_volume *volume, const double *points,
 LR_API lr_status lr_volume_attributes(const lr_volume *volume, const double *points,
                                       const uint16_t *ids, uint64_t n, double *colors,
                                       double *normals, lr_error *error);
+
+/* One volume of n solids, which keep their ids, none in two of them; the number of a
+ * part is its object. Their voxels agree, their lattices are a whole number of voxels
+ * apart, none has exact cells. Where objects meet a sample holds two, and each object is
+ * hit by its own field; the nearest hit wins, of equal ones that of the lower object. */
+LR_API lr_status lr_volume_merge(const lr_volume *const *volumes, uint64_t n,
+                                 const lr_watch *watch, lr_volume **volume, lr_error *error);
 
 /* ---- textures ---------------------------------------------------------- */
 

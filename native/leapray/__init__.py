@@ -37,7 +37,7 @@ from .tracing import (
     traversers,
     variants,
 )
-from .volume import Volume, VolumeBuilder, VolumeInfo
+from .volume import Volume, VolumeBuilder, VolumeInfo, merge
 from .voxelization import MeshInfo, mesh_layers, voxelize
 
 __all__ = [
@@ -81,6 +81,7 @@ __all__ = [
     "build",
     "distance",
     "first_cells",
+    "merge",
     "mesh_layers",
     "trace",
     "trace_options",

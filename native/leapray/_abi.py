@@ -249,6 +249,9 @@ class lr_volume_info(ctypes.Structure):
         ("exact_nbytes", ctypes.c_uint64),
         ("has_colors", ctypes.c_int32),
         ("has_normals", ctypes.c_int32),
+        ("n_objects", ctypes.c_uint64),
+        ("n_shared", ctypes.c_uint64),
+        ("n_dropped", ctypes.c_uint64),
         ("surface_lo", ctypes.c_int32 * 3),
         ("surface_hi", ctypes.c_int32 * 3),
     )
@@ -604,6 +607,7 @@ PROTOTYPES = {
     "lr_volume_sample": (ctypes.c_int, (
         ctypes.POINTER(lr_volume),
         ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_uint16),
         ctypes.c_uint64,
         ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(ctypes.c_double),
@@ -616,6 +620,13 @@ PROTOTYPES = {
         ctypes.c_uint64,
         ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_merge": (ctypes.c_int, (
+        ctypes.POINTER(ctypes.POINTER(lr_volume)),
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(ctypes.POINTER(lr_volume)),
         ctypes.POINTER(lr_error),
     )),
     "lr_texture_new": (ctypes.c_int, (

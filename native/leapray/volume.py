@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import ctypes
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
-from ._lib import LeapRayError, call, check, lib
+from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import SAMPLE_TYPES, matrix, pointer, triple
 
 BRICK = 8  # samples along a brick
@@ -37,6 +38,9 @@ class VolumeInfo:
     surface_hi: tuple[int, int, int]  # lo > hi where there are none
     has_colors: bool  # samples at the surface carry a colour,
     has_normals: bool  # a shading normal
+    n_objects: int  # of a merged volume, else 0
+    n_shared: int  # samples that hold two objects of it
+    n_dropped: int  # thirds that found no place in a sample
 
 
 class Volume:
@@ -106,6 +110,9 @@ class Volume:
             surface_hi=tuple(info.surface_hi),
             has_colors=bool(info.has_colors),
             has_normals=bool(info.has_normals),
+            n_objects=info.n_objects,
+            n_shared=info.n_shared,
+            n_dropped=info.n_dropped,
         )
 
     def _get(self, origin, size, dtype, which: str) -> NDArray:
@@ -160,17 +167,23 @@ class Volume:
         check(status, error)
         return origins, self.info.n_bricks
 
-    def sample(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def sample(
+        self, points: ArrayLike, ids: ArrayLike | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Value (n,) and gradient (n, 3) of the trilinear field at points (n, 3).
 
         Points and gradient are in object space, values in 0..1; 0 outside the lattice.
+        ids (n,): of a merged volume, whose object's own field; None: of the largest samples.
         """
         where = _points(points)
+        if ids is not None:
+            ids = np.ascontiguousarray(np.broadcast_to(np.asarray(ids, np.uint16), len(where)))
         value, gradient = np.empty(len(where)), np.empty((len(where), 3))
         error = _abi.lr_error()
         status = lib.lr_volume_sample(
             self.handle,
             pointer(where),
+            pointer(ids, ctypes.c_uint16),
             len(where),
             pointer(value),
             pointer(gradient),
@@ -218,6 +231,24 @@ class Volume:
         )
         check(status, error)
         return exact.astype(bool)
+
+
+def merge(volumes: Sequence[Volume], *, watch: Watch | None = None) -> Volume:
+    """One volume of several solids: every one keeps its surface where another covers it.
+
+    volumes: with ids, of which none is in two of them; the number of a part is its
+    object. Voxels and sample types agree, lattices are a whole number of voxels
+    apart. Where objects meet a sample holds the two of largest occupancy;
+    info.n_dropped counts what a third one lost. A ray tests every object's own
+    field, the nearest hit wins, of equal ones that of the lower object.
+    Raises LeapRayError, OutOfMemory, Stopped.
+    """
+    handles = (ctypes.POINTER(_abi.lr_volume) * max(len(volumes), 1))(
+        *(volume.handle for volume in volumes)
+    )
+    merged = ctypes.POINTER(_abi.lr_volume)()
+    call(lib.lr_volume_merge, handles, len(volumes), watch=watch, outputs=(merged,))
+    return Volume.from_handle(merged)
 
 
 class VolumeBuilder:

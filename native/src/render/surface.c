@@ -45,11 +45,12 @@ static const double RISE_MAX = 0.25, RISE_MIN = 0x1p-20;
 
 /* What linear interpolation leaves out of f at p in storage cell c, and the
  * gradient of f there, in storage space. */
-static double remainder_at(const lr_volume *v, const int32_t c[3], const double p[3], double g[3])
+static double remainder_at(const lr_volume *v, int32_t object, const int32_t c[3],
+                           const double p[3], double g[3])
 {
     double b[64], sum = 0;
     const int stride[3] = {1, 4, 16};
-    lr_block(v, c[0] - 1, c[1] - 1, c[2] - 1, 4, b);
+    lr_block_of(v, object, c[0] - 1, c[1] - 1, c[2] - 1, 4, b);
     for (int a = 0; a < 3; a++) {
         double corner[8];
         for (int n = 0; n < 8; n++) {
@@ -79,14 +80,14 @@ static void locate(const lr_placed *placed, const lr_surfel *s, int32_t c[3], do
 /* From the hit, at p of storage cell c, to the smooth surface above it, in world
  * space; false where that is not above. A hit in an exact cell lies on a triangle,
  * which is no facet of anything smoother that the samples know. */
-static bool rise(const lr_placed *placed, const lr_surfel *s, const int32_t c[3], const double p[3],
-                 double offset[3])
+static bool rise(const lr_placed *placed, const lr_surfel *s, int32_t id, const int32_t c[3],
+                 const double p[3], double offset[3])
 {
     const lr_volume *v = lr_structure_volume(placed->structure);
     double g[3], g_object[3], g_world[3];
     if (v->exact != NULL && lr_is_exact(v, c))
         return false;
-    const double left_out = remainder_at(v, c, p, g);
+    const double left_out = remainder_at(v, lr_object_of(v, id), c, p, g);
     const double slope = sqrt(lr_dot(g, g));
     lr_map_gradient(v->storage_from_object, g, g_object);
     lr_map_gradient(placed->object_from_world, g_object, g_world);
@@ -146,7 +147,7 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
     locate(placed, surfel, c, p);
     lr_volume_color(lr_structure_volume(placed->structure), c, p, hit->id[i], point->color);
     memcpy(surfel->origin, surfel->position, sizeof surfel->origin);
-    surfel->risen = rise(placed, surfel, c, p, offset);
+    surfel->risen = rise(placed, surfel, hit->id[i], c, p, offset);
     for (int a = 0; a < 3 && surfel->risen; a++)
         surfel->origin[a] += offset[a];
     uint32_t slot;

@@ -4,6 +4,7 @@
 #ifndef LR_TRACE_EXACT_H
 #define LR_TRACE_EXACT_H
 
+#include "trace/objects.h"
 #include "trace/uniform.h"
 #include "volume/exact.h"
 
@@ -54,7 +55,20 @@ LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
             return false;
     }
     *side = 0;
+    if (v->objects != NULL) {
+        const lr_ray ray = *r;
+        const lr_cursor cursor = *u;
+        lr_found own;
+        uint64_t more = 0;
+        const bool hit = lr_hit_objects(v, &ray, &cursor, start, options, &own, &more);
+        *n_samples += more;
+        if (hit)
+            *found = own;
+        found->triangle = LR_NO_TRIANGLE;
+        return hit;
+    }
     found->triangle = LR_NO_TRIANGLE;
+    found->object = LR_NO_OBJECT;
     return options->hit_test == LR_HIT_UNIFORM
                ? lr_hit_uniform(v, r, u, leaving->t, start, options, found, n_samples)
                : lr_hit_cell(v, r, u, start, options, found, n_samples);

@@ -34,6 +34,7 @@ typedef struct lr_found {
     double p[3];  /* cell coordinates */
     double corner[8];
     uint32_t triangle; /* of an exact cell; or LR_NO_TRIANGLE */
+    int32_t object;    /* in a volume that tells objects apart; or LR_NO_OBJECT */
 } lr_found;
 
 #define LR_NO_TRIANGLE UINT32_MAX
@@ -108,14 +109,16 @@ LR_INLINE int lr_cubic_extrema(const double c[4], double x[2])
     return n;
 }
 
-/* side: where the ray starts in this cell, -1 below T, +1 at or above, 0: as f
- * says. A ray that starts on the surface always looks at the extrema. */
-LR_INLINE bool lr_hit_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side,
-                           const lr_trace_options *options, lr_found *found, uint64_t *n_samples)
+/* corner: of the cell that the ray stands on. side: where the ray starts in it, -1 below
+ * T, +1 at or above, 0: as f says. A ray that starts on the surface always looks at the
+ * extrema. */
+LR_INLINE bool lr_hit_corners(const lr_volume *v, const double corner[8], const lr_ray *r,
+                              const lr_cursor *u, int side, const lr_trace_options *options,
+                              lr_found *found, uint64_t *n_samples)
 {
     lr_chord h;
     int axis_out;
-    lr_corners(v, u->c, h.corner);
+    memcpy(h.corner, corner, sizeof h.corner);
     lr_chord_points(&h, r, u, &axis_out);
     lr_chord_values(&h, r, u, axis_out);
     *n_samples += 2;
@@ -156,6 +159,14 @@ LR_INLINE bool lr_hit_cell(const lr_volume *v, const lr_ray *r, const lr_cursor 
     memcpy(found->c, u->c, sizeof found->c);
     memcpy(found->corner, h.corner, sizeof h.corner);
     return true;
+}
+
+LR_INLINE bool lr_hit_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side,
+                           const lr_trace_options *options, lr_found *found, uint64_t *n_samples)
+{
+    double corner[8];
+    lr_corners(v, u->c, corner);
+    return lr_hit_corners(v, corner, r, u, side, options, found, n_samples);
 }
 
 #endif

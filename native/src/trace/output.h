@@ -4,7 +4,7 @@
 #ifndef LR_OUTPUT_H
 #define LR_OUTPUT_H
 
-#include "trace/hit.h"
+#include "trace/objects.h"
 #include "volume/attributes.h"
 #include "volume/exact.h"
 
@@ -112,7 +112,8 @@ LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t 
         lr_put_triangle(v, hits, i, found, normal_kind);
         return;
     }
-    const int32_t id = lr_nearest_id(v, c, corner, found->p);
+    const int32_t id = found->object != LR_NO_OBJECT ? lr_id_of_object(v, found)
+                                                     : lr_nearest_id(v, c, corner, found->p);
     if (hits->id != NULL)
         hits->id[i] = id;
     if (hits->nx == NULL && hits->gx == NULL)
@@ -133,9 +134,9 @@ LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t 
             central[a] *= side;
     } else if (normal_kind != LR_NORMAL_ANALYTIC) {
         if (normal_kind == LR_NORMAL_CENTRAL)
-            lr_central_gradient(v, c, found->p, g);
+            lr_central_gradient(v, found->object, c, found->p, g);
         else
-            lr_smooth_gradient(v, c, found->p, g);
+            lr_smooth_gradient(v, found->object, c, found->p, g);
         if (!lr_outward(v, g, central))
             memcpy(central, field, sizeof central);
     }

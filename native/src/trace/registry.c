@@ -145,6 +145,9 @@ static lr_status check_options(const lr_volume *volume, const lr_trace_options *
         return lr_fail(error, LR_E_ARGUMENT,
                        "a sheet's field holds only in the cells that it touches: the uniform hit "
                        "test would look beside them");
+    if (volume->objects != NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "a merged volume has one field per object: the uniform hit test knows none");
     return LR_OK;
 }
 

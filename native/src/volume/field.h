@@ -4,7 +4,7 @@
 #ifndef LR_FIELD_H
 #define LR_FIELD_H
 
-#include "volume/access.h"
+#include "volume/objects.h"
 
 LR_INLINE double lr_mix(double a, double b, double u)
 {
@@ -28,12 +28,13 @@ LR_INLINE void lr_trilinear_gradient(const double s[8], const double p[3], doubl
                   p[1]);
 }
 
-/* Central differences at the eight corners of storage cell c, interpolated at p. */
-LR_INLINE void lr_central_gradient(const lr_volume *v, const int32_t c[3], const double p[3],
-                                   double g[3])
+/* Central differences at the eight corners of storage cell c, interpolated at p; of one
+ * object's own field, or LR_NO_OBJECT. */
+LR_INLINE void lr_central_gradient(const lr_volume *v, int32_t object, const int32_t c[3],
+                                   const double p[3], double g[3])
 {
     double b[64];
-    lr_block(v, c[0] - 1, c[1] - 1, c[2] - 1, 4, b);
+    lr_block_of(v, object, c[0] - 1, c[1] - 1, c[2] - 1, 4, b);
     const int stride[3] = {1, 4, 16};
     for (int a = 0; a < 3; a++) {
         double corner[8];
@@ -49,8 +50,8 @@ LR_INLINE void lr_central_gradient(const lr_volume *v, const int32_t c[3], const
  * at p, made unit and blended: continuous across faces.
  *
  * Source: Hansson-Soderlund, Evans, Akenine-Moller 2022. */
-LR_INLINE void lr_smooth_gradient(const lr_volume *v, const int32_t c[3], const double p[3],
-                                  double g[3])
+LR_INLINE void lr_smooth_gradient(const lr_volume *v, int32_t object, const int32_t c[3],
+                                  const double p[3], double g[3])
 {
     double b[27], weight[3];
     int32_t first[3];
@@ -59,7 +60,7 @@ LR_INLINE void lr_smooth_gradient(const lr_volume *v, const int32_t c[3], const 
         first[a] = c[a] - below;
         weight[a] = p[a] - 0.5 + below;
     }
-    lr_block(v, first[0], first[1], first[2], 3, b);
+    lr_block_of(v, object, first[0], first[1], first[2], 3, b);
     memset(g, 0, 3 * sizeof *g);
     for (int n = 0; n < 8; n++) {
         const int o[3] = {n & 1, n >> 1 & 1, n >> 2};

@@ -5,8 +5,8 @@
 #include "volume/affine.h"
 #include "volume/field.h"
 
-lr_status lr_volume_sample(const lr_volume *v, const double *points, uint64_t n, double *value,
-                           double *gradient, lr_error *error)
+lr_status lr_volume_sample(const lr_volume *v, const double *points, const uint16_t *ids,
+                           uint64_t n, double *value, double *gradient, lr_error *error)
 {
     if (!v->finished)
         return lr_fail(error, LR_E_ARGUMENT, "the volume is not finished");
@@ -22,7 +22,8 @@ lr_status lr_volume_sample(const lr_volume *v, const double *points, uint64_t n,
             p[a] = q[a] - c[a];
         }
         if (inside) {
-            lr_corners(v, c, corner);
+            lr_block_of(v, ids != NULL ? lr_object_of(v, ids[i]) : LR_NO_OBJECT, c[0], c[1], c[2],
+                        2, corner);
             f = lr_trilinear(corner, p) / v->one;
             lr_trilinear_gradient(corner, p, g);
         }

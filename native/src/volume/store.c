@@ -5,6 +5,7 @@
 #include "volume/access.h"
 #include "volume/affine.h"
 #include "volume/exact.h"
+#include "volume/objects.h"
 
 enum { MAX_SIDE = 1 << 20 }; /* samples per axis: storage coordinates stay far inside int32 */
 
@@ -171,6 +172,7 @@ void lr_volume_free(lr_volume *v)
     free(v->colors);
     free(v->normals);
     lr_exact_free(v->exact);
+    lr_objects_free(v->objects);
     free(v);
 }
 
@@ -407,7 +409,12 @@ void lr_volume_get_info(const lr_volume *v, lr_volume_info *info)
     info->nbytes =
         sizeof *v + lr_table_count(v) * sizeof *v->table +
         (uint64_t)v->capacity * lr_volume_brick_nbytes(v->desc.sample_type, v->desc.has_ids != 0) +
-        lr_exact_nbytes(v->exact);
+        lr_exact_nbytes(v->exact) + lr_objects_nbytes(v);
+    if (v->objects != NULL) {
+        info->n_objects = v->objects->n_objects;
+        info->n_shared = v->objects->n_shared;
+        info->n_dropped = v->objects->n_dropped;
+    }
     info->n_exact_cells = v->exact != NULL ? v->exact->n_cells : 0;
     info->exact_nbytes = lr_exact_nbytes(v->exact);
     info->has_colors = v->colors != NULL;

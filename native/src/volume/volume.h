@@ -28,7 +28,8 @@ enum {
     LR_MAX_BRICKS = 1 << 24 /* 24 bits of a table entry */
 };
 
-struct lr_exact; /* volume/exact.h */
+struct lr_exact;   /* volume/exact.h */
+struct lr_objects; /* volume/objects.h */
 
 struct lr_volume {
     lr_volume_desc desc;
@@ -50,6 +51,7 @@ struct lr_volume {
     uint32_t *normals;      /* likewise */
     double color_scale;     /* the largest channel of a colour */
     struct lr_exact *exact; /* cells with triangles of their own; NULL: there are none */
+    struct lr_objects *objects; /* what tells objects apart; NULL: nothing does */
     uint64_t n_surface_cells;
     int32_t surface_lo[3], surface_hi[3]; /* storage cells, inclusive */
     bool finished;
