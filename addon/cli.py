@@ -24,7 +24,7 @@ from pathlib import Path
 import leapray
 from leapray import LeapRayError
 from leapray.arrays import SAMPLE_TYPES
-from leapray.voxelization import EXACT, FILTERS
+from leapray.voxelization import FILTERS
 
 from . import model
 from .session import check_file, open_scene, render_frame, set_format
@@ -186,7 +186,7 @@ def add_settings(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--half-width", type=float, metavar="X", help="of that filter, voxels; 0: as suits"
     )
-    verb.add_argument("--exact", choices=list(EXACT), help="whose cells keep their triangles")
+    verb.add_argument("--exact", choices=list(model.EXACT), help="whose cells keep their triangles")
     verb.add_argument("--sample-type", choices=list(SAMPLE_TYPES), help="of the volumes")
     verb.add_argument("--memory-mb", type=count(1), metavar="N", help="for all volumes")
     verb.add_argument(

@@ -35,8 +35,8 @@ MARGIN = 1.25  # what is measured at probes predicts that quantile within 20 %
 LOST_SHARE = 0.03  # of the pixels: wedges are always lost at their very edge
 ROUGH = 0.25  # of a voxel
 THIN = 0.25  # of a footprint: what such voxels do not find may be lost
-THIN_SHARE, THIN_VOXEL = 0.25, 4.0  # lost, of the pixels, to voxels below so many footprints
 CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
+CROWD = 12.0  # triangles on an exact cell's list, the mean, while its voxel is above CREASE_VOXEL
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
 CARRIED = 0.5  # of such a voxel counts where the volume carries normals, which turn within one cell
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
@@ -52,6 +52,10 @@ class Measure:
     lost: NDArray[np.bool_]
     crease: NDArray[np.float32]
     sharp: NDArray[np.bool_]  # creases in exact cells
+    exact: str  # whose cells keep their triangles
+    exact_share: float  # of the surface cells
+    crowd: float  # triangles on an exact cell's list, the mean; 0 without such cells
+    n_cells: int  # that hold surface
     color: NDArray[np.float32] | None  # (n, k) as bake.color_errors gives it; None: no colours
     shape: tuple[int, int, int]
     kind: str
@@ -80,14 +84,16 @@ class Errors:
     crease: float  # the mean along outlines
     blur: float  # the voxel, the mean along creases that are seen; 0 without creases
     color: float  # the mean over the surface; 0 without colours
+    crowd: float  # as measured
 
     def of_surface(self, pixel_error: float) -> float:
         """Against the bars of the surface itself; at most 1 is good enough."""
         return max(self.surface / pixel_error, min(self.lost / LOST_SHARE, self.voxel / THIN))
 
     def of_edges(self) -> float:
-        """Against the bars of creases; at most 1 is good enough."""
-        return max(self.crease / CREASE_ERROR, self.blur / CREASE_VOXEL)
+        """Against the bars of creases and crowded cells; at most 1 is good enough."""
+        crowded = min(self.crowd / CROWD, self.voxel / CREASE_VOXEL)
+        return max(self.crease / CREASE_ERROR, self.blur / CREASE_VOXEL, crowded)
 
     def of_color(self) -> float:
         """Against the bar of colours; at most 1 is good enough."""
@@ -97,10 +103,6 @@ class Errors:
         """What falls with the voxel wherever finer voxels are of any use."""
         lost = self.voxel if self.lost > LOST_SHARE else 0.0
         return max(self.surface / pixel_error, lost, self.of_color(), self.of_edges())
-
-    def thin_wall(self) -> bool:
-        """Whether much of the surface is lost to voxels that are already small."""
-        return self.lost > THIN_SHARE and self.voxel < THIN_VOXEL
 
     def levels(self, pixel_error: float) -> int:
         """How many times the voxel must be halved at least, as far as these errors foretell it.
@@ -117,6 +119,7 @@ class Errors:
         ratios = (
             min(self.crease, ROUGH * self.blur) / CREASE_ERROR,
             self.blur / CREASE_VOXEL,
+            1.0,
         )
         return max(1, math.floor(math.log2(max(ratios))))
 
@@ -145,11 +148,12 @@ def measure(
     voxel_size: float,
     color: NDArray[np.float32] | None = None,
     rise: float | None = None,
+    exact: str = "sheets",
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
     color: what bake.color_errors measured there. rise: of occupancy per voxel
-    across a plane; None: that of the ramp.
+    across a plane; None: that of the ramp. exact: as it was voxelized.
     """
     volume = structure.volume
     info, mesh = volume.info, volume.mesh_info
@@ -168,6 +172,10 @@ def measure(
         lost=lost,
         crease=crease,
         sharp=volume.exact_at(probes.creases),
+        exact=exact,
+        exact_share=info.n_exact_cells / max(info.n_surface_cells, 1),
+        crowd=info.n_exact_triangles / max(info.n_exact_cells, 1),
+        n_cells=info.n_surface_cells,
         color=color,
         shape=info.size,
         kind=info.kind,
@@ -225,6 +233,7 @@ def seen(measure: Measure, weights: Weights) -> Errors:
         crease=mean(m.crease / w.outline_footprint, 1 / w.outline_footprint),
         blur=mean(np.where(m.sharp, 0, turn) / w.crease_footprint, 1 / w.crease_footprint),
         color=color_seen(m, w) if m.color is not None else 0.0,
+        crowd=m.crowd,
     )
 
 

@@ -39,9 +39,7 @@ class Work:
     errors: errors.Errors | None = None
     structure: leapray.Structure | None = None
     stuck: str = ""  # why it is no finer, where it should be
-    thin: bool = False  # a solid that may better be cut into its faces
-    whole: bool = False  # or has been asked that already
-    face: int = 0  # of a plate, from 1 on
+    exact: str = "sheets"  # whose cells keep their triangles, see leapray.voxelize
     history: list[float] = field(default_factory=list)
 
     @property
@@ -78,10 +76,11 @@ class Levels:
         if self.watch.stopped:
             raise leapray.Stopped("The planning was stopped.")
 
-    def _key(self, work: Work, what: str, voxel_size: float) -> tuple:
+    def _key(self, work: Work, what: str, voxel_size: float, exact: str = "") -> tuple:
         s = self.settings
         made = what, work.digest, voxel_size, work.with_ids, work.carries, s.sample_type
-        made = *made, self._filter(work.mesh), s.half_width, s.exact, work.mesh.modelling.kind
+        made = *made, self._filter(work.mesh), s.half_width, exact or work.exact
+        made = *made, work.mesh.modelling.kind
         return made if what == "volume" else (*made, s.traverser)
 
     def _filter(self, mesh: model.Mesh) -> str:
@@ -166,7 +165,7 @@ class Levels:
             ids=work.mesh.slots if work.with_ids else None,
             attributes=self._attributes(work, voxel_size),
             dtype=self.settings.sample_type,
-            exact=self.settings.exact,
+            exact=work.exact,
             threads=self.threads,
             watch=self.watch,
             max_nbytes=max_nbytes,
@@ -188,7 +187,7 @@ class Levels:
         """Forget the volume of a level that is left; what was measured on it stays."""
         if work.measure is not None:
             for what in ("structure", "volume"):
-                self.cache.drop(self._key(work, what, work.measure.voxel_size))
+                self.cache.drop(self._key(work, what, work.measure.voxel_size, work.measure.exact))
         work.structure = None
 
     def _probes(self, work: Work) -> probes.Probes:
@@ -210,6 +209,7 @@ class Levels:
                 voxel_size,
                 self._color_errors(work, structure),
                 self._rise(work.mesh, structure.volume),
+                work.exact,
             )
             self.cache.put(key, measure)
         elif measure.nbytes > room or measure.volume_nbytes > volume_room:

@@ -150,6 +150,7 @@ class Camera:
     clip_end: float
 
 
+EXACT = ("auto", "sheets", "all", "none")  # auto: of sheets, and of solids where it is worth it
 LAYOUTS = ("objects", "scene")  # what shares a volume: the instances of a mesh, or all
 
 
@@ -183,7 +184,7 @@ class Settings:
     sample_type: str = "u16"
     filter: str = "ramp"  # how occupancy falls across the surface, see leapray.voxelize
     half_width: float = 0.0  # of the filter, in voxels; 0: its own
-    exact: str = "sheets"  # whose cells keep their triangles, see leapray.voxelize
+    exact: str = "auto"  # whose cells keep their triangles: one of EXACT
     cache_folder: str = ""  # where volumes are kept as .vdb; "": nowhere
     seed: int = 0
     threads: int = 0  # 0: all cores

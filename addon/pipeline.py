@@ -23,7 +23,7 @@ import leapray
 from leapray._abi import lr_counters
 from leapray.arrays import SAMPLE_TYPES
 from leapray.threads import cores
-from leapray.voxelization import EXACT, FILTERS
+from leapray.voxelization import FILTERS
 
 from . import model, plan, tiles
 from .cache import Cache
@@ -112,7 +112,7 @@ def check(settings: model.Settings) -> None:
             f"half_width must lie in 0..{WIDEST:g} voxels, it is {settings.half_width}"
         )
     known_names = {"layout": model.LAYOUTS, "sample_type": SAMPLE_TYPES, "filter": FILTERS}
-    known_names["exact"] = EXACT
+    known_names["exact"] = model.EXACT
     for name, known in known_names.items():
         value = getattr(settings, name)
         if value not in known:

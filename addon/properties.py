@@ -14,7 +14,7 @@ import bpy
 
 import leapray
 from leapray.arrays import SAMPLE_TYPES
-from leapray.voxelization import EXACT, FILTERS, KINDS
+from leapray.voxelization import FILTERS, KINDS
 
 from . import model
 
@@ -85,6 +85,10 @@ def bounces(name: str, description: str, default: int) -> bpy.props.IntProperty:
 
 TRAVERSERS = leapray.variants()
 AS_SCENE = ("scene", "As Scene", "What the scene's settings say", 0)
+EXACT_ABOUT = {
+    **ABOUT,
+    "auto": "Those of open surfaces, and of solids where creases or thin walls are worth it",
+}
 VOXEL_FILTER_ABOUT = {**ABOUT, "box": "The exact share of the voxel that is inside"}
 
 
@@ -281,7 +285,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         name="Exact Cells",
         description="Whose cells keep their triangles where samples cannot hold the surface: at "
         "borders, junctions, creases, thin walls and gaps",
-        items=menu(EXACT),
+        items=menu(model.EXACT, EXACT_ABOUT),
         default=DEFAULTS.exact,
     )
     cache_folder: bpy.props.StringProperty(

@@ -82,6 +82,7 @@ typedef struct lr_volume_info {
     uint64_t n_full;               /* bricks that are 1 throughout and not stored */
     uint64_t n_surface_cells;
     uint64_t n_exact_cells;        /* of those, the ones that keep their triangles */
+    uint64_t n_exact_triangles;    /* on the lists of all those cells */
     uint64_t nbytes;               /* memory held by the volume, */
     uint64_t exact_nbytes;         /* of it, by exact cells */
     int32_t has_colors;            /* nonzero: samples at the surface carry a colour, */

@@ -245,6 +245,7 @@ class lr_volume_info(ctypes.Structure):
         ("n_full", ctypes.c_uint64),
         ("n_surface_cells", ctypes.c_uint64),
         ("n_exact_cells", ctypes.c_uint64),
+        ("n_exact_triangles", ctypes.c_uint64),
         ("nbytes", ctypes.c_uint64),
         ("exact_nbytes", ctypes.c_uint64),
         ("has_colors", ctypes.c_int32),

@@ -32,6 +32,7 @@ class VolumeInfo:
     n_full: int  # bricks of ones, not stored
     n_surface_cells: int
     n_exact_cells: int  # of those, the ones that keep their triangles
+    n_exact_triangles: int  # on the lists of all those cells
     nbytes: int
     exact_nbytes: int  # of those, the bytes of exact cells
     surface_lo: tuple[int, int, int]  # bounds of the surface cells, inclusive;
@@ -104,6 +105,7 @@ class Volume:
             n_full=info.n_full,
             n_surface_cells=info.n_surface_cells,
             n_exact_cells=info.n_exact_cells,
+            n_exact_triangles=info.n_exact_triangles,
             nbytes=info.nbytes,
             exact_nbytes=info.exact_nbytes,
             surface_lo=tuple(info.surface_lo),

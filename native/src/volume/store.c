@@ -416,6 +416,7 @@ void lr_volume_get_info(const lr_volume *v, lr_volume_info *info)
         info->n_dropped = v->objects->n_dropped;
     }
     info->n_exact_cells = v->exact != NULL ? v->exact->n_cells : 0;
+    info->n_exact_triangles = v->exact != NULL ? v->exact->start[v->exact->n_cells] : 0;
     info->exact_nbytes = lr_exact_nbytes(v->exact);
     info->has_colors = v->colors != NULL;
     info->has_normals = v->normals != NULL;
