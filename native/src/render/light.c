@@ -6,7 +6,7 @@
  * of slats before them, brightened so that as much light leaves as without it.
  *
  * Source: the lights of Blender's manual; their units and fading were measured in
- * Cycles (tests/test_lights_cycles.py).
+ * Cycles (tests/test_shading_cycles.py).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/light.h"
