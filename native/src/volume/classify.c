@@ -5,6 +5,8 @@
  * needs a place.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <immintrin.h>
+
 #include "error.h"
 #include "volume/exact.h"
 
@@ -73,20 +75,53 @@ static lr_status drop_constants(lr_volume *v, const lr_watch *watch, lr_error *e
     return stopped ? lr_fail_stopped(error) : LR_OK;
 }
 
+/* Eight samples in a row that are at or above T, as bits. For integers that is at or above
+ * the next whole number, for floats the next float. */
+static uint32_t above_row(const lr_volume *v, size_t at)
+{
+    const double t = ceil(v->threshold);
+    switch (v->desc.sample_type) {
+    case LR_U8: {
+        __m128i row = _mm_loadl_epi64((const void *)(v->samples + at));
+        __m128i least = _mm_set1_epi8((char)(uint8_t)t);
+        return (uint32_t)_mm_movemask_epi8(_mm_cmpeq_epi8(_mm_max_epu8(row, least), row)) & 0xff;
+    }
+    case LR_U16: {
+        __m128i row = _mm_loadu_si128((const void *)(v->samples + 2 * at));
+        __m128i least = _mm_set1_epi16((short)(uint16_t)t);
+        const __m128i zero = _mm_setzero_si128();
+        __m128i above = _mm_cmpeq_epi16(_mm_subs_epu16(least, row), zero);
+        return (uint32_t)_mm_movemask_epi8(_mm_packs_epi16(above, zero)) & 0xff;
+    }
+    default: {
+        const float *row = (const float *)(const void *)v->samples + at;
+        float least = (float)v->threshold;
+        if ((double)least < v->threshold)
+            least = nextafterf(least, INFINITY);
+        __m128 t4 = _mm_set1_ps(least);
+        uint32_t low = (uint32_t)_mm_movemask_ps(_mm_cmpge_ps(_mm_loadu_ps(row), t4));
+        return low | (uint32_t)_mm_movemask_ps(_mm_cmpge_ps(_mm_loadu_ps(row + 4), t4)) << 4;
+    }
+    }
+}
+
 /* Rows of 9 bits: is sample (x, y, z) of the brick or of the near layers of its
  * upper neighbours at or above T? */
 static void above_rows(const lr_volume *v, const int32_t b[3], uint32_t rows[9][9])
 {
+    size_t brick[8]; /* this one and its upper neighbours; zeros beyond the table */
+    for (int n = 0; n < 8; n++) {
+        int32_t x = b[0] + (n & 1), y = b[1] + (n >> 1 & 1), z = b[2] + (n >> 2);
+        bool inside = x < v->table_size[0] && y < v->table_size[1] && z < v->table_size[2];
+        uint32_t at = inside ? v->table[lr_table_at(v, x, y, z)] >> 8 : LR_BRICK_ZERO;
+        brick[n] = (size_t)at * LR_BRICK_SAMPLES;
+    }
     for (int z = 0; z < 9; z++)
         for (int y = 0; y < 9; y++) {
-            uint32_t row = 0;
-            for (int x = 0; x < 9; x++) {
-                int32_t p[3] = {8 * b[0] + x, 8 * b[1] + y, 8 * b[2] + z};
-                bool inside = p[0] >> 3 < v->table_size[0] && p[1] >> 3 < v->table_size[1] &&
-                              p[2] >> 3 < v->table_size[2];
-                row |= (uint32_t)(inside && lr_sample(v, p[0], p[1], p[2]) >= v->threshold) << x;
-            }
-            rows[z][y] = row;
+            size_t at = (size_t)(8 * (y & 7) + 64 * (z & 7));
+            int n = (y >> 3) << 1 | (z >> 3) << 2;
+            rows[z][y] = above_row(v, brick[n] + at) |
+                         (uint32_t)(lr_load(v, brick[n + 1] + at) >= v->threshold) << 8;
         }
 }
 
