@@ -58,15 +58,18 @@ class Texture:
         return points @ self.matrix[:3, :3].T + self.matrix[:3, 3]
 
 
-def read(material, notes) -> tuple[model.Material, Texture | None]:
-    """The material, and the texture whose colours its lobes marked `textured` are multiplied by."""
+def read(material, notes, images: dict | None = None) -> tuple[model.Material, Texture | None]:
+    """The material, and the texture whose colours its lobes marked `textured` are multiplied by.
+
+    images: pixels that materials share, kept by the caller while it reads them.
+    """
     if material is None:
         return plain("", GREY), None
     output = output_of(material)
     if output is None:
         made = plain(material.name, tuple(material.diffuse_color[:3]), material.pass_index)
         return made, None
-    return _Reader(material, output, notes).read()
+    return _Reader(material, output, notes, {} if images is None else images).read()
 
 
 def plain(name: str, color, index: int = 0) -> model.Material:
@@ -77,8 +80,9 @@ def plain(name: str, color, index: int = 0) -> model.Material:
 class _Reader:
     """Walks the shaders of one material."""
 
-    def __init__(self, material, output: Place, notes) -> None:
+    def __init__(self, material, output: Place, notes, images: dict) -> None:
         self.material, self.output, self.notes = material, output, notes
+        self.images = images
         self.lobes: list[model.Lobe] = []
         self.strange: dict[str, None] = {}  # what is not understood, in order
         self.texture: Texture | None = None
@@ -294,13 +298,15 @@ class _Reader:
             if self._baked != end:
                 raise Unfolded("a second texture")
             return {"color": WHITE, "textured": True}
-        leaves = _Leaves(self.notes)
+        leaves = _Leaves(self.notes, self.images)
         values = Folder(leaves.table).value(place)
         if values.ndim < 2:  # of a texture that is not there
             return {"color": tuple(np.maximum(values, 0.0).tolist())}
         self.texture = leaves.texture(lambda table: _recolor(place, table))
         if leaves.image is not None:
-            pixels = np.maximum(values, 0.0, dtype=np.float32)
+            pixels = values  # not a copy where nothing follows the texture
+            if values.dtype != np.float32 or values.min() < 0:
+                pixels = np.maximum(values, 0.0).astype(np.float32)
             self.image = model.Image(
                 leaves.image.name,
                 pixels,
@@ -334,8 +340,9 @@ _SHADERS = {
 class _Leaves:
     """The texture among the nodes of a colour; a second one raises Unfolded."""
 
-    def __init__(self, notes) -> None:
-        self.notes, self.node, self.image, self._pixels = notes, None, None, None
+    def __init__(self, notes, images: dict) -> None:
+        self.notes, self.images = notes, images
+        self.node, self.image, self._pixels = None, None, None
         self._groups: tuple = ()
 
     def table(self, out: Place) -> NDArray:
@@ -355,8 +362,10 @@ class _Leaves:
         if node.image is None:
             return np.zeros(()) if out.socket.type == "VALUE" else np.zeros(3)  # black, as Cycles
         if self._pixels is None:
-            straight = node.outputs["Alpha"].is_linked
-            self._pixels = pixels_of(node.image, self.notes, straight=straight)
+            key = node.image.name_full, node.outputs["Alpha"].is_linked
+            if key not in self.images:
+                self.images[key] = pixels_of(node.image, self.notes, straight=key[1])
+            self._pixels = self.images[key]
         if self._pixels is None:
             return np.ones(()) if out.socket.type == "VALUE" else np.array(MISSING)
         self.image = node.image

@@ -186,6 +186,7 @@ class _Objects:
         self.instances: list[model.Instance] = []
         self.materials: list[model.Material] = []
         self.lights: list[model.Light] = []
+        self._images: dict = {}
         self._textures: list[materials.Texture | None] = []  # of the materials
         self._mesh_at: dict[tuple, int | str] = {}  # index, or what is wrong with it
         self._material_at: dict[str, int] = {}
@@ -232,6 +233,7 @@ class _Objects:
         if isinstance(mesh, str):
             self.notes.skipped(mesh, ob.name)
             return
+        self._note_linking(ob)
         if ob.is_holdout:
             self.notes.unsupported("Holdout is", ob.name)
         if ob.is_shadow_catcher:
@@ -246,6 +248,11 @@ class _Objects:
                 **seen,
             )
         )
+
+    def _note_linking(self, ob) -> None:
+        linking = ob.light_linking
+        if linking.receiver_collection or linking.blocker_collection:
+            self.notes.unsupported("Light linking is", ob.name)
 
     def _mesh(self, ob, slots: tuple[int, ...]) -> int | str:
         """The index of the object's mesh as its materials want it, or what is wrong with it."""
@@ -279,7 +286,7 @@ class _Objects:
         name = material.name_full if material else ""
         if name not in self._material_at:
             self._material_at[name] = len(self.materials)
-            read, texture = materials.read(material, self.notes)
+            read, texture = materials.read(material, self.notes, self._images)
             self.materials.append(read)
             self._textures.append(texture)
         return self._material_at[name]
@@ -289,6 +296,7 @@ class _Objects:
         if not np.isfinite(matrix).all() or not np.any(matrix[:3, 2]):
             self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
             return
+        self._note_linking(ob)
         light = lights.of_light(ob.data, matrix, _shown(instance, ob), ob.name, self.notes)
         if light is not None:
             self.lights.append(light)

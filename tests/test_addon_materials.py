@@ -487,3 +487,15 @@ def test_custom_normals_win(scene):
     ball.normals_split_custom_set([normal.tolist()] * len(ball.loops))
     put("Square", ball)
     assert_allclose(read().meshes[0].corner_normals, np.broadcast_to(normal, (2, 3, 3)), atol=1e-3)
+
+
+def test_materials_share_an_images_pixels(scene):
+    first, texture = textured(np.full((4, 4, 3), 0.25))
+    second, other = textured(np.full((1, 1, 3), 1.0))
+    other.image = texture.image
+    square = mapped()
+    square.materials.append(first)
+    square.materials.append(second)
+    put("Square", square)
+    got = read().materials
+    assert np.shares_memory(got[0].image.pixels, got[1].image.pixels)

@@ -197,6 +197,7 @@ def test_what_is_not_supported_is_one_warning_each_by_name(scene):
     bpy.context.view_layer.objects.active = hairy
     hairy.modifiers.new("Hair", "PARTICLE_SYSTEM")
     hairy.particle_systems[0].settings.type = "HAIR"
+    hairy.light_linking.receiver_collection = bpy.data.collections.new("Lit")
     bumpy = diffuse("Bumpy")
     tree = bumpy.node_tree
     displacement = tree.nodes.new("ShaderNodeDisplacement")
@@ -216,6 +217,7 @@ def test_what_is_not_supported_is_one_warning_each_by_name(scene):
             "Volumes are": "'Smoke'",
             "Hair particles are": "'Hairy'",
             "Displacement is": "'Bumpy'",
+            "Light linking is": "'Hairy'",
         }.items()
     )
     assert [instance.name for instance in got.instances] == ["Cube", "Hairy", "Rock"]
