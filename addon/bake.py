@@ -17,6 +17,7 @@ facets.
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from dataclasses import dataclass
 
@@ -187,10 +188,19 @@ def unit(vectors: NDArray) -> NDArray:
 # ---- what a mesh's corners carry when it changes -------------------------------
 
 
-def only(mesh: model.Mesh, chosen: NDArray[np.bool_]) -> dict[str, NDArray[np.float32]]:
+def only(mesh: model.Mesh, chosen: NDArray[np.bool_] | slice) -> dict[str, NDArray[np.float32]]:
     """The corners' attributes of the chosen triangles, by their names in model.Mesh."""
     arrays = {name: getattr(mesh, name) for name in CORNERS}
     return {name: array[chosen] for name, array in arrays.items() if array is not None}
+
+
+def turned(mesh: model.Mesh) -> model.Mesh:
+    """The mesh wound the other way round."""
+    corners = {name: getattr(mesh, name) for name in CORNERS}
+    corners = {name: array[:, ::-1] for name, array in corners.items() if array is not None}
+    if "corner_normals" in corners:
+        corners["corner_normals"] = -corners["corner_normals"]
+    return dataclasses.replace(mesh, triangles=mesh.triangles[:, ::-1], **corners)
 
 
 CORNERS = {"corner_normals": 3, "corner_colors": 3, "corner_uvs": 2}  # names, components

@@ -149,18 +149,24 @@ def measure(
     color: NDArray[np.float32] | None = None,
     rise: float | None = None,
     exact: str = "sheets",
+    ids: NDArray[np.uint16] | None = None,
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
     color: what bake.color_errors measured there. rise: of occupancy per voxel
-    across a plane; None: that of the ramp. exact: as it was voxelized.
+    across a plane; None: that of the ramp. exact: as it was voxelized. ids: of the
+    mesh's triangles, where several solids share the volume: each is held against
+    its own field.
     """
     volume = structure.volume
     info, mesh = volume.info, volume.mesh_info
     sheet = info.kind == "sheet"
     normals = None if sheet else probes.surface_normals * (-1.0 if mesh.inverted else 1.0)
-    surface, lost = measure_surface(volume, probes.surface, normals, voxel_size, rise)
-    crease, _ = measure_surface(volume, probes.creases, None, voxel_size, rise)
+    own, beside = None, None
+    if info.n_objects:
+        own, beside = ids[probes.surface_triangles], ids[probes.crease_triangles]
+    surface, lost = measure_surface(volume, probes.surface, normals, voxel_size, rise, own)
+    crease, _ = measure_surface(volume, probes.creases, None, voxel_size, rise, beside)
     why = ""
     if sheet and mesh.n_border_edges:
         why = f"open: {mesh.n_border_edges} border edges"
@@ -192,13 +198,14 @@ def measure_surface(
     normals: NDArray | None,
     voxel_size: float,
     rise: float | None = None,
+    ids: NDArray[np.uint16] | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Distance of the field's surface from points of the mesh, and which points are lost.
 
     points: (n, 3). normals: (n, 3) outward, or None where nothing can be lost.
     Distances are in object space, at most SATURATED voxels.
     """
-    value, gradient = volume.sample(points)
+    value, gradient = volume.sample(points, ids)
     threshold = volume.info.threshold
     most = SATURATED * voxel_size
     steep = np.linalg.norm(gradient, axis=1)
@@ -213,7 +220,8 @@ def measure_surface(
         lost = (value < threshold) & ~exact
         for depth in INSIDE:
             behind = points[lost] - depth * voxel_size * normals[lost]
-            lost[lost] = volume.sample(behind)[0] < threshold
+            whose = None if ids is None else ids[lost]
+            lost[lost] = volume.sample(behind, whose)[0] < threshold
     return error.astype(np.float32), lost
 
 

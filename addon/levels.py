@@ -15,6 +15,7 @@ from leapray.voxelization import SOLID_FILTERS, own_half_width, slope
 
 from . import bake, errors, model, probes
 from . import cache as caches
+from .parts import solids
 
 FINER = 6  # levels beyond the one asked for on which a volume may still be at hand
 MB = 1 << 20
@@ -154,26 +155,49 @@ class Levels:
     def _voxelize(
         self, work: Work, voxel_size: float, max_nbytes: int, kernel: str
     ) -> leapray.Volume:
+        """Of solids that share the volume each is made by itself; then they are merged."""
+        parts, left = [], max_nbytes
+        for mesh in solids(work.mesh):
+            part = self._voxelize_one(work, mesh, voxel_size, left, kernel)
+            if work.mesh.solids is None:
+                return part
+            parts.append(part)
+            left -= part.info.nbytes
+            if left <= 0:
+                error = leapray.OutOfMemory("the solids take more than their room")
+                error.nbytes = max_nbytes - left
+                raise error
+        merged = leapray.merge(parts, watch=self.watch)
+        merged.mesh_info = parts[0].mesh_info
+        nbytes = sum(part.info.nbytes for part in parts) + merged.info.nbytes
+        self.peak = max(self.peak, self.held() + nbytes + self.cache.unused())
+        return merged
+
+    def _voxelize_one(
+        self, work: Work, mesh: model.Mesh, voxel_size: float, max_nbytes: int, kernel: str
+    ) -> leapray.Volume:
         own = kernel == self.settings.filter
         return leapray.voxelize(
-            work.mesh.vertices,
-            work.mesh.triangles,
+            mesh.vertices,
+            mesh.triangles,
             voxel_size,
-            kind=work.mesh.modelling.kind,
+            kind=mesh.modelling.kind,
             filter=kernel,
             half_width=self.settings.half_width or None if own else None,
-            ids=work.mesh.slots if work.with_ids else None,
-            attributes=self._attributes(work, voxel_size),
+            ids=mesh.slots if work.with_ids else None,
+            attributes=self._attributes(work, mesh, voxel_size),
             dtype=self.settings.sample_type,
-            exact=work.exact,
+            exact=work.exact if work.mesh.solids is None else "none",
             threads=self.threads,
             watch=self.watch,
-            max_nbytes=max_nbytes,
+            max_nbytes=max(max_nbytes, 1),
         )
 
-    def _attributes(self, work: Work, voxel_size: float) -> leapray.Attributes | None:
+    def _attributes(
+        self, work: Work, mesh: model.Mesh, voxel_size: float
+    ) -> leapray.Attributes | None:
         creased = len(self._probes(work).creases) > 0
-        return self.wardrobe.attributes(work.mesh, work.outfit, voxel_size, creased)
+        return self.wardrobe.attributes(mesh, work.outfit, voxel_size, creased)
 
     def _rise(self, mesh: model.Mesh, volume: leapray.Volume) -> float:
         """Of occupancy per voxel across a plane."""
@@ -210,6 +234,7 @@ class Levels:
                 self._color_errors(work, structure),
                 self._rise(work.mesh, structure.volume),
                 work.exact,
+                work.mesh.slots,
             )
             self.cache.put(key, measure)
         elif measure.nbytes > room or measure.volume_nbytes > volume_room:
@@ -228,7 +253,7 @@ class Levels:
         if not volume.info.has_colors:
             return None
         size = volume.info.object_from_index[0, 0]
-        attributes = self._attributes(work, size)
+        attributes = self._attributes(work, work.mesh, size)
         where = at.surface, at.surface_triangles, at.surface_weights
         return bake.color_errors(volume, work.mesh, attributes, *where, size)
 
@@ -248,7 +273,7 @@ class Levels:
     def keep_on_disk(self, work: Work) -> None:
         """Write the volume into the folder, unless it has triangles or colours of its own."""
         info = work.structure.volume.info
-        if info.n_exact_cells or info.has_colors or info.has_normals:
+        if info.n_exact_cells or info.has_colors or info.has_normals or info.n_objects:
             return
         key, folder = self._key(work, "volume", work.measure.voxel_size), self.settings.cache_folder
         if not caches.path(folder, key).exists():

@@ -32,6 +32,8 @@ class Mesh:
     corner_colors: NDArray[np.float32] | None = None  # (m, 3, 3) linear RGB of the vertex colours
     corner_uvs: NDArray[np.float32] | None = None  # (m, 3, 2)
     modelling: Modelling = field(default_factory=Modelling)
+    solids: NDArray[np.int32] | None = None  # (m,) ascending: of which solid a triangle is, where
+    # several share a volume; their slots are then ids, none in two of them
 
 
 @dataclass(frozen=True)

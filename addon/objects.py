@@ -23,7 +23,7 @@ class SceneError(leapray.LeapRayError):
 def digest(mesh: model.Mesh) -> str:
     """A name for the mesh's contents."""
     name = hashlib.blake2b(digest_size=16)
-    for array in (mesh.vertices, mesh.triangles, mesh.slots):
+    for array in (mesh.vertices, mesh.triangles, mesh.slots, mesh.solids):
         if array is not None:
             name.update(np.ascontiguousarray(array).view(np.uint8))
         name.update(b"|")
@@ -92,29 +92,21 @@ def nothing_left(warnings: list[str]) -> SceneError:
 
 
 def merge(
-    scene: model.Scene, instances: list[model.Instance], warnings: list[str]
+    scene: model.Scene, instances: list[model.Instance], warnings: list[str], kinds: list[Kind]
 ) -> tuple[model.Scene, list[int]]:
-    """The scene as one mesh in world space, and the object index of each of its slots.
+    """The scene in world space as one mesh of all solids and one of all sheets.
 
     Every instance keeps its own slots, so that a hit's id tells both material
-    and object. Raises SceneError where 65536 ids do not suffice.
+    and object; the object index of each slot is returned beside. Raises SceneError
+    where 65536 ids do not suffice.
     """
-    vertices, triangles, slots = [], [], []
     materials: list[int] = []
-    objects: list[int] = []
-    n_vertices = 0
+    indices: list[int] = []
+    first: list[int] = []
     for instance in instances:
-        mesh = scene.meshes[instance.mesh]
-        matrix = np.asarray(instance.world_from_object, np.float64)
-        corners = mesh.triangles + n_vertices
-        mirrored = np.linalg.det(matrix[:3, :3]) < 0
-        own = np.zeros(len(corners), np.int64) if mesh.slots is None else mesh.slots
-        vertices.append(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3])
-        triangles.append(corners[:, ::-1] if mirrored else corners)
-        slots.append(np.minimum(own, len(instance.materials) - 1) + len(materials))
+        first.append(len(materials))
         materials += instance.materials
-        objects += [instance.object_index] * len(instance.materials)
-        n_vertices += len(mesh.vertices)
+        indices += [instance.object_index] * len(instance.materials)
     if len(materials) > 65536:
         raise SceneError(
             f"One volume holds 65536 ids, but the scene's objects have {len(materials)} material "
@@ -123,15 +115,52 @@ def merge(
     flags = ("visible_camera", "visible_shadow", "visible_diffuse")
     if any(len({getattr(i, flag) for i in instances}) > 1 for flag in flags):
         warnings.append("In layout 'scene' the ray visibility of single objects does not count.")
-    mesh = model.Mesh(
+    meshes = []
+    for kind in ("solid", "sheet"):
+        chosen = [n for n, k in enumerate(kinds) if k.kind == kind]
+        if chosen:
+            meshes.append(_joined(scene, instances, chosen, first, kinds))
+    whole = [
+        model.Instance("Scene", number, np.eye(4), tuple(materials))
+        for number in range(len(meshes))
+    ]
+    return dataclasses.replace(scene, meshes=tuple(meshes), instances=tuple(whole)), indices
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind:
+    """What a mesh is: "solid" or "sheet", and whether it is wound inside out."""
+
+    kind: str
+    inverted: bool = False
+
+
+def _joined(scene, instances, chosen: list[int], first: list[int], kinds: list[Kind]) -> model.Mesh:
+    vertices, triangles, slots, solids = [], [], [], []
+    n_vertices = 0
+    parts, linear = [], []
+    for number, n in enumerate(chosen):
+        instance, mesh = instances[n], scene.meshes[instances[n].mesh]
+        matrix = np.asarray(instance.world_from_object, np.float64)
+        if kinds[n].inverted:
+            mesh = bake.turned(mesh)
+        corners = mesh.triangles + n_vertices
+        mirrored = np.linalg.det(matrix[:3, :3]) < 0
+        own = np.zeros(len(corners), np.int64) if mesh.slots is None else mesh.slots
+        vertices.append(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3])
+        triangles.append(corners[:, ::-1] if mirrored else corners)
+        slots.append(np.minimum(own, len(instance.materials) - 1) + first[n])
+        solids.append(np.full(len(corners), number, np.int32))
+        n_vertices += len(mesh.vertices)
+        parts.append(mesh)
+        linear.append(matrix[:3, :3])
+    kind = kinds[chosen[0]].kind
+    return model.Mesh(
         "Scene",
         np.concatenate(vertices).astype(np.float32),
         np.concatenate(triangles).astype(np.int32),
         np.concatenate(slots).astype(np.uint16),
-        **bake.joined(
-            [scene.meshes[i.mesh] for i in instances],
-            [np.asarray(i.world_from_object, np.float64)[:3, :3] for i in instances],
-        ),
+        **bake.joined(parts, linear),
+        modelling=model.Modelling(kind=kind),
+        solids=np.concatenate(solids) if kind == "solid" and len(chosen) > 1 else None,
     )
-    whole = model.Instance("Scene", 0, np.eye(4), tuple(materials))
-    return dataclasses.replace(scene, meshes=(mesh,), instances=(whole,)), objects

@@ -12,6 +12,9 @@ on the way.
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +38,29 @@ def split(mesh: model.Mesh, watch: leapray.Watch | None = None) -> list[model.Me
     if layer.max() == 0:
         return [mesh]
     return [_only(mesh, layer == k) for k in range(layer.max() + 1)]
+
+
+def solids(mesh: model.Mesh) -> list[model.Mesh]:
+    """The solids that share the mesh's volume, each by itself."""
+    if mesh.solids is None:
+        return [mesh]
+    ends = np.flatnonzero(np.diff(mesh.solids)) + 1
+    bounds = [0, *ends.tolist(), len(mesh.solids)]
+    made = []
+    for first, last in itertools.pairwise(bounds):
+        row = slice(first, last)
+        used, triangles = np.unique(mesh.triangles[row], return_inverse=True)
+        made.append(
+            dataclasses.replace(
+                mesh,
+                vertices=mesh.vertices[used],
+                triangles=triangles.reshape(-1, 3).astype(np.int32),
+                slots=None if mesh.slots is None else mesh.slots[row],
+                solids=None,
+                **bake.only(mesh, row),
+            )
+        )
+    return made
 
 
 def _only(mesh: model.Mesh, chosen: NDArray[np.bool_]) -> model.Mesh:

@@ -186,7 +186,8 @@ class Planner(Levels):
         """
         m, e = work.measure, work.errors
         spoilt = e.lost > errors.LOST_SHARE or len(m.crease) > 0
-        if work.exact != "sheets" or self.settings.exact != "auto" or m.kind != "solid":
+        several = work.mesh.solids is not None
+        if work.exact != "sheets" or self.settings.exact != "auto" or m.kind != "solid" or several:
             return False
         if not spoilt or len(work.mesh.triangles) > errors.CROWD / 4 * m.n_cells:
             return False
@@ -266,7 +267,9 @@ class Planner(Levels):
             slots=slots,
             slot_objects=None,
             volumes=[self._row(w) for w in self.works],
-            warnings=self.warnings + [s for w in self.works if (s := self._complaint(w))],
+            warnings=self.warnings
+            + [s for w in self.works if (s := self._complaint(w))]
+            + [s for w in self.works if (s := _crowded(w))],
             volume_nbytes=sum(w.measure.volume_nbytes for w in self.works),
             structure_nbytes=sum(w.measure.structure_nbytes for w in self.works),
             peak_nbytes=self.peak,
@@ -330,6 +333,9 @@ class Planner(Levels):
             "volume_nbytes": m.volume_nbytes,
             "structure_nbytes": m.structure_nbytes,
             "instances": len(work.matrices),
+            "objects": max(work.structure.volume.info.n_objects, 1),
+            "samples_shared": work.structure.volume.info.n_shared,
+            "samples_dropped": work.structure.volume.info.n_dropped,
             "stuck": work.stuck,
         }
 
@@ -339,6 +345,17 @@ class Planner(Levels):
         if self.settings.resolution or work.fixed or not what:
             return ""
         return f"{work.name!r} has {what}: {work.stuck}."
+
+
+def _crowded(work: Work) -> str:
+    """The sentence on samples that would have to hold more than two objects, or ""."""
+    lost = work.structure.volume.info.n_dropped
+    if not lost:
+        return ""
+    return (
+        f"In {work.name!r} more than two objects meet in {lost} samples, which hold two: there a "
+        "third one is as large as the second."
+    )
 
 
 def fixed_size(mesh: model.Mesh, n: int) -> float:
@@ -380,7 +397,11 @@ def make(
     instances = [i for i, is_met in zip(instances, met.tolist(), strict=True) if is_met]
     slot_objects = None
     if scene.settings.layout == "scene" and instances:
-        scene, slot_objects = objects.merge(scene, instances, warnings)
+        kinds = _kinds(scene, instances, cache, watch, warnings)
+        instances = [i for i, kind in zip(instances, kinds, strict=True) if kind]
+        if not instances:
+            raise objects.nothing_left(warnings)
+        scene, slot_objects = objects.merge(scene, instances, warnings, [k for k in kinds if k])
         instances = list(scene.instances)
     chosen = planner(scene, cache, watch, threads, advance)
     chosen.warnings += warnings
@@ -393,3 +414,38 @@ def make(
     spent = time.perf_counter() - began
     plan.seconds["plan"] = spent - plan.seconds["voxelize"] - plan.seconds["structure"]
     return plan
+
+
+def _kinds(
+    scene: model.Scene,
+    instances: list[model.Instance],
+    cache: caches.Cache,
+    watch: leapray.Watch,
+    warnings: list[str],
+) -> list[objects.Kind | None]:
+    """What each instance is, as its mesh's coarsest volume tells; None, and a warning: nothing."""
+    known: dict[int, objects.Kind | None] = {}
+    for instance in instances:
+        if instance.mesh in known:
+            continue
+        mesh = scene.meshes[instance.mesh]
+        key = "kind", objects.digest(mesh), mesh.modelling.kind
+        kind = cache.get(key)
+        try:
+            if kind is None:
+                made = leapray.voxelize(
+                    mesh.vertices,
+                    mesh.triangles,
+                    coarsest(mesh),
+                    kind=mesh.modelling.kind,
+                    exact="none",
+                    watch=watch,
+                )
+                kind = objects.Kind(made.info.kind, made.mesh_info.inverted)
+                cache.put(key, kind)
+        except leapray.Stopped:
+            raise
+        except leapray.LeapRayError as error:
+            warnings.append(f"{instance.name!r} is skipped: {error}.")
+        known[instance.mesh] = kind
+    return [known[instance.mesh] for instance in instances]

@@ -42,6 +42,7 @@ class Probes:
     surface_triangles: NDArray[np.int64]  # (n,) that the points lie in,
     surface_weights: NDArray[np.float64]  # (n, 3) barycentric
     creases: Points
+    crease_triangles: NDArray[np.int64]  # (n,) one of those beside
     crease_normals: NDArray[np.float64]  # (n, 2, 3): of the triangles on either side, unit
     area: float
     crease_length: float
@@ -133,6 +134,7 @@ def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes
     sharp = (count >= 2) & turns(cross, first, second)
     breathe()
     creases, at, crease_length = on_edges(first[sharp])
+    beside = first[sharp][at] // 3
     sides = np.stack([normals(first[sharp][at]), normals(second[sharp][at])], axis=1)
     return Probes(
         surface=surface,
@@ -140,6 +142,7 @@ def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes
         surface_triangles=chosen,
         surface_weights=weights,
         creases=creases,
+        crease_triangles=beside,
         crease_normals=sides,
         area=float(area.sum()),
         crease_length=crease_length,

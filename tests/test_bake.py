@@ -182,20 +182,24 @@ def test_one_volume_for_all_keeps_every_objects_colours_and_normals():
     ]
     plain = model.Material("Plain", (model.Lobe("diffuse"),))
     what = dressed([ball, tile], instances, [material(red), plain], layout="scene", resolution=120)
-    merged, _ = objects.merge(what, instances, [])
-    (mesh,) = merged.meshes
-    corners = mesh.vertices[mesh.triangles]
-    on_ball = mesh.slots == 0
+    kinds = [objects.Kind("solid"), objects.Kind("sheet")]
+    merged, _ = objects.merge(what, instances, [], kinds)
+    solid, sheet = merged.meshes
+    corners = solid.vertices[solid.triangles]
     # of an ellipsoid the normal is the place over the squared half axes
-    want = (corners[on_ball] - np.float32((4, 0, 0))) / np.float32((4, 1, 1))
+    want = (corners - np.float32((4, 0, 0))) / np.float32((4, 1, 1))
     want /= np.linalg.norm(want, axis=2, keepdims=True)
-    assert_allclose(mesh.corner_normals[on_ball], want, atol=1e-5)
-    assert_allclose(mesh.corner_uvs[~on_ball], tile.corner_uvs)
+    assert_allclose(solid.corner_normals, want, atol=1e-5)
+    assert_allclose(sheet.corner_uvs, tile.corner_uvs)
+    assert set(solid.slots) == {0} and set(sheet.slots) == {1}
     made = planned(what)
-    volume = made.instances[0].structure.volume
-    assert made.volumes[0]["carries"] == ["colors", "normals"]
-    got, _ = volume.attributes([[0.0, 0.0, -0.5], [2.0, 0.0, 0.0]], [1, 0])
-    assert_allclose(got, [(1, 0, 0), (1, 1, 1)], atol=0.002)
+    volumes = [i.structure.volume for i in made.instances]
+    assert [row["carries"] for row in made.volumes] == [["normals"], ["colors"]]
+    got, _ = volumes[1].attributes([[0.0, 0.0, -0.5]], [1])
+    assert_allclose(got, [(1, 0, 0)], atol=0.002)
+    outward = want.mean(axis=1) / np.linalg.norm(want.mean(axis=1), axis=1, keepdims=True)
+    _, normals = volumes[0].attributes(corners.mean(axis=1), np.zeros(len(corners)))
+    assert (np.sum(normals * outward, axis=1) > 0.99).all()
 
 
 # ---- the plan -------------------------------------------------------------------

@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Several solids in one volume: each keeps its surface, and no light passes where they touch."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+import scenes
 from meshes import box, icosphere
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
+from addon import model, pipeline, plan
+from addon.cache import Cache
 from leapray import VERTEX, Attributes
 
 H = 1 / 16
@@ -207,3 +212,69 @@ def test_merging_stops_when_told():
     watch.stop()
     with pytest.raises(leapray.Stopped):
         leapray.merge([solid(box(), 1)], watch=watch)
+
+
+# ---- a scene in one volume -----------------------------------------------------------
+
+
+def boxes(**settings):
+    """Two boxes side by side, one turned inside out, before a light; the camera in their shade."""
+    turned = scenes.box((2.0, 2.0, 2.0))
+    turned = dataclasses.replace(turned, triangles=turned.triangles[:, ::-1].copy())
+    view = scenes.camera(eye=(0.0, -6.0, 0.0), width=96, height=64)
+    made = scenes.scene(
+        [scenes.box((2.0, 2.0, 2.0)), turned],
+        [
+            scenes.place(0, at=(-1.01, 0, 0), object_index=3),
+            scenes.place(1, at=(0.99, 0, 0), object_index=5, materials=(1,)),
+        ],
+        view=view,
+        lights=(model.Light("Behind", "sun", (9.0, 9.0, 9.0), direction=(0.0, 1.0, 0.0)),),
+        **{"layout": "scene", **settings},
+    )
+    return dataclasses.replace(made, world=model.World((0.0, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize("resolution", [0, 24, 50])
+def test_no_light_from_behind_shines_through_the_seam(resolution):
+    frame = pipeline.render(boxes(resolution=resolution, samples=4))
+    combined, index = frame.passes["Combined"], frame.passes["Object Index"][..., 0]
+    covered = index > 0
+    assert set(np.unique(index)) == {0.0, 3.0, 5.0}
+    assert (combined[covered][:, :3] == 0).all()  # they show their shaded side
+    assert (combined[..., 3] == 1.0)[covered].all()
+    middle = combined.shape[1] // 2
+    assert (index[28:36, middle - 4 : middle + 4] > 0).all()
+    (row,) = frame.report["volumes"]
+    assert row["objects"] == 2 and row["samples_shared"] > 0 and row["samples_dropped"] == 0
+
+
+def test_a_scene_of_solids_and_sheets_makes_two_volumes():
+    meshes = [scenes.sphere(n=8), scenes.plane(6.0)]
+    placed = [scenes.place(0, at=(0, 0, 1)), scenes.place(0, at=(0, 1.5, 1)), scenes.place(1)]
+    made = plan.make(scenes.scene(meshes, placed, layout="scene"), Cache(), leapray.Watch(), 1)
+    assert [row["kind"] for row in made.volumes] == ["solid", "sheet"]
+    assert [row["objects"] for row in made.volumes] == [2, 1]
+    assert made.slots == [0, 0, 0] and made.slot_objects == [0, 0, 0]
+
+
+def test_a_ball_within_another_one_is_held_against_its_own_field():
+    placed = [scenes.place(0), scenes.place(0, scale=0.5)]
+    made = plan.make(
+        scenes.scene([scenes.sphere(n=32)], placed, layout="scene"), Cache(), leapray.Watch(), 1
+    )
+    (row,) = made.volumes
+    assert row["error_footprints"] <= 0.25 and row["lost"] == 0.0 and row["objects"] == 2
+
+
+def test_what_a_third_solid_lost_is_said():
+    view = scenes.camera(eye=(3.0, -5.0, 4.0))
+    mesh = scenes.box((1.0, 1.0, 1.0))
+    places = [(-0.5, -0.5, 0), (0.5, -0.5, 0), (0.0, 0.5, 0)]
+    what = scenes.scene(
+        [mesh], [scenes.place(0, at=at) for at in places], view=view, layout="scene"
+    )
+    made = plan.make(what, Cache(), leapray.Watch(), 1)
+    (row,) = made.volumes
+    assert row["samples_dropped"] > 0
+    assert any("more than two objects" in warning for warning in made.warnings)

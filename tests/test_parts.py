@@ -79,5 +79,7 @@ def test_a_closed_part_of_an_open_mesh_is_a_solid():
 
 def test_layout_scene_keeps_everything_together():
     mesh = scenes.join((scenes.sphere(n=8), (0, 0, 0)), (scenes.sphere(n=8), (1, 0, 0)))
-    made = plan.make(scenes.scene([mesh], layout="scene"), Cache(), leapray.Watch(), 1)
+    made = plan.make(
+        scenes.scene([mesh], layout="scene", resolution=40), Cache(), leapray.Watch(), 1
+    )
     assert len(made.volumes) == 1
