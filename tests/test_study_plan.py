@@ -68,6 +68,12 @@ def test_a_picture_is_near_its_mesh_and_a_shift_is_seen(ball):
     assert worse.mismatch > 10 * found.mismatch and worse.far > 100
 
 
+def test_a_scene_that_asks_for_no_passes_gets_those_of_the_study(ball):
+    frame = pipeline.render(scenes.numbered(replace(ball, passes=("Combined",))))
+    assert set(frame.passes) >= set(scenes.PASSES)
+    assert set(np.unique(frame.passes["Object Index"])) == {0, 1, 2}
+
+
 def test_one_voxel_size_is_that_of_the_world_and_finer_is_better(ball):
     want = scenes.truth(ball)
     rows = []

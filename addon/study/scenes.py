@@ -20,6 +20,7 @@ from .. import model
 from . import embree, metrics
 
 SAMPLES = Path(__file__).resolve().parents[2] / "blend_samples"
+PASSES = ("Combined", "Depth", "Object Index")
 LEAST_PIXELS = 64  # objects that fewer pixels show are left out of the worst
 
 
@@ -53,10 +54,10 @@ def read(path: Path, percentage: int = 100) -> model.Scene:
 
 
 def numbered(scene: model.Scene) -> model.Scene:
-    """Every instance with an object index of its own from 1 on, no lights, one sample."""
+    """As difference() asks: every instance with an object index of its own, one sample, no light."""
     instances = (replace(each, object_index=k) for k, each in enumerate(scene.instances, 1))
     settings = replace(scene.settings, samples=1)
-    return replace(scene, instances=tuple(instances), lights=(), settings=settings)
+    return replace(scene, instances=tuple(instances), lights=(), settings=settings, passes=PASSES)
 
 
 def looked_at(
