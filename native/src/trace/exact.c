@@ -299,12 +299,14 @@ bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
     if (best.t < INFINITY) {
         found->t = best.t;
         found->triangle = best.triangle;
+        found->object = LR_NO_OBJECT;
         locate(v, r, best.t, s.c, found);
         return best.t <= r->t_max;
     }
     if (v->desc.kind == LR_KIND_SOLID && start == 0 && s.in.open && s.out.open &&
         (value_at(&s, &s.in) >= 0.0) != (value_at(&s, &s.out) >= 0.0)) {
         found->triangle = LR_NO_TRIANGLE; /* where a solid's mesh has a hole */
+        found->object = LR_NO_OBJECT;
         return lr_hit_cell(v, r, u, 0, options, found, n_samples);
     }
     *side = hand_on(&s, list, n);
