@@ -54,7 +54,7 @@ def read(path: Path, percentage: int = 100) -> model.Scene:
 
 
 def numbered(scene: model.Scene) -> model.Scene:
-    """As difference() asks: every instance with an object index of its own, one sample, no light."""
+    """As difference() asks: an object index of its own for each instance, one sample, no light."""
     instances = (replace(each, object_index=k) for k, each in enumerate(scene.instances, 1))
     settings = replace(scene.settings, samples=1)
     return replace(scene, instances=tuple(instances), lights=(), settings=settings, passes=PASSES)
