@@ -366,27 +366,44 @@ LR_INLINE void compete(const batch *b, int l, uint32_t tiles, int32_t who, lr_ne
     }
 }
 
+/* The next sixteen of a list, by steps: places in it, and triangles, which are fetched. */
+typedef struct turn {
+    int32_t place[LR_LANES];
+    uint32_t who[LR_LANES];
+    int n;
+} turn;
+
+LR_INLINE void take_turn(const lr_topology *mesh, const uint32_t *list, uint32_t n, uint32_t left,
+                         uint32_t step, uint32_t *next, turn *t)
+{
+    t->n = left < LR_LANES ? (int)left : LR_LANES;
+    for (int l = 0; l < t->n; l++) {
+        t->place[l] = (int32_t)*next;
+        t->who[l] = list[*next];
+        __builtin_prefetch(mesh->source.triangles + 3 * (size_t)t->who[l]);
+        *next = *next >= n - step ? *next - (n - step) : *next + step;
+    }
+}
+
 bool LR_SEARCH(const lr_topology *mesh, const double centre[3], const uint32_t *list, uint32_t n,
                double band, const lr_watch *watch, lr_nearest *nearest)
 {
     batch b;
-    uint32_t who[LR_LANES], step = golden_step(n), next = 0;
-    int32_t place[LR_LANES];
+    turn now, then;
+    uint32_t step = golden_step(n), next = 0;
     begin(band, nearest);
-    for (uint32_t first = 0; first < n; first += LR_LANES) {
-        int count = n - first < LR_LANES ? (int)(n - first) : LR_LANES;
-        if (first / LR_LANES % POLL == POLL - 1 && lr_stopped(watch))
+    take_turn(mesh, list, n, n, step, &next, &then);
+    for (uint32_t done = 0; done < n; done += LR_LANES) {
+        if (done / LR_LANES % POLL == POLL - 1 && lr_stopped(watch))
             return false;
-        for (int l = 0; l < count; l++) {
-            place[l] = (int32_t)next;
-            who[l] = list[next];
-            next = next >= n - step ? next - (n - step) : next + step;
-        }
-        set_up(mesh, centre, who, count, &b);
-        for (int l = 0; l < count; l++) {
+        now = then;
+        if (n - done > LR_LANES)
+            take_turn(mesh, list, n, n - done - LR_LANES, step, &next, &then);
+        set_up(mesh, centre, now.who, now.n, &b);
+        for (int l = 0; l < now.n; l++) {
             uint32_t tiles = near_box(&b, l, nearest->worst);
             if (tiles != 0)
-                compete(&b, l, tiles, place[l], nearest);
+                compete(&b, l, tiles, now.place[l], nearest);
         }
     }
     return true;
