@@ -112,7 +112,8 @@ def merge(
             f"One volume holds 65536 ids, but the scene's objects have {len(materials)} material "
             "slots; choose layout 'objects'."
         )
-    flags = ("visible_camera", "visible_shadow", "visible_diffuse")
+    rays = ("camera", "shadow", "diffuse", "glossy", "transmission")
+    flags = [f"visible_{each}" for each in rays]
     if any(len({getattr(i, flag) for i in instances}) > 1 for flag in flags):
         warnings.append("In layout 'scene' the ray visibility of single objects does not count.")
     meshes = []

@@ -17,6 +17,7 @@ BORROWED = {
 }
 # Parts of names of Blender's general panels whose content LeapRay does not read.
 UNREAD = ("freestyle", "gpencil", "grease", "lightprobe", "stereoscopy", "DATA_PT_light", "spot")
+SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # objects that have a mesh
 
 
 class _Panel:
@@ -246,7 +247,9 @@ class OBJECT_PT_leapray(_Panel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context) -> bool:
-        return context.object is not None and super().poll(context)
+        return (
+            context.object is not None and context.object.type in SHAPES and super().poll(context)
+        )
 
     def draw(self, context) -> None:
         column, ob = self.columns(), context.object

@@ -227,8 +227,10 @@ def test_every_panel_is_drawn_without_a_fault(session):
         "shape = next(o for o in bpy.data.objects if o.type == 'MESH')\n"
         "bpy.context.view_layer.objects.active = shape"
     )
-    session.run(f"properties[0].spaces[0].context = {TABS[-1]!r}")  # draws a preview too
-    time.sleep(2)
+    for tab in ("OBJECT", TABS[-1]):  # the last one draws a preview too
+        session.run(f"properties[0].spaces[0].context = {tab!r}; properties[0].tag_redraw()")
+        time.sleep(1)
+    time.sleep(1)
     assert session.run("result = sorted(drawn)") == session.run("result = wanted")
     assert session.failures() == []
 
