@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The study of others at the same work."""
+
+import argparse
+import json
+
+import pytest
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("bpy")  # its OpenVDB
+
+from addon.study import peers
+
+
+def test_ways_are_run_in_turns():
+    ran = []
+    ways = {name: lambda name=name: ran.append(name) for name in "ab"}
+    taken = peers.interleaved(ways, 3)
+    assert ran == list("ababab")
+    assert all(len(seconds) == 3 and min(seconds) >= 0 for seconds in taken.values())
+
+
+def test_the_study_writes_its_folder(tmp_path):
+    args = argparse.Namespace(output=tmp_path / "out", quick=True, scan=10, sizes=[16], rounds=1)
+    assert peers.main(args) == 0
+    told = json.loads((tmp_path / "out" / "peers.json").read_text())
+    by = [row["by"] for row in told["rows"]]
+    assert "OpenVDB" in by and by.count("LeapRay") == 2 and "LeapRay portable" in by
+    assert all(0 < row["least"] <= row["seconds"] <= row["most"] for row in told["rows"])
+    text = (tmp_path / "out" / "peers.html").read_text()
+    assert "OpenVDB, all cores" in text and (tmp_path / "out" / "peers.png").exists()
