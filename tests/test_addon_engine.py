@@ -3,6 +3,7 @@
 
 import threading
 import time
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -355,3 +356,12 @@ def test_a_missing_library_is_named_with_what_it_lacks(scene, tmp_path):
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "user.blend"))
     (warning,) = read().warnings
     assert warning == "Library '//library.blend' is missing, or lacks 'Cube'"
+
+
+@pytest.mark.parametrize("name", ["cornell", "mirrors"])
+def test_the_samples_light_paths_are_equal_for_both_engines(name):
+    path = Path(addon.__file__).resolve().parent.parent / "blend_samples" / f"{name}.blend"
+    scene = session.open_scene(path)
+    for kind in ("max", "diffuse", "glossy", "transmission"):
+        limits = [getattr(owner, f"{kind}_bounces") for owner in (scene.leapray, scene.cycles)]
+        assert limits[0] == limits[1], kind
