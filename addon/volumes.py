@@ -38,6 +38,8 @@ def write(
     """
     openvdb = _openvdb()
     info = volume.info
+    if info.planes is not None:
+        raise LeapRayError("OpenVDB has no rectilinear grids: this volume cannot be written")
     matrix = info.object_from_index
     if world_from_object is not None:
         matrix = np.asarray(world_from_object, np.float64) @ matrix

@@ -22,10 +22,11 @@ def object_cells(samples, threshold):
     return cells
 
 
-def judge(wanted, origins, directions, hit, cells):
+def judge(wanted, origins, directions, hit, cells, planes=None):
     """Verdict (n,) on every claim, an index into VERDICTS, and whether a wanted cell is pierced.
 
-    origins: multiples of 2^-16; directions: whole numbers.
+    origins: multiples of 2^-16; directions: whole numbers. planes: x, y and z of the planes
+    -1..n of a rectilinear volume, multiples of 2^-16.
     """
     grid = np.ascontiguousarray(wanted, np.uint8)
     size = np.array(grid.shape[::-1], np.int64)
@@ -37,13 +38,16 @@ def judge(wanted, origins, directions, hit, cells):
     claims = np.ascontiguousarray(cells, np.int32)
     hits = np.ascontiguousarray(hit, np.uint8)
     o, d = np.ascontiguousarray(o), np.ascontiguousarray(d)
+    tables = [None] * 3 if planes is None else [_whole(axis) for axis in planes]
+    assert planes is None or [len(axis) for axis in tables] == list(size + 1)
+    places = [None if axis is None else pointer(axis) for axis in tables]
 
     def part(first, last):
         of = slice(first, last)
         library("oracle").oracle_judge(
             pointer(grid), pointer(size), pointer(o[of]), pointer(d[of]),
-            ctypes.c_int64(last - first), ctypes.c_int(SHIFT), pointer(hits[of]),
-            pointer(claims[of]), pointer(verdict[of]), pointer(exact[of]),
+            ctypes.c_int64(last - first), ctypes.c_int(SHIFT), *places,
+            pointer(hits[of]), pointer(claims[of]), pointer(verdict[of]), pointer(exact[of]),
         )  # fmt: skip
 
     in_parts(part, n)
@@ -62,6 +66,13 @@ def path(origin, direction, low, high):
         ctypes.c_int64(len(cells)),
     )  # fmt: skip
     return cells[:n]
+
+
+def _whole(axis):
+    """Planes in units of 2^-16."""
+    scaled = np.asarray(axis) * 2.0**SHIFT
+    assert (scaled == np.round(scaled)).all()
+    return np.ascontiguousarray(scaled, np.int64)
 
 
 class Bench:

@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 16 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 17 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -106,6 +106,15 @@ LR_API lr_status lr_volume_begin(const lr_volume_desc *desc, lr_volume **volume,
 LR_API lr_status lr_volume_put(lr_volume *volume, const int32_t origin[3], const int32_t size[3],
                                const void *samples, const uint16_t *ids, const uint8_t *touched,
                                lr_error *error);
+
+/* Make the volume rectilinear: its planes of samples lie at x[nx], y[ny], z[nz] instead of
+ * at 0, 1, 2, ...; finite and increasing. object_from_index is applied to these. The
+ * virtual layers around the lattice lie as far off as the outermost two planes are apart
+ * (1 where there is one). Not after lr_volume_finish. Gradients and hits are those of the
+ * field that is trilinear in each cell. Only traversers that say so take it, and no
+ * scene. */
+LR_API lr_status lr_volume_set_planes(lr_volume *volume, const double *x, const double *y,
+                                      const double *z, lr_error *error);
 LR_API lr_status lr_volume_finish(lr_volume *volume, const lr_watch *watch, lr_error *error);
 LR_API void lr_volume_free(lr_volume *volume); /* NULL is fine */
 
@@ -327,8 +336,9 @@ LR_API lr_status lr_distance(const uint8_t *cells, int32_t nx, int32_t ny, int32
 /* ---- traversers and structures ----------------------------------------- */
 
 typedef enum lr_traverser_flag {
-    LR_TRAVERSER_EXACT = 1,  /* agrees with the integer oracle but for ties */
-    LR_TRAVERSER_DEFAULT = 2 /* set for one of them */
+    LR_TRAVERSER_EXACT = 1,   /* agrees with the integer oracle but for ties */
+    LR_TRAVERSER_DEFAULT = 2, /* set for one of them */
+    LR_TRAVERSER_UNEVEN = 4   /* takes rectilinear volumes */
 } lr_traverser_flag;
 
 typedef struct lr_traverser {

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 16
+LR_ABI = 17
 
 
 class lr_status(IntEnum):
@@ -97,6 +97,7 @@ class lr_metric(IntEnum):
 class lr_traverser_flag(IntEnum):
     LR_TRAVERSER_EXACT = 1
     LR_TRAVERSER_DEFAULT = 2
+    LR_TRAVERSER_UNEVEN = 4
 
 
 class lr_mode(IntEnum):
@@ -192,7 +193,7 @@ LR_EXACT_SHEETS, LR_EXACT_ALL, LR_EXACT_NONE = lr_exact_cells
 LR_STAGE_NONE, LR_STAGE_SET_UP, LR_STAGE_LABELS, LR_STAGE_WINDING, LR_STAGE_BRICKS, LR_STAGE_CELLS, LR_STAGE_DONE = lr_stage
 LR_REASON_ASKED, LR_REASON_CLOSED, LR_REASON_CROSSING, LR_REASON_ENCLOSES, LR_REASON_HOLES, LR_REASON_FLIPPED, LR_REASON_EMPTY = lr_reason
 LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK, LR_METRIC_CHAMFER345, LR_METRIC_EUCLID = lr_metric
-LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT = lr_traverser_flag
+LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT, LR_TRAVERSER_UNEVEN = lr_traverser_flag
 LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
 LR_HIT_FACES, LR_HIT_EXTREMA, LR_HIT_UNIFORM = lr_hit_test
 LR_ROOT_NEWTON, LR_ROOT_LINEAR, LR_ROOT_BISECT, LR_ROOT_CUBIC = lr_root
@@ -576,6 +577,13 @@ PROTOTYPES = {
         ctypes.c_void_p,
         ctypes.POINTER(ctypes.c_uint16),
         ctypes.POINTER(ctypes.c_uint8),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_set_planes": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(lr_error),
     )),
     "lr_volume_finish": (ctypes.c_int, (

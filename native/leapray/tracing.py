@@ -64,6 +64,7 @@ class Traverser:
     about: str
     exact: bool  # agrees with the integer oracle but for ties
     default: bool
+    uneven: bool  # takes rectilinear volumes
     options: tuple[Option, ...] = ()
     chosen: tuple[str, ...] = ()  # per option
 
@@ -89,6 +90,7 @@ def traversers() -> list[Traverser]:
                 *words,
                 exact=bool(entry.flags & _abi.LR_TRAVERSER_EXACT),
                 default=bool(entry.flags & _abi.LR_TRAVERSER_DEFAULT),
+                uneven=bool(entry.flags & _abi.LR_TRAVERSER_UNEVEN),
                 options=options,
                 chosen=tuple(option.choices[0] for option in options),
             )

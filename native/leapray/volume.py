@@ -42,6 +42,7 @@ class VolumeInfo:
     n_objects: int  # of a merged volume, else 0
     n_shared: int  # samples that hold two objects of it
     n_dropped: int  # thirds that found no place in a sample
+    planes: tuple[NDArray[np.float64], ...] | None = None  # x, y, z of a rectilinear volume
 
 
 class Volume:
@@ -53,7 +54,10 @@ class Volume:
     lies at index coordinates (i, j, k); identity by default. sheet: the surface
     has no inside and is valid only in cells where touched (same shape as
     samples; the cell whose lowest corner is the sample) is true; everywhere by
-    default. Outside the lattice all samples are 0.
+    default. planes: where the planes of samples lie along x, y and z, increasing,
+    in place of 0, 1, 2, ...; object_from_index is applied to these. Such a
+    rectilinear volume is for traversers with `uneven` set; scenes do not take it.
+    Outside the lattice all samples are 0.
     Raises LeapRayError for anything else, OutOfMemory where there is no room.
     """
 
@@ -66,6 +70,7 @@ class Volume:
         *,
         sheet: bool = False,
         touched: ArrayLike | None = None,
+        planes: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
     ) -> None:
         array = np.asarray(samples)
         if array.dtype == np.float64:
@@ -78,8 +83,9 @@ class Volume:
         builder = VolumeBuilder(
             array.shape[::-1], names[0], threshold, object_from_index, ids is not None, sheet
         )
+        placed = None if planes is None else builder.place(planes)
         builder.put((0, 0, 0), array, ids, touched)
-        self._adopt(builder.release(), None)
+        self._adopt(builder.release(), None, placed)
 
     @classmethod
     def from_handle(cls, handle, mesh_info=None) -> Volume:
@@ -88,7 +94,7 @@ class Volume:
         volume._adopt(handle, mesh_info)
         return volume
 
-    def _adopt(self, handle, mesh_info) -> None:
+    def _adopt(self, handle, mesh_info, planes=None) -> None:
         self.handle = handle
         self.mesh_info = mesh_info  # of the mesh it was voxelized from, else None
         weakref.finalize(self, lib.lr_volume_free, handle)
@@ -115,6 +121,7 @@ class Volume:
             n_objects=info.n_objects,
             n_shared=info.n_shared,
             n_dropped=info.n_dropped,
+            planes=planes,
         )
 
     def _get(self, origin, size, dtype, which: str) -> NDArray:
@@ -264,6 +271,7 @@ class VolumeBuilder:
         self, size, dtype, threshold=0.5, object_from_index=None, has_ids=False, sheet=False
     ) -> None:
         sample_type, self._dtype = SAMPLE_TYPES[dtype]
+        self._size = tuple(size)
         desc = _abi.lr_volume_desc(
             nx=size[0],
             ny=size[1],
@@ -281,6 +289,20 @@ class VolumeBuilder:
         )
         check(status, error)
         self._free = weakref.finalize(self, lib.lr_volume_free, self._handle)
+
+    def place(self, planes) -> tuple[NDArray[np.float64], ...]:
+        """Make the volume rectilinear; returns the planes (x, y, z) as they are taken."""
+        taken = tuple(np.array(axis, dtype=np.float64) for axis in planes)
+        shapes = [axis.shape for axis in taken]
+        if shapes != [(n,) for n in self._size]:
+            wanted = ", ".join(map(str, self._size))
+            raise LeapRayError(f"planes must be {wanted} numbers along x, y, z; it has {shapes}")
+        error = _abi.lr_error()
+        status = lib.lr_volume_set_planes(self._own(), *map(pointer, taken), ctypes.byref(error))
+        check(status, error)
+        for axis in taken:
+            axis.setflags(write=False)
+        return taken
 
     def put(self, origin, samples: NDArray, ids=None, touched=None) -> None:
         """Write a block (nz, ny, nx) of samples, ids and touched cells from origin (x, y, z) on."""

@@ -174,6 +174,9 @@ lr_status lr_radii_build(const lr_volume *v, int32_t metric, const lr_watch *wat
                        metric);
     if (!v->finished)
         return lr_fail(error, LR_E_ARGUMENT, "the volume is not finished");
+    if (v->planes[0] != NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "radii count on voxels of one size, and this volume is rectilinear");
     return lr_radii_make(v, metric, true, watch, radii, error);
 }
 

@@ -49,6 +49,10 @@ static lr_status check_instance(const lr_scene_desc *desc, uint64_t i, lr_error 
 {
     const lr_instance *instance = &desc->instances[i];
     const uint64_t first = instance->first_material, n = instance->n_materials;
+    if (instance->structure != NULL && lr_structure_volume(instance->structure)->planes[0] != NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "instance %llu has a rectilinear volume, which scenes do not take",
+                       (unsigned long long)i);
     if (instance->structure == NULL)
         return lr_fail(error, LR_E_ARGUMENT, "instance %llu has no structure",
                        (unsigned long long)i);

@@ -164,13 +164,13 @@ static void find_gates(scene *s, const lr_ray *r, double t_start)
     int in = 0, out;
     double t_in = -INFINITY;
     for (int a = 0; a < 3; a++) {
-        const double t = lr_plane_t(r, a, s->c[a] + (r->s[a] < 0));
+        const double t = lr_plane_t(r, LR_EVEN, a, s->c[a] + (r->s[a] < 0));
         if (r->s[a] != 0 && t > t_in) {
             t_in = t;
             in = a;
         }
     }
-    const double t_out = lr_exit_t(r, s->c, s->c, &out);
+    const double t_out = lr_exit_t(r, LR_EVEN, s->c, s->c, &out);
     s->out = gate_at(s, out, t_out, r->s[out]);
     s->in = t_in > t_start ? gate_at(s, in, t_in, -r->s[in]) : (gate){.t = t_start};
 }
@@ -307,7 +307,7 @@ bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
         (value_at(&s, &s.in) >= 0.0) != (value_at(&s, &s.out) >= 0.0)) {
         found->triangle = LR_NO_TRIANGLE; /* where a solid's mesh has a hole */
         found->object = LR_NO_OBJECT;
-        return lr_hit_cell(v, r, u, 0, options, found, n_samples);
+        return lr_hit_cell(v, r, LR_EVEN, u, 0, options, found, n_samples);
     }
     *side = hand_on(&s, list, n);
     return false;
@@ -318,7 +318,7 @@ int lr_handed_on(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int si
 {
     int axis;
     double corner[8], p[3];
-    const double t = lr_exit_t(r, u->c, u->c, &axis);
+    const double t = lr_exit_t(r, LR_EVEN, u->c, u->c, &axis);
     lr_corners(v, u->c, corner);
     point_at(r, t, p);
     for (int a = 0; a < 3; a++)

@@ -29,7 +29,7 @@ int lr_handed_on(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int si
 /* The hit test of any cell. *side as in lr_hit_cell, but twice that where an exact
  * cell has handed it on; what it is afterwards goes with the next cell. What the rare
  * branches are given are copies, so that the ray and the cursor may live in registers. */
-LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
+LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_spacing spacing, const lr_cursor *u,
                       const lr_leaving *leaving, int *side, const lr_trace_options *options,
                       lr_found *found, uint64_t *n_samples)
 {
@@ -71,7 +71,7 @@ LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
     found->object = LR_NO_OBJECT;
     return options->hit_test == LR_HIT_UNIFORM
                ? lr_hit_uniform(v, r, u, leaving->t, start, options, found, n_samples)
-               : lr_hit_cell(v, r, u, start, options, found, n_samples);
+               : lr_hit_cell(v, r, spacing, u, start, options, found, n_samples);
 }
 
 #endif

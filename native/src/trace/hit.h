@@ -48,16 +48,23 @@ LR_INLINE double lr_face_value(const double s[8], int a, bool upper, const doubl
                   lr_mix(s[first + dv], s[first + du + dv], p[u]), p[v]);
 }
 
-LR_INLINE void lr_chord_points(lr_chord *h, const lr_ray *r, const lr_cursor *u, int *axis_out)
+LR_INLINE void lr_chord_points(lr_chord *h, const lr_ray *r, lr_spacing spacing, const lr_cursor *u,
+                               int *axis_out)
 {
     h->t_in = u->t;
-    h->t_out = lr_exit_t(r, u->c, u->c, axis_out);
+    h->t_out = lr_exit_t(r, spacing, u->c, u->c, axis_out);
     h->t_out = h->t_out > h->t_in ? h->t_out : h->t_in;
     for (int a = 0; a < 3; a++) {
-        double in = r->o[a] + h->t_in * r->d[a] - u->c[a];
-        double out = r->o[a] + h->t_out * r->d[a] - u->c[a];
+        const double low = lr_plane_at(r, spacing, a, u->c[a]);
+        double in = r->o[a] + h->t_in * r->d[a] - low;
+        double out = r->o[a] + h->t_out * r->d[a] - low;
         if (r->s[a] == 0) /* t may be so large that 0 * t is not */
-            in = out = r->o[a] - u->c[a];
+            in = out = r->o[a] - low;
+        if (spacing == LR_UNEVEN) {
+            const double size = lr_plane_at(r, spacing, a, u->c[a] + 1) - low;
+            in /= size;
+            out /= size;
+        }
         h->in[a] = a == u->axis ? (r->s[a] > 0 ? 0.0 : 1.0) : lr_clamp(in, 0.0, 1.0);
         h->out[a] = a == *axis_out ? (r->s[a] > 0 ? 1.0 : 0.0) : lr_clamp(out, 0.0, 1.0);
     }
@@ -113,13 +120,13 @@ LR_INLINE int lr_cubic_extrema(const double c[4], double x[2])
  * T, +1 at or above, 0: as f says. A ray that starts on the surface always looks at the
  * extrema. */
 LR_INLINE bool lr_hit_corners(const lr_volume *v, const double corner[8], const lr_ray *r,
-                              const lr_cursor *u, int side, const lr_trace_options *options,
-                              lr_found *found, uint64_t *n_samples)
+                              lr_spacing spacing, const lr_cursor *u, int side,
+                              const lr_trace_options *options, lr_found *found, uint64_t *n_samples)
 {
     lr_chord h;
     int axis_out;
     memcpy(h.corner, corner, sizeof h.corner);
-    lr_chord_points(&h, r, u, &axis_out);
+    lr_chord_points(&h, r, spacing, u, &axis_out);
     lr_chord_values(&h, r, u, axis_out);
     *n_samples += 2;
     const double level = v->threshold;
@@ -161,12 +168,13 @@ LR_INLINE bool lr_hit_corners(const lr_volume *v, const double corner[8], const 
     return true;
 }
 
-LR_INLINE bool lr_hit_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side,
-                           const lr_trace_options *options, lr_found *found, uint64_t *n_samples)
+LR_INLINE bool lr_hit_cell(const lr_volume *v, const lr_ray *r, lr_spacing spacing,
+                           const lr_cursor *u, int side, const lr_trace_options *options,
+                           lr_found *found, uint64_t *n_samples)
 {
     double corner[8];
     lr_corners(v, u->c, corner);
-    return lr_hit_corners(v, corner, r, u, side, options, found, n_samples);
+    return lr_hit_corners(v, corner, r, spacing, u, side, options, found, n_samples);
 }
 
 #endif

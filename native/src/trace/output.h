@@ -120,6 +120,7 @@ LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t 
         return;
     double g[3], field[3], central[3];
     lr_trilinear_gradient(corner, found->p, g);
+    lr_scale_gradient(v, c, g);
     if (!lr_outward(v, g, field))
         lr_towards_origin(d, field);
     lr_put_triple(hits->gx, hits->gy, hits->gz, i, field);

@@ -6,9 +6,12 @@
  * axis steps backwards; crossings are ordered by (t, axis). Hence a walk ends
  * after at most nx + ny + nz steps, whatever rounding does.
  *
+ * Planes lie at the integers, or, in a rectilinear volume, where its tables say; then
+ * the cell of a point is searched for within the box.
+ *
  * Source: Amanatides and Woo 1987 for the order of crossings, Sramek 1994 for
- * leaving boxes. Departures: 1. recomputation; 2. clamping; 3. a start on a
- * plane belongs to the cell that the ray goes into.
+ * leaving boxes, Slater 1992 for uneven planes. Departures: 1. recomputation; 2. clamping; 3. a
+ * start on a plane belongs to the cell that the ray goes into.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RAY_H
@@ -24,7 +27,12 @@ typedef struct lr_ray {
     int32_t s[3];         /* sign of d: -1, 0, +1 */
     int32_t lo[3], hi[3]; /* cells to walk in, inclusive */
     double t_max;
+    const double *const *planes; /* of LR_UNEVEN */
 } lr_ray;
+
+/* Do planes lie at the integers, or where r->planes says? Given as a constant, so that
+ * even planes pay nothing for uneven ones. */
+typedef enum lr_spacing { LR_EVEN, LR_UNEVEN } lr_spacing;
 
 /* Where a walk stands. */
 typedef struct lr_cursor {
@@ -42,6 +50,7 @@ typedef struct lr_cursor {
 LR_INLINE bool lr_ray_setup(lr_ray *r, const lr_volume *v, const double o[3], const double d[3],
                             double t_max)
 {
+    r->planes = (const double *const *)v->planes;
     lr_map_point(v->storage_from_object, o, r->o);
     lr_map_vector(v->storage_from_object, d, r->d);
     double largest = 0.0, sum = 0.0;
@@ -70,15 +79,38 @@ LR_INLINE double lr_floor_along(double q, int32_t s)
     return s < 0 && c == q ? c - 1.0 : c;
 }
 
-/* t at which the ray crosses plane k of an axis; infinity where it never does. */
-LR_INLINE double lr_plane_t(const lr_ray *r, int a, int32_t k)
+/* Where plane k of an axis lies. */
+LR_INLINE double lr_plane_at(const lr_ray *r, lr_spacing spacing, int a, int32_t k)
 {
-    return ((double)k - r->o[a]) * r->inv[a] + r->never[a];
+    return spacing == LR_UNEVEN ? r->planes[a][k] : (double)k;
+}
+
+/* t at which the ray crosses plane k of an axis; infinity where it never does. */
+LR_INLINE double lr_plane_t(const lr_ray *r, lr_spacing spacing, int a, int32_t k)
+{
+    return (lr_plane_at(r, spacing, a, k) - r->o[a]) * r->inv[a] + r->never[a];
+}
+
+/* The cell among lo..hi, the nearest one for a point beside them, that a ray at q goes
+ * on into. */
+LR_INLINE int32_t lr_cell_of(const lr_ray *r, lr_spacing spacing, int a, double q, int32_t lo,
+                             int32_t hi)
+{
+    if (spacing == LR_EVEN)
+        return (int32_t)lr_clamp(lr_floor_along(q, r->s[a]), lo, hi);
+    const double *planes = r->planes[a];
+    while (lo < hi) { /* the last cell whose lower plane the ray has reached */
+        const int32_t middle = hi - (hi - lo) / 2;
+        const bool reached = r->s[a] < 0 ? planes[middle] < q : planes[middle] <= q;
+        lo = reached ? middle : lo;
+        hi = reached ? hi : middle - 1;
+    }
+    return lo;
 }
 
 /* Clip to the cells lo..hi from t_min on and stand on the first; false: a miss. */
-LR_INLINE bool lr_enter(lr_ray *r, lr_cursor *u, const int32_t lo[3], const int32_t hi[3],
-                        double t_min)
+LR_INLINE bool lr_enter(lr_ray *r, lr_spacing spacing, lr_cursor *u, const int32_t lo[3],
+                        const int32_t hi[3], double t_min)
 {
     /* The far bound is widened by the error of lr_plane_t, so that no cell at the
      * far side is lost to rounding; lr_exit ends the walk by its cells. */
@@ -89,12 +121,13 @@ LR_INLINE bool lr_enter(lr_ray *r, lr_cursor *u, const int32_t lo[3], const int3
         r->lo[a] = lo[a];
         r->hi[a] = hi[a];
         if (r->s[a] == 0) {
-            if (!(r->o[a] >= lo[a] && r->o[a] < (double)hi[a] + 1.0))
+            if (!(r->o[a] >= lr_plane_at(r, spacing, a, lo[a]) &&
+                  r->o[a] < lr_plane_at(r, spacing, a, hi[a] + 1)))
                 return false;
             continue;
         }
-        double near = lr_plane_t(r, a, r->s[a] > 0 ? lo[a] : hi[a] + 1);
-        double far = lr_plane_t(r, a, r->s[a] > 0 ? hi[a] + 1 : lo[a]);
+        double near = lr_plane_t(r, spacing, a, r->s[a] > 0 ? lo[a] : hi[a] + 1);
+        double far = lr_plane_t(r, spacing, a, r->s[a] > 0 ? hi[a] + 1 : lo[a]);
         if (near > t0) {
             t0 = near;
             axis = a;
@@ -105,11 +138,9 @@ LR_INLINE bool lr_enter(lr_ray *r, lr_cursor *u, const int32_t lo[3], const int3
     if (!(t0 <= t1))
         return false;
     for (int a = 0; a < 3; a++) {
-        double c = a == axis ? (r->s[a] > 0 ? lo[a] : hi[a])
-                             : lr_floor_along(r->o[a] + t0 * r->d[a], r->s[a]);
-        if (r->s[a] == 0)
-            c = floor(r->o[a]);
-        u->c[a] = (int32_t)lr_clamp(c, lo[a], hi[a]);
+        const double q = r->s[a] == 0 ? r->o[a] : r->o[a] + t0 * r->d[a];
+        const int32_t first = r->s[a] > 0 ? lo[a] : hi[a];
+        u->c[a] = a == axis ? first : lr_cell_of(r, spacing, a, q, lo[a], hi[a]);
     }
     u->axis = axis;
     u->t = t0;
@@ -117,11 +148,12 @@ LR_INLINE bool lr_enter(lr_ray *r, lr_cursor *u, const int32_t lo[3], const int3
 }
 
 /* The crossing by which the ray leaves the box lo..hi of cells. */
-LR_INLINE double lr_exit_t(const lr_ray *r, const int32_t lo[3], const int32_t hi[3], int *axis)
+LR_INLINE double lr_exit_t(const lr_ray *r, lr_spacing spacing, const int32_t lo[3],
+                           const int32_t hi[3], int *axis)
 {
     double t[3];
     for (int a = 0; a < 3; a++)
-        t[a] = lr_plane_t(r, a, r->s[a] > 0 ? hi[a] + 1 : lo[a]);
+        t[a] = lr_plane_t(r, spacing, a, r->s[a] > 0 ? hi[a] + 1 : lo[a]);
     int a = t[1] < t[0];
     a = t[2] < t[a] ? 2 : a;
     *axis = a;
@@ -142,16 +174,17 @@ LR_INLINE bool lr_cross(const lr_ray *r, lr_cursor *u, int axis, double t)
 }
 
 /* The plane of its cell that the ray goes towards. */
-LR_INLINE double lr_next_t(const lr_ray *r, const lr_cursor *u, int a)
+LR_INLINE double lr_next_t(const lr_ray *r, lr_spacing spacing, const lr_cursor *u, int a)
 {
-    return lr_plane_t(r, a, u->c[a] + (r->s[a] > 0));
+    return lr_plane_t(r, spacing, a, u->c[a] + (r->s[a] > 0));
 }
 
 /* Leave the one cell u->c: as lr_exit does, and shorter, since no other
  * coordinate can change. */
-LR_INLINE bool lr_step(const lr_ray *r, lr_cursor *u)
+LR_INLINE bool lr_step(const lr_ray *r, lr_spacing spacing, lr_cursor *u)
 {
-    const double x = lr_next_t(r, u, 0), y = lr_next_t(r, u, 1), z = lr_next_t(r, u, 2);
+    const double x = lr_next_t(r, spacing, u, 0), y = lr_next_t(r, spacing, u, 1),
+                 z = lr_next_t(r, spacing, u, 2);
     if (y < x)
         return z < y ? lr_cross(r, u, 2, z) : lr_cross(r, u, 1, y);
     return z < x ? lr_cross(r, u, 2, z) : lr_cross(r, u, 0, x);
@@ -164,7 +197,8 @@ LR_INLINE bool lr_step(const lr_ray *r, lr_cursor *u)
  * out, both from lr_plane_t, whose rounding is monotonous in the plane: hence the
  * cells that are met so are those that lr_step would visit, boxes of cells are met
  * wherever one of their cells is, and none needs to be widened. */
-LR_INLINE bool lr_reach(const lr_ray *r, lr_cursor *u, const int32_t lo[3], const int32_t hi[3])
+LR_INLINE bool lr_reach(const lr_ray *r, lr_spacing spacing, lr_cursor *u, const int32_t lo[3],
+                        const int32_t hi[3])
 {
     int32_t near[3], far[3];
     double in = -INFINITY, out = INFINITY;
@@ -176,11 +210,11 @@ LR_INLINE bool lr_reach(const lr_ray *r, lr_cursor *u, const int32_t lo[3], cons
             return false;
         near[a] = r->s[a] < 0 ? high : low;
         far[a] = r->s[a] < 0 ? low : high;
-        const double t_far = lr_plane_t(r, a, far[a] + (r->s[a] > 0));
+        const double t_far = lr_plane_t(r, spacing, a, far[a] + (r->s[a] > 0));
         out = t_far < out ? t_far : out;
         if (near[a] == u->c[a])
             continue;
-        const double t_near = lr_plane_t(r, a, near[a] + (r->s[a] < 0));
+        const double t_near = lr_plane_t(r, spacing, a, near[a] + (r->s[a] < 0));
         if (t_near >= in) {
             in = t_near;
             axis = a;
@@ -194,29 +228,30 @@ LR_INLINE bool lr_reach(const lr_ray *r, lr_cursor *u, const int32_t lo[3], cons
     for (int a = 0; a < 3; a++) {
         if (r->s[a] == 0)
             continue;
-        const double q = lr_floor_along(r->o[a] + u->t * r->d[a], r->s[a]);
+        const bool up = r->s[a] > 0;
         u->c[a] = a == axis ? near[a]
-                            : (int32_t)lr_clamp(q, r->s[a] > 0 ? near[a] : far[a],
-                                                r->s[a] > 0 ? far[a] : near[a]);
+                            : lr_cell_of(r, spacing, a, r->o[a] + u->t * r->d[a],
+                                         up ? near[a] : far[a], up ? far[a] : near[a]);
     }
     u->axis = axis;
     return true;
 }
 
 /* Leave the box lo..hi around u->c; false: the ray has ended. */
-LR_INLINE bool lr_exit(const lr_ray *r, lr_cursor *u, const int32_t lo[3], const int32_t hi[3])
+LR_INLINE bool lr_exit(const lr_ray *r, lr_spacing spacing, lr_cursor *u, const int32_t lo[3],
+                       const int32_t hi[3])
 {
     int axis;
-    double t = lr_exit_t(r, lo, hi, &axis);
+    double t = lr_exit_t(r, spacing, lo, hi, &axis);
     t = t > u->t ? t : u->t;
     if (!(t <= r->t_max))
         return false;
     for (int a = 0; a < 3; a++) {
         if (r->s[a] == 0 || a == axis)
             continue;
-        double q = lr_floor_along(r->o[a] + t * r->d[a], r->s[a]);
-        bool up = r->s[a] > 0;
-        u->c[a] = (int32_t)lr_clamp(q, up ? u->c[a] : lo[a], up ? hi[a] : u->c[a]);
+        const bool up = r->s[a] > 0;
+        u->c[a] = lr_cell_of(r, spacing, a, r->o[a] + t * r->d[a], up ? u->c[a] : lo[a],
+                             up ? hi[a] : u->c[a]);
     }
     u->c[axis] = r->s[axis] > 0 ? hi[axis] + 1 : lo[axis] - 1;
     u->axis = axis;

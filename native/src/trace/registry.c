@@ -88,6 +88,10 @@ lr_status lr_structure_build(const lr_volume *volume, int32_t traverser, const i
         return status;
     if (!volume->finished)
         return lr_fail(error, LR_E_ARGUMENT, "the volume is not finished");
+    if (volume->planes[0] != NULL && !(registry[traverser].about.flags & LR_TRAVERSER_UNEVEN))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "%s counts on voxels of one size, and this volume is rectilinear",
+                       registry[traverser].about.name);
     lr_structure *s = calloc(1, sizeof *s);
     if (s == NULL)
         return lr_fail_memory(error, sizeof *s, "a structure");
@@ -141,6 +145,10 @@ static lr_status check_options(const lr_volume *volume, const lr_trace_options *
     if (!(o->step >= 1e-3 && o->step <= 1e3))
         return lr_fail(error, LR_E_ARGUMENT,
                        "step must lie between 0.001 and 1000 voxels; it is %g", o->step);
+    if (volume->planes[0] != NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the uniform hit test takes steps of so many voxels, and those of a "
+                       "rectilinear volume have no one size");
     if (volume->desc.kind == LR_KIND_SHEET)
         return lr_fail(error, LR_E_ARGUMENT,
                        "a sheet's field holds only in the cells that it touches: the uniform hit "

@@ -36,7 +36,7 @@ LR_INLINE bool lr_hit_uniform(const lr_volume *v, const lr_ray *r, const lr_curs
 {
     int axis;
     const double level = v->threshold, step = options->step / sqrt(lr_dot(r->d, r->d));
-    const double t_out = lr_exit_t(r, u->c, u->c, &axis);
+    const double t_out = lr_exit_t(r, LR_EVEN, u->c, u->c, &axis);
     const double first = ceil((u->t - t_min) / step);
     double ta = t_min + (first > 0.0 ? first - 1.0 : 0.0) * step;
     double fa = lr_sample_along(v, r, ta, found);

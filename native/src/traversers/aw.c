@@ -26,44 +26,44 @@ typedef struct planes {
     double next[3];
 } planes;
 
-LR_INLINE void begin_walk(const lr_ray *r, const lr_cursor *u, planes *p)
+LR_INLINE void begin_walk(const lr_ray *r, lr_spacing spacing, const lr_cursor *u, planes *p)
 {
     for (int a = 0; a < 3; a++)
-        p->next[a] = lr_next_t(r, u, a);
+        p->next[a] = lr_next_t(r, spacing, u, a);
 }
 
-LR_INLINE bool step(const lr_ray *r, lr_cursor *u, planes *p, int axis)
+LR_INLINE bool step(const lr_ray *r, lr_spacing spacing, lr_cursor *u, planes *p, int axis)
 {
     bool goes_on = lr_cross(r, u, axis, p->next[axis]);
-    p->next[axis] = lr_next_t(r, u, axis);
+    p->next[axis] = lr_next_t(r, spacing, u, axis);
     return goes_on;
 }
 
-LR_INLINE bool next_cell(const lr_ray *r, lr_cursor *u, planes *p)
+LR_INLINE bool next_cell(const lr_ray *r, lr_spacing spacing, lr_cursor *u, planes *p)
 {
     const double *t = p->next;
     if (t[1] < t[0])
-        return t[2] < t[1] ? step(r, u, p, 2) : step(r, u, p, 1);
-    return t[2] < t[0] ? step(r, u, p, 2) : step(r, u, p, 0);
+        return t[2] < t[1] ? step(r, spacing, u, p, 2) : step(r, spacing, u, p, 1);
+    return t[2] < t[0] ? step(r, spacing, u, p, 2) : step(r, spacing, u, p, 0);
 }
 
-LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cursor *u, planes *p,
-                    bool first, lr_tally *tally)
+LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_spacing spacing,
+                    lr_cursor *u, planes *p, bool first, lr_tally *tally)
 {
     (void)data;
-    if (!first && !next_cell(r, u, p))
+    if (!first && !next_cell(r, spacing, u, p))
         return false;
     lr_count_cell(tally);
     while (!lr_wanted(v, u->c)) {
-        if (!next_cell(r, u, p))
+        if (!next_cell(r, spacing, u, p))
             return false;
         lr_count_cell(tally);
     }
     return true;
 }
 
-#define LR_NAME                                    aw
-#define LR_STATE                                   planes
-#define LR_START(data, volume, ray, cursor, state) begin_walk(ray, cursor, state)
-#define LR_WALK                                    walk
+#define LR_NAME                                             aw
+#define LR_STATE                                            planes
+#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(ray, spacing, cursor, state)
+#define LR_WALK                                             walk
 #include "trace/batch.h"

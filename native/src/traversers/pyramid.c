@@ -156,8 +156,8 @@ LR_INLINE bool empty_node(const void *data, const lr_volume *v, const lr_ray *r,
     return false;
 }
 
-#define LR_NAME                                    pyramid
-#define LR_STATE                                   place
-#define LR_START(data, volume, ray, cursor, state) begin_walk(data, (cursor)->c, state)
-#define LR_BOX                                     empty_node
+#define LR_NAME                                             pyramid
+#define LR_STATE                                            place
+#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(data, (cursor)->c, state)
+#define LR_BOX                                              empty_node
 #include "trace/batch.h"

@@ -58,7 +58,7 @@ LR_INLINE bool walk_safe(const lr_radii *f, const lr_volume *v, const lr_ray *r,
                          const lr_pace *p, bool first, lr_tally *tally)
 {
     bool jump;
-    if (!first && !lr_step(r, u))
+    if (!first && !lr_step(r, LR_EVEN, u))
         return false;
     for (;;) {
         lr_count_cell(tally);
@@ -88,7 +88,7 @@ LR_INLINE bool walk_paper(const lr_radii *f, const lr_volume *v, const lr_ray *r
         p->t = t;
         lr_count_cell(tally);
         lr_count_jump(tally, radius > 1.0);
-        if (lr_wanted(v, c) && memcmp(c, u->c, sizeof c) != 0 && lr_reach(r, u, c, c))
+        if (lr_wanted(v, c) && memcmp(c, u->c, sizeof c) != 0 && lr_reach(r, LR_EVEN, u, c, c))
             return true;
     }
 }
@@ -101,8 +101,8 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
                    : walk_paper(f, v, r, u, p, first, tally);
 }
 
-#define LR_NAME                                    radc
-#define LR_STATE                                   pace
-#define LR_START(data, volume, ray, cursor, state) begin_walk(ray, cursor, state)
-#define LR_WALK                                    walk
+#define LR_NAME                                             radc
+#define LR_STATE                                            pace
+#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(ray, cursor, state)
+#define LR_EVEN_WALK                                        walk
 #include "trace/batch.h"

@@ -5,6 +5,28 @@
 #include "volume/affine.h"
 #include "volume/field.h"
 
+/* The storage cell 1..last along an axis that q lies in, and where in it; false outside. */
+static bool locate(const lr_volume *v, int a, double q, int32_t last, int32_t *c, double *p)
+{
+    const double *planes = v->planes[a];
+    if (planes == NULL) {
+        *c = (int32_t)lr_clamp(floor(q), 1.0, last);
+        *p = q - *c;
+        return q >= 1.0 && q <= last + 1.0;
+    }
+    int32_t lo = 1, hi = last;
+    while (lo < hi) {
+        const int32_t middle = hi - (hi - lo) / 2;
+        if (planes[middle] <= q)
+            lo = middle;
+        else
+            hi = middle - 1;
+    }
+    *c = lo;
+    *p = (q - planes[lo]) / (planes[lo + 1] - planes[lo]);
+    return q >= planes[1] && q <= planes[last + 1];
+}
+
 lr_status lr_volume_sample(const lr_volume *v, const double *points, const uint16_t *ids,
                            uint64_t n, double *value, double *gradient, lr_error *error)
 {
@@ -16,16 +38,14 @@ lr_status lr_volume_sample(const lr_volume *v, const double *points, const uint1
         int32_t c[3];
         lr_map_point(v->storage_from_object, points + 3 * i, q);
         bool inside = true;
-        for (int a = 0; a < 3; a++) {
-            inside = inside && q[a] >= 1.0 && q[a] <= last[a] + 1.0;
-            c[a] = (int32_t)lr_clamp(floor(q[a]), 1.0, last[a]);
-            p[a] = q[a] - c[a];
-        }
+        for (int a = 0; a < 3; a++)
+            inside = locate(v, a, q[a], last[a], &c[a], &p[a]) && inside;
         if (inside) {
             lr_block_of(v, ids != NULL ? lr_object_of(v, ids[i]) : LR_NO_OBJECT, c[0], c[1], c[2],
                         2, corner);
             f = lr_trilinear(corner, p) / v->one;
             lr_trilinear_gradient(corner, p, g);
+            lr_scale_gradient(v, c, g);
         }
         if (value != NULL)
             value[i] = f;

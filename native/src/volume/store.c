@@ -164,6 +164,7 @@ void lr_volume_free(lr_volume *v)
 {
     if (v == NULL)
         return;
+    free(v->planes[0]);
     free(v->table);
     free(v->samples);
     free(v->ids);
@@ -407,7 +408,7 @@ void lr_volume_get_info(const lr_volume *v, lr_volume_info *info)
     info->n_full = count_full(v);
     info->n_surface_cells = v->n_surface_cells;
     info->nbytes =
-        sizeof *v + lr_table_count(v) * sizeof *v->table +
+        sizeof *v + 3 * (uint64_t)v->n_planes * sizeof **v->planes + lr_table_count(v) * sizeof *v->table +
         (uint64_t)v->capacity * lr_volume_brick_nbytes(v->desc.sample_type, v->desc.has_ids != 0) +
         lr_exact_nbytes(v->exact) + lr_objects_nbytes(v);
     if (v->objects != NULL) {

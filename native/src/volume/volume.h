@@ -33,8 +33,11 @@ struct lr_objects; /* volume/objects.h */
 
 struct lr_volume {
     lr_volume_desc desc;
-    double storage_from_object[16];
+    double storage_from_object[16]; /* where it is rectilinear, to where its planes lie */
     double object_from_storage[16];
+    double *planes[3]; /* NULL, or where the planes of a rectilinear volume lie: of storage
+                          samples 0.., n_planes of each axis, increasing throughout */
+    int32_t n_planes;
     double one;            /* the stored value of occupancy 1 */
     double threshold;      /* T in stored units */
     int32_t table_size[3]; /* bricks per axis */
