@@ -75,8 +75,31 @@ def test_distances_agree_with_scipy(metric):
         np.testing.assert_array_equal(leapray.distance(cells, metric), want)
 
 
+@pytest.mark.parametrize("metric", BRUTE)
+@pytest.mark.parametrize(
+    "shape", [(70, 95, 40), (1, 300, 33), (200, 1, 90), (33, 32, 1), (2, 2, 2)]
+)
+def test_threads_change_no_bit(metric, shape):
+    rng = np.random.default_rng(14)
+    cells = rng.random(shape) < 0.002
+    cells.flat[rng.integers(cells.size)] = True
+    one = leapray.distance(cells, metric, threads=1)
+    for threads in (2, 5):
+        np.testing.assert_array_equal(leapray.distance(cells, metric, threads=threads), one)
+
+
+@pytest.mark.parametrize("metric", BRUTE)
+def test_stopped_threads_end(metric):
+    watch = leapray.Watch()
+    watch.stop()
+    with pytest.raises(leapray.Stopped):
+        leapray.distance(np.ones((40, 40, 40), bool), metric, threads=3, watch=watch)
+
+
 def test_an_unknown_metric_and_a_wrong_shape_are_answered_by_a_sentence():
     with pytest.raises(leapray.LeapRayError, match="unknown metric 'x'; there are chessboard"):
         leapray.distance(np.zeros((2, 2, 2), bool), "x")
     with pytest.raises(leapray.LeapRayError, match=r"shape \(nz, ny, nx\); it is \(2, 2\)"):
         leapray.distance(np.zeros((2, 2), bool), "euclid")
+    with pytest.raises(leapray.LeapRayError, match="limited to 26754 cells a side"):
+        leapray.distance(np.zeros((1, 1, 26755), bool), "euclid")

@@ -58,3 +58,19 @@ def test_a_build_ends_within_100_ms_of_the_stop_word(name, vast):
         late += [] if after is None else [after]
     assert late or whole < 0.2  # the stop was heard, but where there is next to nothing to do
     assert max(late, default=0.0) < LATEST
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("metric", leapray.METRICS)
+def test_a_distance_ends_within_100_ms_of_the_stop_word(metric):
+    cells = np.zeros((3, 4000, 5000), np.uint8)
+    cells[1, ::501, ::501] = 1
+    whole, _ = end_of(lambda watch: leapray.distance(cells, metric, threads=1, watch=watch), None)
+    late = []
+    for share in (0.1, 0.3, 0.5, 0.7, 0.9):
+        _, after = end_of(
+            lambda watch: leapray.distance(cells, metric, threads=1, watch=watch), share * whole
+        )
+        late += [] if after is None else [after]
+    assert late
+    assert max(late) < LATEST

@@ -333,6 +333,15 @@ LR_API lr_status lr_distance(const uint8_t *cells, int32_t nx, int32_t ny, int32
                              int32_t metric, void *dist, const lr_watch *watch,
                              lr_error *error);
 
+/* The same in steps 0..n_steps-1, one after the other, each of parts 0..n_parts-1 that
+ * may run side by side: all of them together fill dist, with the same bits. */
+LR_API lr_status lr_distance_parts(int32_t nx, int32_t ny, int32_t nz, int32_t metric,
+                                   int32_t step, int32_t *n_steps, int64_t *n_parts,
+                                   lr_error *error);
+LR_API lr_status lr_distance_part(const uint8_t *cells, int32_t nx, int32_t ny, int32_t nz,
+                                  int32_t metric, int32_t step, int64_t part, void *dist,
+                                  const lr_watch *watch, lr_error *error);
+
 /* ---- traversers and structures ----------------------------------------- */
 
 typedef enum lr_traverser_flag {

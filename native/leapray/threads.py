@@ -44,3 +44,28 @@ def run_parts(
             watch.stop()
             pool.shutdown(wait=True, cancel_futures=True)
             raise
+
+
+def run_steps(
+    part: Callable[[int, int], object], counts: list[int], threads: int, watch: Watch
+) -> None:
+    """part(step, index) for every index below counts[step], one step after the other.
+
+    The parts of a step run on that many threads, 0: all cores. The first exception,
+    Ctrl-C among them, sets the watch's stop word and is raised once all threads have ended.
+    """
+    hands = threads or cores()
+
+    def share(step: int, first: int) -> None:
+        for index in range(first, counts[step], hands):
+            part(step, index)
+
+    with ThreadPoolExecutor(hands, thread_name_prefix="leapray") as pool:
+        try:
+            for step, count in enumerate(counts):
+                for job in [pool.submit(share, step, i) for i in range(min(hands, count))]:
+                    job.result()
+        except BaseException:
+            watch.stop()
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise

@@ -1,8 +1,9 @@
 /* City-block distance, one axis after the other.
  *
  * Along x the distance to the nearest marked cell of the row is swept from both ends;
- * along y and z a row, or a slice, is at most one farther than the one beside it, swept
- * from both sides.
+ * along y and z a row, or a block of columns, is at most one farther than the one beside
+ * it, swept from both sides. Slices are apart from each other in the first step, blocks
+ * of columns in the second.
  *
  * Source: Rosenfeld and Pfaltz 1966 (two passes). Departure: an axis at a time, so that
  * whole rows are combined at once.
@@ -11,37 +12,52 @@
 #include "distance/metrics.h"
 #include "error.h"
 
-enum { BLOCK = 4096 }; /* columns along z side by side */
+enum { BLOCK = 16384 }; /* columns along z of a part */
 
-/* n cells of m rows that are stride apart. */
-static void sweep_rows(uint8_t *dist, int64_t n, int64_t m, int64_t stride)
+/* n cells of m rows that are stride apart; false where stopped. */
+static bool sweep_rows(uint8_t *dist, int64_t n, int64_t m, int64_t stride, const lr_watch *watch)
 {
-    for (int64_t k = 1; k < m; k++)
+    for (int64_t k = 1; k < m && !lr_stopped(watch); k++)
         lr_relax_row(dist + k * stride, dist + (k - 1) * stride, n, 1);
-    for (int64_t k = m - 2; k >= 0; k--)
+    for (int64_t k = m - 2; k >= 0 && !lr_stopped(watch); k--)
         lr_relax_row(dist + k * stride, dist + (k + 1) * stride, n, 1);
+    return !lr_stopped(watch);
 }
 
-lr_status lr_distance_cityblock(const uint8_t *cells, const int32_t n[3], void *out,
-                                const lr_watch *watch, lr_error *error)
+static int32_t n_steps(const int32_t n[3])
 {
-    const size_t row = (size_t)n[0], slice = row * (size_t)n[1];
-    uint8_t *dist = out;
-    for (int32_t z = 0; z < n[2]; z++) {
-        const size_t at = (size_t)z * slice;
-        for (size_t y = 0; y < (size_t)n[1]; y++)
-            lr_sweep_row(cells + at + y * row, dist + at + y * row, n[0]);
-        sweep_rows(dist + at, n[0], n[1], n[0]);
-        lr_progress(watch, 0.7 * (z + 1) / n[2]);
-        if (lr_stopped(watch))
-            return lr_fail_stopped(error);
-    }
-    for (size_t at = 0; at < slice; at += BLOCK) {
-        sweep_rows(dist + at, (int64_t)(slice - at < BLOCK ? slice - at : BLOCK), n[2],
-                   (int64_t)slice);
-        lr_progress(watch, 0.7 + 0.3 * (double)at / (double)slice);
-        if (lr_stopped(watch))
-            return lr_fail_stopped(error);
-    }
-    return LR_OK;
+    (void)n;
+    return 2;
 }
+
+static int64_t n_parts(const int32_t n[3], int32_t step)
+{
+    return step == 0 ? lr_slabs_of(n[2]) : ((int64_t)n[0] * n[1] - 1) / BLOCK + 1;
+}
+
+static bool sweep_slice(const lr_field *f, int32_t z, const lr_watch *watch)
+{
+    const int64_t row = f->n[0], slice = row * f->n[1];
+    uint8_t *dist = (uint8_t *)f->dist + z * slice;
+    for (int64_t y = 0; y < f->n[1] && !lr_stopped(watch); y++)
+        lr_sweep_row(f->cells + z * slice + y * row, dist + y * row, f->n[0]);
+    return sweep_rows(dist, row, f->n[1], row, watch);
+}
+
+static lr_status part(const lr_field *f, int32_t step, int64_t number, const lr_watch *watch,
+                      lr_error *error)
+{
+    const int64_t slice = (int64_t)f->n[0] * f->n[1], first = number * BLOCK;
+    bool done = true;
+    if (step == 1) {
+        const int64_t n = slice - first < BLOCK ? slice - first : BLOCK;
+        done = sweep_rows((uint8_t *)f->dist + first, n, f->n[2], slice, watch);
+    } else {
+        const int32_t low = (int32_t)number * LR_SLAB, end = lr_min_i(low + LR_SLAB, f->n[2]);
+        for (int32_t z = low; z < end && done; z++)
+            done = sweep_slice(f, z, watch);
+    }
+    return done ? LR_OK : lr_fail_stopped(error);
+}
+
+const lr_transform lr_distance_cityblock = {n_steps, n_parts, part};

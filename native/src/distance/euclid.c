@@ -3,7 +3,8 @@
  * Squares are kept as integers. Along x they follow from sweeps of the row; along y,
  * then z, the square at i is the least of f(j) + (i - j)^2, the lower envelope of
  * parabolas. Which of them take part is found by comparing where they meet, without a
- * division; then the envelope is followed. Columns are taken BLOCK at a time.
+ * division; then the envelope is followed. Columns are taken BLOCK at a time. Slices are
+ * apart from each other in the first step, rows of columns in the second.
  *
  * Source: Maurer, Qi and Raghavan 2003; Felzenszwalb and Huttenlocher 2012.
  *
@@ -13,7 +14,6 @@
 
 enum {
     BLOCK = 16,       /* columns side by side: a cache line of squares */
-    MAX_SIDE = 26754, /* 3 (MAX_SIDE - 1)^2 fits int32 */
     NONE = INT32_MAX, /* no marked cell so far */
 };
 
@@ -71,21 +71,29 @@ static void lower_column(int32_t *square, int32_t m, parabola *envelope)
     }
 }
 
-/* n columns side by side, of m squares that are stride apart. */
-static void lower_columns(int32_t *square, int32_t n, int32_t m, size_t stride, int32_t *column,
-                          parabola *envelope)
+/* Room for the columns of one part. */
+typedef struct scratch {
+    parabola *envelope;
+    int32_t *column;
+} scratch;
+
+/* n columns side by side, of m squares that are stride apart; false where stopped. */
+static bool lower_columns(int32_t *square, int32_t n, int32_t m, size_t stride, const scratch *s,
+                          const lr_watch *watch)
 {
-    for (int32_t first = 0; first < n; first += BLOCK) {
+    int32_t *column = s->column;
+    for (int32_t first = 0; first < n && !lr_stopped(watch); first += BLOCK) {
         const int32_t width = lr_min_i(BLOCK, n - first);
         for (int32_t k = 0; k < m; k++)
             for (int32_t i = 0; i < width; i++)
                 column[i * m + k] = square[(size_t)k * stride + (size_t)(first + i)];
         for (int32_t i = 0; i < width; i++)
-            lower_column(column + i * m, m, envelope);
+            lower_column(column + i * m, m, s->envelope);
         for (int32_t k = 0; k < m; k++)
             for (int32_t i = 0; i < width; i++)
                 square[(size_t)k * stride + (size_t)(first + i)] = column[i * m + k];
     }
+    return !lr_stopped(watch);
 }
 
 static void to_distances(void *squares, size_t n)
@@ -98,36 +106,52 @@ static void to_distances(void *squares, size_t n)
     }
 }
 
-lr_status lr_distance_euclid(const uint8_t *cells, const int32_t n[3], void *out,
-                             const lr_watch *watch, lr_error *error)
+static bool along_xy(const lr_field *f, int32_t z, const scratch *s, const lr_watch *watch)
 {
-    const size_t row = (size_t)n[0], slice = row * (size_t)n[1];
-    const int32_t longest = lr_max_i(n[1], n[2]);
-    if (n[0] > MAX_SIDE || longest > MAX_SIDE)
-        return lr_fail(error, LR_E_SIZE, "Euclidean distances are limited to %d cells a side",
-                       (int)MAX_SIDE);
-    const size_t nbytes = (size_t)longest * (sizeof(parabola) + BLOCK * sizeof(int32_t));
+    const size_t row = (size_t)f->n[0], slice = row * (size_t)f->n[1];
+    int32_t *first = (int32_t *)f->dist + (size_t)z * slice;
+    for (size_t y = 0; y < (size_t)f->n[1] && !lr_stopped(watch); y++)
+        sweep_row(f->cells + (size_t)z * slice + y * row, first + y * row, f->n[0]);
+    return lower_columns(first, f->n[0], f->n[1], row, s, watch);
+}
+
+static bool along_z(const lr_field *f, int32_t y, const scratch *s, const lr_watch *watch)
+{
+    const size_t row = (size_t)f->n[0], slice = row * (size_t)f->n[1];
+    int32_t *first = (int32_t *)f->dist + (size_t)y * row;
+    if (!lower_columns(first, f->n[0], f->n[2], slice, s, watch))
+        return false;
+    for (size_t z = 0; z < (size_t)f->n[2]; z++)
+        to_distances(first + z * slice, row);
+    return true;
+}
+
+static int32_t n_steps(const int32_t n[3])
+{
+    (void)n;
+    return 2;
+}
+
+static int64_t n_parts(const int32_t n[3], int32_t step)
+{
+    return lr_slabs_of(step == 0 ? n[2] : n[1]);
+}
+
+static lr_status part(const lr_field *f, int32_t step, int64_t number, const lr_watch *watch,
+                      lr_error *error)
+{
+    const int32_t n = step == 0 ? f->n[2] : f->n[1], m = step == 0 ? f->n[1] : f->n[2];
+    const size_t nbytes = (size_t)m * (sizeof(parabola) + BLOCK * sizeof(int32_t));
     parabola *envelope = malloc(nbytes);
     if (envelope == NULL)
         return lr_fail_memory(error, nbytes, "distances");
-    int32_t *column = (int32_t *)(void *)(envelope + longest), *square = out;
-    bool stopped = false;
-    for (int32_t z = 0; z < n[2] && !stopped; z++) {
-        int32_t *first = square + (size_t)z * slice;
-        for (size_t y = 0; y < (size_t)n[1]; y++)
-            sweep_row(cells + (size_t)z * slice + y * row, first + y * row, n[0]);
-        lower_columns(first, n[0], n[1], row, column, envelope);
-        lr_progress(watch, 0.5 * (z + 1) / n[2]);
-        stopped = lr_stopped(watch);
-    }
-    for (int32_t y = 0; y < n[1] && !stopped; y++) {
-        lower_columns(square + (size_t)y * row, n[0], n[2], slice, column, envelope);
-        lr_progress(watch, 0.5 + 0.5 * (y + 1) / n[1]);
-        stopped = lr_stopped(watch);
-    }
+    const scratch s = {envelope, (int32_t *)(void *)(envelope + m)};
+    const int32_t low = (int32_t)number * LR_SLAB, end = lr_min_i(low + LR_SLAB, n);
+    bool done = true;
+    for (int32_t i = low; i < end && done; i++)
+        done = step == 0 ? along_xy(f, i, &s, watch) : along_z(f, i, &s, watch);
     free(envelope);
-    if (stopped)
-        return lr_fail_stopped(error);
-    to_distances(out, slice * (size_t)n[2]);
-    return LR_OK;
+    return done ? LR_OK : lr_fail_stopped(error);
 }
+
+const lr_transform lr_distance_euclid = {n_steps, n_parts, part};

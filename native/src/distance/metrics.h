@@ -1,4 +1,4 @@
-/* The distance transforms behind lr_distance, one file each.
+/* The distance transforms behind lr_distance, one file each, in steps of parts.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_METRICS_H
@@ -8,11 +8,32 @@
 
 enum { LR_DISTANCE_CAP = 255 };
 
-/* cells[n[2]][n[1]][n[0]] and dist of the same shape, as lr_distance says. */
-typedef lr_status lr_transform(const uint8_t *cells, const int32_t n[3], void *dist,
-                               const lr_watch *watch, lr_error *error);
+/* What is asked for: dist of cells[n[2]][n[1]][n[0]], as lr_distance says. */
+typedef struct lr_field {
+    const uint8_t *cells;
+    int32_t n[3];
+    void *dist;
+} lr_field;
 
-lr_transform lr_distance_chessboard, lr_distance_cityblock, lr_distance_chamfer, lr_distance_euclid;
+/* Steps follow one another; the parts of a step may run side by side. No part takes
+ * long, or it looks at the stop word itself and returns LR_E_STOPPED. */
+typedef struct lr_transform {
+    int32_t (*n_steps)(const int32_t n[3]);
+    int64_t (*n_parts)(const int32_t n[3], int32_t step);
+    lr_status (*part)(const lr_field *f, int32_t step, int64_t part, const lr_watch *watch,
+                      lr_error *error);
+} lr_transform;
+
+extern const lr_transform lr_distance_chessboard, lr_distance_cityblock, lr_distance_chamfer,
+    lr_distance_euclid;
+
+/* For a transform whose last step takes the z axis. */
+enum { LR_SLAB = 8 }; /* slices of a part */
+
+LR_INLINE int32_t lr_slabs_of(int32_t n)
+{
+    return (n - 1) / LR_SLAB + 1;
+}
 
 /* Distances along a row of n cells to the nearest that is nonzero. */
 LR_INLINE void lr_sweep_row(const uint8_t *cells, uint8_t *dist, int32_t n)

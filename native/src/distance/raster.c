@@ -13,8 +13,6 @@
 #include "distance/metrics.h"
 #include "error.h"
 
-enum { CHUNK = 1 << 20 }; /* cells between looks at the stop word */
-
 /* What a step costs, by how many coordinates it changes. */
 typedef struct costs {
     uint8_t face, edge, corner;
@@ -40,56 +38,92 @@ LR_INLINE void relax_along(uint8_t *row, int64_t n, int step, uint8_t cost)
     }
 }
 
-/* One pass, from the first row on (step 1) or from the last one back (step -1). */
-static lr_status pass(uint8_t *dist, const int32_t n[3], const costs *c, int step,
+/* A pass in tiles of TILE slices by TILE rows, each slice's rows one further back than
+ * those of the slice before, so that a row's neighbours before it lie in its own tile or
+ * in those that precede it: in the same slices one tile back, in the slices before up to
+ * one tile ahead. Tile (Z, Y) is of wave Y + 2 Z; tiles of a wave are apart from each
+ * other. */
+enum { TILE = 32 };
+
+typedef struct waves {
+    int32_t n_y, n_z, count; /* tiles along y and z; waves of a pass */
+} waves;
+
+static waves waves_of(const int32_t n[3])
+{
+    waves w = {(n[1] + TILE - 2) / TILE + 1, (n[2] - 1) / TILE + 1, 0};
+    w.count = w.n_y + 2 * (w.n_z - 1);
+    return w;
+}
+
+/* The slabs of tiles that take part in a wave: Z from the first on. */
+static int32_t first_of_wave(const waves *w, int32_t wave)
+{
+    return lr_max_i(0, (wave - w->n_y + 2) / 2);
+}
+
+static int32_t n_steps(const int32_t n[3])
+{
+    return 2 * waves_of(n).count;
+}
+
+static int64_t n_parts(const int32_t n[3], int32_t step)
+{
+    const waves w = waves_of(n);
+    const int32_t wave = step % w.count;
+    return lr_min_i(wave / 2, w.n_z - 1) - first_of_wave(&w, wave) + 1;
+}
+
+/* Row j of slice k in the order of the pass: forward (step 1) or backward (step -1). */
+static void relax(const lr_field *f, const costs *c, int step, int32_t j, int32_t k)
+{
+    const int64_t row = f->n[0], slice = row * f->n[1];
+    const int32_t y = step > 0 ? j : f->n[1] - 1 - j, z = step > 0 ? k : f->n[2] - 1 - k;
+    uint8_t *here = (uint8_t *)f->dist + z * slice + y * row;
+    if (step > 0) {
+        const uint8_t *cells = f->cells + z * slice + y * row;
+        for (int64_t i = 0; i < row; i++)
+            here[i] = cells[i] != 0 ? 0 : LR_DISTANCE_CAP;
+    }
+    for (int32_t side = -1; side <= 1 && k > 0; side++)
+        if (y + side >= 0 && y + side < f->n[1])
+            relax_from(here, here - step * slice + side * row, row, side == 0 ? c->face : c->edge,
+                       side == 0 ? c->edge : c->corner);
+    if (j > 0)
+        relax_from(here, here - step * row, row, c->face, c->edge);
+    relax_along(here, row, step, c->face);
+}
+
+static lr_status tile(const lr_field *f, const costs *c, int32_t step, int64_t number,
                       const lr_watch *watch, lr_error *error)
 {
-    const int64_t row = n[0], slice = row * n[1];
-    for (int32_t k = 0; k < n[2]; k++) {
-        const int32_t z = step > 0 ? k : n[2] - 1 - k;
-        for (int32_t j = 0; j < n[1]; j++) {
-            const int32_t y = step > 0 ? j : n[1] - 1 - j;
-            uint8_t *here = dist + z * slice + y * row;
-            for (int32_t side = -1; side <= 1 && k > 0; side++)
-                if (y + side >= 0 && y + side < n[1])
-                    relax_from(here, here - step * slice + side * row, row,
-                               side == 0 ? c->face : c->edge, side == 0 ? c->edge : c->corner);
-            if (j > 0)
-                relax_from(here, here - step * row, row, c->face, c->edge);
-            relax_along(here, row, step, c->face);
-        }
-        lr_progress(watch, 0.5 * (k + 1) / n[2] + (step < 0 ? 0.5 : 0.0));
+    const waves w = waves_of(f->n);
+    const int32_t wave = step % w.count, direction = step < w.count ? 1 : -1;
+    const int32_t z = first_of_wave(&w, wave) + (int32_t)number, y = wave - 2 * z;
+    for (int32_t k = 0; k < TILE && z * TILE + k < f->n[2]; k++) {
+        const int32_t low = lr_max_i(0, y * TILE - k);
+        const int32_t end = lr_min_i(f->n[1], (y + 1) * TILE - k);
+        for (int32_t j = low; j < end; j++)
+            relax(f, c, direction, j, z * TILE + k);
         if (lr_stopped(watch))
             return lr_fail_stopped(error);
     }
     return LR_OK;
 }
 
-static lr_status both_passes(const uint8_t *cells, const int32_t n[3], const costs *c,
-                             uint8_t *dist, const lr_watch *watch, lr_error *error)
-{
-    const size_t count = (size_t)n[0] * (size_t)n[1] * (size_t)n[2];
-    for (size_t first = 0; first < count; first += CHUNK) {
-        const size_t end = count - first < CHUNK ? count : first + CHUNK;
-        for (size_t i = first; i < end; i++)
-            dist[i] = cells[i] != 0 ? 0 : LR_DISTANCE_CAP;
-        if (lr_stopped(watch))
-            return lr_fail_stopped(error);
-    }
-    lr_status status = pass(dist, n, c, 1, watch, error);
-    return status == LR_OK ? pass(dist, n, c, -1, watch, error) : status;
-}
-
-lr_status lr_distance_chessboard(const uint8_t *cells, const int32_t n[3], void *dist,
+static lr_status chessboard_part(const lr_field *f, int32_t step, int64_t number,
                                  const lr_watch *watch, lr_error *error)
 {
     static const costs same = {1, 1, 1};
-    return both_passes(cells, n, &same, dist, watch, error);
+    return tile(f, &same, step, number, watch, error);
 }
 
-lr_status lr_distance_chamfer(const uint8_t *cells, const int32_t n[3], void *dist,
+static lr_status chamfer_part(const lr_field *f, int32_t step, int64_t number,
                               const lr_watch *watch, lr_error *error)
 {
     static const costs chamfer = {3, 4, 5};
-    return both_passes(cells, n, &chamfer, dist, watch, error);
+    return tile(f, &chamfer, step, number, watch, error);
 }
+
+const lr_transform lr_distance_chessboard = {n_steps, n_parts, chessboard_part};
+const lr_transform lr_distance_chamfer = {n_steps, n_parts, chamfer_part};
