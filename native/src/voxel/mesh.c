@@ -30,7 +30,8 @@ enum {
 #define FARTHEST 0x1p36
 
 /* farthest: largest coordinate of all vertices, used or not. */
-static lr_status check_vertices(const lr_mesh *mesh, double *farthest, lr_error *error)
+static lr_status check_vertices(const lr_mesh *mesh, const lr_watch *watch, double *farthest,
+                                lr_error *error)
 {
     if (mesh->vertices == NULL || mesh->triangles == NULL || mesh->n_vertices == 0 ||
         mesh->n_triangles == 0)
@@ -44,17 +45,22 @@ static lr_status check_vertices(const lr_mesh *mesh, double *farthest, lr_error 
                        (unsigned long long)mesh->n_vertices, (unsigned long long)mesh->n_triangles,
                        INT32_MAX, UINT32_MAX / 3 - 1);
     for (uint64_t i = 0; i < 3 * mesh->n_vertices; i++) {
+        if (i % POLL == 0 && lr_stopped(watch))
+            return lr_fail_stopped(error);
         if (!isfinite(mesh->vertices[i]))
             return lr_fail(error, LR_E_ARGUMENT, "vertex %llu of the mesh has the coordinate %g",
                            (unsigned long long)(i / 3), mesh->vertices[i]);
         *farthest = fmax(*farthest, fabs(mesh->vertices[i]));
     }
-    for (uint64_t i = 0; i < 3 * mesh->n_triangles; i++)
+    for (uint64_t i = 0; i < 3 * mesh->n_triangles; i++) {
+        if (i % POLL == 0 && lr_stopped(watch))
+            return lr_fail_stopped(error);
         if (mesh->triangles[i] < 0 || (uint64_t)mesh->triangles[i] >= mesh->n_vertices)
             return lr_fail(error, LR_E_ARGUMENT,
                            "triangle %llu of the mesh names vertex %d, but there are %llu vertices",
                            (unsigned long long)(i / 3), mesh->triangles[i],
                            (unsigned long long)mesh->n_vertices);
+    }
     return LR_OK;
 }
 
@@ -384,8 +390,11 @@ static lr_status link_edges(lr_topology *m, const lr_watch *watch, lr_error *err
     if (b.start == NULL || b.key == NULL || m->ring == NULL) {
         status = lr_fail_memory(error, room * 12, "the mesh's edges");
     } else {
-        for (uint32_t h = 0; h < (uint32_t)room; h++)
+        for (uint32_t h = 0; h < (uint32_t)room; h++) {
             m->ring[h] = h;
+            if (h % POLL == 0 && lr_stopped(watch))
+                break; /* the next step looks as well */
+        }
         status = link_buckets(m, &b, watch, error);
     }
     free(b.start);
@@ -417,7 +426,7 @@ lr_status lr_topology_begin(const lr_mesh *mesh, double voxel_size, const lr_wat
 {
     *m = (lr_topology){.source = *mesh, .per_unit = 1.0 / voxel_size, .side = 1.0};
     double farthest = 0.0;
-    lr_status status = check_vertices(mesh, &farthest, error);
+    lr_status status = check_vertices(mesh, watch, &farthest, error);
     if (status == LR_OK && !(farthest * m->per_unit <= FARTHEST))
         status = check_reach(m, error);
     if (status == LR_OK)
