@@ -34,6 +34,9 @@ static const double INDEX_MIN = 1e-4;
  * gets less than that. */
 static const double SHARE_MIN = 0.05, SHARE_MIN_OUT = 0.2;
 
+/* A few facets do not tell that all of them send on less than that. */
+static const double GUIDE_MIN = 0.02;
+
 /* ---- albedo --------------------------------------------------------------- */
 
 typedef struct lr_place {
@@ -132,29 +135,42 @@ static double mean(const double c[3])
     return (c[0] + c[1] + c[2]) / 3;
 }
 
-/* What a few facets send on, in the mean: as many as tell the two sides of glass apart. */
-static void passed_by_facets(const lr_bsdf *bsdf, const lr_closure *c, double f[3])
+/* Facets that are tried at a time: a lattice of the unit square. */
+enum { FACETS = 4 };
+static const double LATTICE[FACETS][2] = {{0.0, 0.0}, {0.25, 0.5}, {0.5, 0.25}, {0.75, 0.75}};
+
+static double fraction(double x)
 {
-    static const double at[4][2] = {{0.125, 0.375}, {0.375, 0.875}, {0.625, 0.125}, {0.875, 0.625}};
-    f[0] = f[1] = f[2] = 0;
-    for (int i = 0; i < 4; i++) {
-        double h[3], of_facet[3];
-        lr_ggx_sample(c->alpha, bsdf->view, at[i][0], at[i][1], h);
-        passed(c, lr_dot(bsdf->view, h), of_facet);
-        for (int a = 0; a < 3; a++)
-            f[a] += of_facet[a] / 4;
+    return x < 1 ? x : x - 1;
+}
+
+/* Facets from the lattice moved by (u, v): their normals, what they send on, and its mean. */
+static double try_facets(const lr_closure *c, const double view[3], double u, double v,
+                         double h[FACETS][3], double sent[FACETS])
+{
+    double sum = 0;
+    for (int i = 0; i < FACETS; i++) {
+        double f[3];
+        lr_ggx_sample(c->alpha, view, fraction(u + LATTICE[i][0]), fraction(v + LATTICE[i][1]),
+                      h[i]);
+        passed(c, lr_dot(view, h[i]), f);
+        sum += sent[i] = mean(f);
     }
+    return sum / FACETS;
 }
 
 /* The closure's share: about its albedo as seen. */
 static void enlist(lr_bsdf *bsdf, lr_closure *c)
 {
-    double f[3] = {1, 1, 1};
-    if (c->fresnel == FRESNEL_DIELECTRIC && c->alpha > 0)
-        passed_by_facets(bsdf, c, f);
-    else if (c->kind != LR_RAY_DIFFUSE)
-        passed(c, bsdf->view[2], f);
     const double least = c->alpha == 0 ? 0 : c->n < 1 ? SHARE_MIN_OUT : SHARE_MIN;
+    double f[3] = {1, 1, 1};
+    c->guide = 0;
+    if (c->fresnel == FRESNEL_DIELECTRIC && c->alpha > 0) {
+        double h[FACETS][3], sent[FACETS];
+        c->guide = fmax(try_facets(c, bsdf->view, 0.125, 0.125, h, sent), GUIDE_MIN);
+        f[0] = f[1] = f[2] = c->guide;
+    } else if (c->kind != LR_RAY_DIFFUSE)
+        passed(c, bsdf->view[2], f);
     c->share = 0;
     for (int a = 0; a < 3; a++)
         c->share += c->weight[a] * fmax(f[a], least) / 3;
@@ -429,6 +445,8 @@ static bool respond(const lr_closure *c, const double view[3], const double ligh
     const double of_view = lr_ggx_lambda(c->alpha, view[2]);
     r->pdf = visible / (1 + of_view);
     passed(c, c_view, f);
+    if (c->guide > 0)
+        r->pdf *= mean(f) / c->guide;
     for (int a = 0; a < 3; a++)
         f[a] *= c->weight[a] * visible / (1 + of_view + lr_ggx_lambda(c->alpha, light[2]));
     memcpy(r->f_cos, f, sizeof f);
@@ -478,22 +496,59 @@ static const lr_closure *choose(const lr_bsdf *bsdf, int32_t kind, double *u)
     return last;
 }
 
-static bool follow(const lr_closure *c, const double view[3], double u, double v, double light[3])
+/* A facet as seen from view; *scale makes up for its choice. Facets of a dielectric are
+ * chosen among a few by what they send on: Talbot, Cline, Egbert, Importance resampling for
+ * global illumination, 2005. */
+static bool pick_facet(const lr_closure *c, const double view[3], const double u[2], double pick,
+                       double h[3], double *scale)
+{
+    *scale = 1;
+    if (!(c->guide > 0)) {
+        lr_ggx_sample(c->alpha, view, u[0], u[1], h);
+        return true;
+    }
+    double facets[FACETS][3], sent[FACETS];
+    const double all = try_facets(c, view, u[0], u[1], facets, sent);
+    double x = pick * all * FACETS;
+    int at = 0;
+    while (at < FACETS - 1 && x >= sent[at])
+        x -= sent[at++];
+    *scale = all / sent[at];
+    memcpy(h, facets[at], sizeof facets[at]);
+    return sent[at] > 0;
+}
+
+/* A direction of one closure and the weight of what it sends on. */
+static bool follow(const lr_closure *c, const double view[3], const double u[2], double pick,
+                   double light[3], double weight[3])
 {
     if (c->kind == LR_RAY_DIFFUSE) {
-        const double r = sqrt(u);
-        light[0] = r * cos(2 * LR_PI * v);
-        light[1] = r * sin(2 * LR_PI * v);
-        light[2] = sqrt(1 - u);
+        const double r = sqrt(u[0]);
+        light[0] = r * cos(2 * LR_PI * u[1]);
+        light[1] = r * sin(2 * LR_PI * u[1]);
+        light[2] = sqrt(1 - u[0]);
+        memcpy(weight, c->weight, sizeof c->weight);
         return light[2] > 0;
     }
-    double h[3] = {0, 0, 1};
-    if (c->alpha > 0)
-        lr_ggx_sample(c->alpha, view, u, v, h);
-    if (c->kind == LR_RAY_TRANSMISSION)
-        return lr_refract(view, h, c->n, light) && light[2] < 0;
-    lr_reflect(view, h, light);
-    return light[2] > 0;
+    double h[3] = {0, 0, 1}, scale = 1;
+    if (c->alpha > 0 && !pick_facet(c, view, u, pick, h, &scale))
+        return false;
+    if (c->kind == LR_RAY_TRANSMISSION) {
+        if (!lr_refract(view, h, c->n, light) || light[2] >= 0)
+            return false;
+    } else {
+        lr_reflect(view, h, light);
+        if (light[2] <= 0)
+            return false;
+    }
+    if (c->alpha > 0) {
+        const double of_view = 1 + lr_ggx_lambda(c->alpha, view[2]);
+        scale *= of_view / (of_view + lr_ggx_lambda(c->alpha, light[2]));
+    }
+    passed(c, lr_dot(view, h), weight);
+    for (int a = 0; a < 3; a++)
+        weight[a] *= scale * c->weight[a];
+    return true;
 }
 
 bool lr_bsdf_sample(const lr_bsdf *bsdf, int32_t kind, const double u[3], lr_scatter *scatter)
@@ -502,26 +557,20 @@ bool lr_bsdf_sample(const lr_bsdf *bsdf, int32_t kind, const double u[3], lr_sca
         return false;
     double pick = u[2], light[3];
     const lr_closure *c = choose(bsdf, kind, &pick);
-    if (c == NULL || !follow(c, bsdf->view, u[0], u[1], light))
+    if (c == NULL || !follow(c, bsdf->view, u, pick, light, scatter->weight))
         return false;
     scatter->kind = kind;
     scatter->delta = c->alpha == 0;
-    for (int a = 0; a < 3; a++)
+    scatter->pdf = 1;
+    for (int a = 0; a < 3; a++) {
+        scatter->weight[a] *= bsdf->share[kind] / c->share;
         scatter->direction[a] =
             light[0] * bsdf->axis[0][a] + light[1] * bsdf->axis[1][a] + light[2] * bsdf->axis[2][a];
-    if (scatter->delta) {
-        passed(c, bsdf->view[2], scatter->weight);
-        for (int a = 0; a < 3; a++)
-            scatter->weight[a] *= c->weight[a] * bsdf->share[kind] / c->share;
-        scatter->pdf = 1;
-        return true;
     }
-    lr_response r;
-    respond_all(bsdf, kind, light, &r);
-    if (!(r.pdf > 0))
-        return false;
-    for (int a = 0; a < 3; a++)
-        scatter->weight[a] = r.f_cos[a] / r.pdf;
-    scatter->pdf = r.pdf;
-    return true;
+    if (!scatter->delta) {
+        lr_response r;
+        respond_all(bsdf, kind, light, &r);
+        scatter->pdf = r.pdf;
+    }
+    return scatter->pdf > 0;
 }

@@ -35,8 +35,8 @@ typedef struct lr_point {
 /* A direction that light is followed to. */
 typedef struct lr_scatter {
     double direction[3]; /* unit, away from the surface */
-    double weight[3];    /* f cos / pdf of the group */
-    double pdf;          /* of the group, per solid angle; 1 where it is a single direction */
+    double weight[3];    /* its mean times light is what the group sends to the viewer */
+    double pdf;          /* about its density, as lr_response says it; 1 for a single direction */
     int32_t kind;        /* lr_ray_kind */
     bool delta;          /* it is a single direction: lights without extent are not seen by it */
 } lr_scatter;
@@ -44,7 +44,7 @@ typedef struct lr_scatter {
 /* How much light from a direction a group sends to the viewer. */
 typedef struct lr_response {
     double f_cos[3];
-    double pdf; /* with which lr_bsdf_sample finds it */
+    double pdf; /* about the density with which lr_bsdf_sample finds it, per solid angle */
 } lr_response;
 
 typedef struct lr_closure {
@@ -56,6 +56,7 @@ typedef struct lr_closure {
     double f0[3];  /* reflectance at normal incidence */
     double dip[3]; /* what the conductor lacks of Schlick's curve near 82 degrees */
     double share;  /* of its group's rays */
+    double guide;  /* mean of what facets send on, where they are chosen by it; else 0 */
 } lr_closure;
 
 typedef struct lr_bsdf {
