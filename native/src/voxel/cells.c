@@ -37,7 +37,7 @@ typedef struct pair {
 typedef struct work {
     const lr_voxel_job *job;
     field field;
-    uint64_t near[8], touched[8], bad[8], change[8];
+    uint64_t near[8], touched[8], bad[8];
     pair *pairs;
     size_t n_pairs, room;
 } work;
@@ -56,15 +56,20 @@ LR_INLINE uint32_t word_of(int cell)
 
 static void read_field(const lr_volume *v, const int32_t first[3], double slope, field *f)
 {
+    const double scale = 1.0 / (v->one * slope);
+    const size_t own = lr_sample_at(v, first[0], first[1], first[2]);
     float *out = f->s;
     for (int z = 0; z < SIDE; z++)
         for (int y = 0; y < SIDE; y++)
             for (int x = 0; x < SIDE; x++) {
                 const int32_t c[3] = {first[0] + x, first[1] + y, first[2] + z};
-                const bool inside = c[0] >> 3 < v->table_size[0] && c[1] >> 3 < v->table_size[1] &&
-                                    c[2] >> 3 < v->table_size[2];
-                const double g = inside ? lr_sample(v, c[0], c[1], c[2]) : 0.0;
-                *out++ = (float)((g - v->threshold) / (v->one * slope));
+                double g = 0.0;
+                if ((x | y | z) < 8)
+                    g = lr_load(v, own + (size_t)(x + 8 * y + 64 * z));
+                else if (c[0] >> 3 < v->table_size[0] && c[1] >> 3 < v->table_size[1] &&
+                         c[2] >> 3 < v->table_size[2])
+                    g = lr_sample(v, c[0], c[1], c[2]);
+                *out++ = (float)((g - v->threshold) * scale);
             }
 }
 
@@ -75,17 +80,15 @@ static void cell_corners(const field *f, int cell, double corner[8])
         corner[b] = (double)f->s[at + (b & 1) + SIDE * (b >> 1 & 1) + SIDE * SIDE * (b >> 2)];
 }
 
-static void find_changes(work *w)
+/* Do the samples of a cell lie on different sides? */
+static bool changes(const field *f, int cell)
 {
-    for (int cell = 0; cell < LR_BRICK_SAMPLES; cell++) {
-        double corner[8];
-        int inside = 0;
-        cell_corners(&w->field, cell, corner);
-        for (int b = 0; b < 8; b++)
-            inside += corner[b] >= 0.0;
-        if (inside > 0 && inside < 8)
-            w->change[word_of(cell)] |= bit_of(cell);
-    }
+    double corner[8];
+    int inside = 0;
+    cell_corners(f, cell, corner);
+    for (int b = 0; b < 8; b++)
+        inside += corner[b] >= 0.0;
+    return inside > 0 && inside < 8;
 }
 
 /* ---- one triangle and one cell ----------------------------------------- */
@@ -94,6 +97,7 @@ static void find_changes(work *w)
 typedef struct piece {
     double p[3][3], n[3]; /* unit, outward */
     double wound[3];      /* unit, by the winding */
+    double lo[3], hi[3];
     bool ends[3];         /* is the edge from that corner on a border of its kind? */
     uint32_t triangle;
 } piece;
@@ -150,14 +154,20 @@ static double beside2(const piece *t, const double q[3])
 static bool corners_off(const piece *t, const double cell[3], const double corner[8],
                         const lr_voxel_job *job)
 {
-    const double slope = lr_profile_slope(job->filter, job->half_width);
+    const double r = job->half_width, slope = lr_profile_slope(job->filter, r);
+    double from[3];
+    lr_sub(cell, t->p[0], from);
+    const double first = -lr_dot(t->n, from);
     for (int b = 0; b < 8; b++) {
+        const double s = first - (b & 1) * t->n[0] - (b >> 1 & 1) * t->n[1] - (b >> 2) * t->n[2];
+        const double told = job->filter == LR_FILTER_RAMP
+                                ? lr_clamp(s, -r, r)
+                                : (lr_profile(job->filter, s, r) - 0.5) / slope;
+        const double off = fabs(corner[b] - told) - CORNER_OFF;
+        if (off <= 0.0)
+            continue;
         const double q[3] = {cell[0] + (b & 1), cell[1] + (b >> 1 & 1), cell[2] + (b >> 2)};
-        double from[3];
-        lr_sub(q, t->p[0], from);
-        const double g = lr_profile(job->filter, -lr_dot(t->n, from), job->half_width);
-        const double off = fabs(corner[b] - (g - 0.5) / slope) - CORNER_OFF;
-        if (off > 0.0 && off > beside2(t, q) / (2.0 * BEND))
+        if (off > beside2(t, q) / (2.0 * BEND))
             return true;
     }
     return false;
@@ -206,8 +216,10 @@ static bool surface_off(const piece *t, const double cell[3], const double corne
     int n = 3;
     memcpy(p, t->p, sizeof t->p);
     for (int a = 0; a < 3 && n > 0; a++) {
-        n = clip(p, n, a, 1.0, cell[a] + 1.0 + LR_TOUCH);
-        n = clip(p, n, a, -1.0, LR_TOUCH - cell[a]);
+        if (t->hi[a] > cell[a] + 1.0)
+            n = clip(p, n, a, 1.0, cell[a] + 1.0 + LR_TOUCH);
+        if (t->lo[a] < cell[a])
+            n = clip(p, n, a, -1.0, LR_TOUCH - cell[a]);
     }
     for (int i = 0; i < n; i++) {
         if (point_off(corner, cell, p[i], t->n))
@@ -241,9 +253,12 @@ static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int
     const int at = c[0] + 8 * c[1] + 64 * c[2];
     const uint32_t word = word_of(at);
     const uint64_t bit = bit_of(at);
-    if (lr_apart(s, centre, LR_EXACT_NEAR))
+    double gap = lr_gap(s, centre, LR_EXACT_NEAR);
+    for (int a = 0; a < 3; a++) /* the cell's own axes */
+        gap = fmax(gap, fmax(t->lo[a] - cell[a] - 1.0, cell[a] - t->hi[a]));
+    if (gap > LR_EXACT_NEAR)
         return true;
-    const bool touched = !lr_apart(s, centre, LR_TOUCH);
+    const bool touched = gap <= LR_TOUCH;
     w->near[word] |= bit;
     w->touched[word] |= touched ? bit : 0;
     if (!(w->bad[word] & bit)) {
@@ -270,6 +285,8 @@ static bool judge_triangle(work *w, const int32_t first[3], uint32_t triangle)
         return true;
     for (int a = 0; a < 3; a++) {
         t.n[a] = t.wound[a] * mesh->side;
+        t.lo[a] = fmin(fmin(t.p[0][a], t.p[1][a]), t.p[2][a]);
+        t.hi[a] = fmax(fmax(t.p[0][a], t.p[1][a]), t.p[2][a]);
         t.ends[a] = !lr_edge_closed(mesh, 3 * triangle + (uint32_t)a);
     }
     lr_separator s[LR_SEPARATORS];
@@ -332,7 +349,13 @@ static bool keep(const work *w, uint32_t place, lr_cells_part *part)
 {
     uint64_t exact[8], any_near = 0, any = 0;
     for (int s = 0; s < 8; s++) {
-        exact[s] = w->bad[s] & (w->touched[s] | w->change[s]);
+        exact[s] = w->bad[s] & w->touched[s];
+        for (uint64_t left = w->bad[s] & ~exact[s]; left != 0; left &= left - 1) {
+            const int bit = __builtin_ctzll(left);
+            const int cell = 4 * (s & 1) + (bit & 3) + 8 * (4 * (s >> 1 & 1) + (bit >> 2 & 3)) +
+                             64 * (4 * (s >> 2) + (bit >> 4));
+            exact[s] |= changes(&w->field, cell) ? (uint64_t)1 << bit : 0;
+        }
         any |= w->bad[s];
         any_near |= w->near[s];
     }
@@ -359,10 +382,8 @@ static bool judge_brick(work *w, const lr_volume *v, const lr_bins *bins, uint32
     memset(w->near, 0, sizeof w->near);
     memset(w->touched, 0, sizeof w->touched);
     memset(w->bad, 0, sizeof w->bad);
-    memset(w->change, 0, sizeof w->change);
     w->n_pairs = 0;
     read_field(v, first, lr_profile_slope(w->job->filter, w->job->half_width), &w->field);
-    find_changes(w);
     for (uint64_t i = bins->start[active]; i < bins->start[active + 1]; i++) {
         if (i % POLL == 0 && lr_stopped(watch)) {
             *stopped = true;
