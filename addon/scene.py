@@ -229,7 +229,9 @@ class _Objects:
             self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
             return
         slots = self._slots(ob)
-        mesh = self._mesh(ob, slots)
+        # Of instances `ob` is a passing copy: properties made on it by being read would leak.
+        lasting = instance.instance_object if instance.is_instance else ob
+        mesh = self._mesh(ob, slots, properties.modelling(lasting or ob.original))
         if isinstance(mesh, str):
             self.notes.skipped(mesh, ob.name)
             return
@@ -254,11 +256,10 @@ class _Objects:
         if linking.receiver_collection or linking.blocker_collection:
             self.notes.unsupported("Light linking is", ob.name)
 
-    def _mesh(self, ob, slots: tuple[int, ...]) -> int | str:
+    def _mesh(self, ob, slots: tuple[int, ...], own: model.Modelling) -> int | str:
         """The index of the object's mesh as its materials want it, or what is wrong with it."""
         textures = tuple(self._textures[at] for at in slots)
         wanted = tuple(at if self._textures[at] else -1 for at in slots)
-        own = properties.modelling(ob)
         key = ob.data.as_pointer(), wanted if any(textures) else (), own
         if key not in self._mesh_at:
             edited = ob.mode == "EDIT"  # then ob.data may be a wrapper without arrays

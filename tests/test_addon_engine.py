@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The engine in a session of Blender's: passes, borders, layers, frames, errors."""
 
+import os
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -249,11 +252,17 @@ def test_an_object_says_how_it_is_modelled(scene):
     cube, ground = bpy.data.objects["Cube"], bpy.data.objects["Ground"]
     twin = put("Twin", cube.data)  # shares the mesh, not the choice
     cube.leapray.kind, cube.leapray.resolution = "sheet", 48
+    inside = bpy.data.objects.new("Inside", mesh("Inside"))  # seen as an instance alone
+    inside.leapray.kind = "solid"
+    group = bpy.data.collections.new("Group")
+    group.objects.link(inside)
+    put("Placed", None, instance_type="COLLECTION", instance_collection=group, location=(0, 0, -9))
     bpy.context.view_layer.update()
     got = read()
     at = {i.name: got.meshes[i.mesh].modelling for i in got.instances}
     assert at["Cube"] == model.Modelling("sheet", 48)
     assert at["Twin"] == at["Ground"] == model.Modelling()
+    assert at["Inside"] == model.Modelling("solid")
     rows = {row["name"]: row for row in pipeline.render(got).report["volumes"]}
     assert (rows["Cube"]["kind"], rows[twin.name]["kind"]) == ("sheet", "solid")
     assert 36 <= max(rows["Cube"]["size"]) <= 48 and not rows["Cube"]["stuck"]
@@ -365,3 +374,26 @@ def test_the_samples_light_paths_are_equal_for_both_engines(name):
     for kind in ("max", "diffuse", "glossy", "transmission"):
         limits = [getattr(owner, f"{kind}_bounces") for owner in (scene.leapray, scene.cycles)]
         assert limits[0] == limits[1], kind
+
+
+def test_nothing_leaks_from_instances():
+    """Blender counts at exit what was not freed, and says so."""
+    root = Path(addon.__file__).resolve().parent.parent
+    code = (
+        "import bpy, addon; addon.register()\n"
+        f"bpy.ops.wm.open_mainfile(filepath={str(root / 'blend_samples/gallery.blend')!r})\n"
+        "from addon import scene\n"
+        "read = scene.read(bpy.context.evaluated_depsgraph_get(), 64, 48)\n"
+        "assert len(read.instances) > 50\n"
+        "addon.unregister()"
+    )
+    paths = os.pathsep.join([str(root), str(root / "native")])
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Not freed" not in done.stdout + done.stderr
