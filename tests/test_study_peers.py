@@ -9,7 +9,8 @@ import pytest
 pytest.importorskip("matplotlib")
 pytest.importorskip("bpy")  # its OpenVDB
 
-from addon.study import peers
+import leapray
+from addon.study import distances, peers
 
 
 def test_ways_are_run_in_turns():
@@ -21,7 +22,9 @@ def test_ways_are_run_in_turns():
 
 
 def test_the_study_writes_its_folder(tmp_path):
-    args = argparse.Namespace(output=tmp_path / "out", quick=True, scan=10, sizes=[16], rounds=1)
+    args = argparse.Namespace(
+        output=tmp_path / "out", quick=True, scan=10, sizes=[16], rounds=1, cells=20
+    )
     assert peers.main(args) == 0
     told = json.loads((tmp_path / "out" / "peers.json").read_text())
     by = [row["by"] for row in told["rows"]]
@@ -29,3 +32,11 @@ def test_the_study_writes_its_folder(tmp_path):
     assert all(0 < row["least"] <= row["seconds"] <= row["most"] for row in told["rows"])
     text = (tmp_path / "out" / "peers.html").read_text()
     assert "OpenVDB, all cores" in text and (tmp_path / "out" / "peers.png").exists()
+    assert {row["metric"] for row in told["distances"]} == set(leapray.METRICS)
+    assert "Chessboard: " in text and "as fast as scipy" in text
+
+
+def test_peers_that_differ_are_told(monkeypatch):
+    monkeypatch.setitem(distances.PEERS, "scipy", lambda cells, metric: lambda: cells * 3)
+    with pytest.raises(ValueError, match="scipy finds other distances, by chessboard"):
+        distances.measure(12, 1)

@@ -2,7 +2,8 @@
 """The same work by LeapRay and by others, interleaved in one run on one machine.
 
 One function per peer. So far: a closed mesh to samples around its surface, end to end from numpy
-arrays, by every set of vector instructions and number of threads, and by OpenVDB's Python.
+arrays, by every set of vector instructions and number of threads, and by OpenVDB's Python; and
+distance transforms (distances.py).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 import leapray
 
 from .. import volumes
-from . import charts, page, scenes
+from . import charts, distances, page, scenes
 from .folder import study_folder, write_figures
 from .options import chosen, number, numbers
 
@@ -33,6 +34,7 @@ SIMD = ("portable", "avx2", "avx512")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     number(parser, "scan", "divisions of the scan-like mesh, which has 12 N^2 triangles; 290")
     numbers(parser, "sizes", "samples across; 256 512")
+    number(parser, "cells", "a side of the distance transforms; 256", least=8)
     number(parser, "rounds", "medians are of so many; 5")
 
 
@@ -46,10 +48,11 @@ def main(args: argparse.Namespace) -> int:
         for size in sizes:
             rows += samples_of_meshes(mesh.vertices, mesh.triangles, size, rounds)
             print(f"peers: {size} samples", file=sys.stderr, flush=True)
+        fields = distances.measure(chosen(args, "cells", 64, 256), rounds)
         told = {"band": BAND, "rounds": rounds, "triangles": len(mesh.triangles)}
-        told = write_figures(folder, "peers", told, rows=rows)
+        told = write_figures(folder, "peers", told, rows=rows, distances=fields)
         draw(folder, rows)
-        write_page(folder, told, rows)
+        write_page(folder, told, rows, distances.section(fields))
     return 0
 
 
@@ -153,8 +156,8 @@ def draw(folder: Path, rows: list[Row]) -> None:
             axis.set_title(f"{size} samples across, seconds", fontsize=10.5)
 
 
-def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
-    """peers.html: the figures with what they say."""
+def write_page(folder: Path, told: dict, rows: list[Row], more: list[str]) -> None:
+    """peers.html: the figures with what they say, and more sections."""
     body = [
         "<h1>Beside others</h1>",
         f'<p class="soft">A closed mesh of {told["triangles"]:,} triangles to samples within '
@@ -175,6 +178,7 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
                 for row in rows
             ],
         ),
+        *more,
     ]
     (folder / "peers.html").write_text(page.whole("Beside others", body), "utf-8")
 
