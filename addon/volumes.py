@@ -33,6 +33,7 @@ def write(
 ) -> None:
     """Write a volume as .vdb; `read` gives an equal one, placed by world_from_object if given.
 
+    The file holds the field alone: not the triangles of exact cells, nor colours and normals.
     The file is written beside its place and renamed, so it is whole or absent.
     Raises LeapRayError where there is no OpenVDB or the place cannot be written.
     """
