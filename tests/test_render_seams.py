@@ -106,3 +106,38 @@ def test_the_terminator_of_a_ball_has_no_steps(scale, sphere):
     wrong = np.abs(got["Combined"][..., 0] - np.maximum(cosine, 0)) > 0.002
     assert (np.abs(cosine[inner]) < 0.1).mean() > 0.05
     assert not wrong[inner].any()
+
+
+def tube(segments=96, outer=1.0, inner=0.86, half=0.7):
+    """A pipe along z as a closed mesh, counter-clockwise from outside."""
+    angle = np.arange(segments) / segments * 2 * np.pi
+    ring = np.stack([np.cos(angle), np.sin(angle)], -1)
+    profile = [(outer, -half), (outer, half), (inner, half), (inner, -half)]
+    rows = [np.column_stack([r * ring, np.full(segments, z)]) for r, z in profile]
+    here, there = np.arange(segments), np.roll(np.arange(segments), -1)
+    faces = []
+    for k in range(4):
+        a, b = k * segments, (k + 1) % 4 * segments
+        faces += [np.stack([a + here, a + there, b + there], -1)]
+        faces += [np.stack([a + here, b + there, b + here], -1)]
+    return np.concatenate(rows), np.concatenate(faces).astype(np.int32)
+
+
+@pytest.mark.parametrize("name", ["transparent", "refraction"])
+def test_a_pipe_of_glass_with_walls_of_two_voxels_has_no_wrong_pixel(name):
+    """Most of its cells keep their triangles, and rays leave them into cells that do not.
+
+    Four surfaces, and one pair more where samples round off a rim.
+    """
+    vertices, triangles = tube()
+    turn, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
+    if np.linalg.det(turn) < 0:
+        turn = -turn
+    volume = leapray.voxelize(vertices @ turn.T, triangles, 0.07, kind="solid", exact="all")
+    assert volume.info.n_exact_cells > 100
+    pipe = leapray.build(volume)
+    limit = {"transparent": "transparent_bounces", "refraction": "transmission_bounces"}[name]
+    lobe = Lobe(name, ALL, ior=1.0)
+    got = picture(pipe, 1.0, lobe, (0.3, -4, 0.2), samples=16, **{limit: 5})
+    assert (got["Depth"] < FAR).mean() > 0.1
+    assert n_wrong(got, np.ones(got["Depth"].shape[:2], bool)) == 0

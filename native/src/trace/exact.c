@@ -330,3 +330,15 @@ int lr_handed_on(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int si
         return side;
     return fabs(value) <= OFF ? LR_STILL : 0;
 }
+
+bool lr_starts_off(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side)
+{
+    double corner[8], p[3];
+    lr_corners(v, u->c, corner);
+    point_at(r, u->t, p);
+    for (int a = 0; a < 3; a++)
+        p[a] = lr_clamp(p[a] - u->c[a], 0.0, 1.0);
+    const double value =
+        (lr_trilinear(corner, p) - v->threshold) * v->exact->voxels_per_value * side;
+    return value < -START_OFF && value >= -OFF;
+}

@@ -26,6 +26,11 @@ enum { LR_STILL = INT32_MAX };
 int lr_handed_on(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side,
                  uint64_t *n_samples);
 
+/* Does the field say that the ray, which leaves a surface on this side, starts on the
+ * other one, and by more than rounding? Then it leaves the triangle of an exact cell, but
+ * from a point beyond that cell. */
+bool lr_starts_off(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side);
+
 /* The hit test of any cell. *side as in lr_hit_cell, but twice that where an exact
  * cell has handed it on; what it is afterwards goes with the next cell. What the rare
  * branches are given are copies, so that the ray and the cursor may live in registers. */
@@ -48,6 +53,8 @@ LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_spacing spacing, c
                 *found = own;
             return hit;
         }
+        if (abs(start) == 1 && lr_starts_off(v, &ray, &cursor, start))
+            *side = start = 2 * start;
         if (abs(start) > 1)
             start = lr_handed_on(v, &ray, &cursor, start, &more);
         *n_samples += more;
