@@ -60,7 +60,7 @@ class Measure:
     shape: tuple[int, int, int]
     kind: str
     normals: bool  # the mesh's own are in the volume
-    why: str  # it is a sheet; "" for solids
+    why: str  # it is a sheet, or a solid where that is not obvious; else ""
     volume_nbytes: int
     structure_nbytes: int
 
@@ -172,6 +172,8 @@ def measure(
         why = f"open: {mesh.n_border_edges} border edges"
     elif sheet:
         why = f"not closed: {mesh.n_bad_edges} edges of many faces or of opposite winding"
+    elif not mesh.obvious:
+        why = mesh.why
     return Measure(
         voxel_size=voxel_size,
         surface=surface,

@@ -51,7 +51,7 @@ CROSSING = {
     "boxes": meshes.joined(meshes.box(), meshes.box((-0.5, -0.4, 0.1), (1.7, 0.3, 1.4))),
 }
 OPEN = {
-    "few holes": (blob(5), "auto"),
+    "few holes": (blob(5), "solid"),
     "many holes": (blob(40), "solid"),
     "three at an edge": (
         meshes.joined(meshes.box(), (meshes.box()[0][[0, 1, 2]] * 0.7, [[0, 1, 2]])),
@@ -89,6 +89,15 @@ def test_solids_with_holes_are_closed_by_the_winding_number(name):
     volume = voxelize(vertices, triangles, 0.061, dtype="f32", kind=kind)
     assert volume.info.kind == "solid" and volume.mesh_info.winding
     assert wrong(volume, vertices, triangles) <= MOST_WRONG
+
+
+def test_holes_that_nobody_sees_leave_a_solid():
+    vertices, triangles = blob(5)
+    for h, kind in ((0.3, "solid"), (0.04, "sheet")):
+        volume = voxelize(vertices, triangles, h)
+        assert volume.info.kind == kind
+        assert (volume.mesh_info.hole > 0.5) == (kind == "sheet")
+    assert not voxelize(vertices, triangles, 0.3).mesh_info.obvious
 
 
 def test_suzanne_is_a_sheet_by_herself_and_a_solid_if_asked():

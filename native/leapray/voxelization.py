@@ -113,8 +113,10 @@ def voxelize(
     Gaussian with sigma half_width (1); "box", the exactly covered share of the
     voxel; "binary", 1 inside and 0 outside. The last two are for solids only.
     kind "solid" takes what the triangles enclose, "sheet" the triangles as a surface
-    without inside, "auto" a solid where every edge is shared by two triangles of one
-    winding. dtype: "u8", "u16" or "f32".
+    without inside; "auto" takes a solid where every edge is shared by two triangles of
+    one winding, or where winding numbers find a volume enclosed but for holes of half
+    a voxel at most: mesh_info.why tells. Where parts of a solid cross, lie in each
+    other or leave holes, winding numbers tell inside from outside. dtype: "u8", "u16" or "f32".
     exact "sheets": cells of sheets in which the samples cannot hold the surface (at
     borders, junctions, creases, close pairs) keep their triangles, which rays meet
     exactly; "all": those of solids too (creases, walls and gaps thinner than a voxel);

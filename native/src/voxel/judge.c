@@ -4,9 +4,9 @@
  * on both, where shells overlap; a sheet has none, or something in between near its
  * borders. Edges alone do not tell: a chair of faces that are there twice has no open
  * one. A solid with holes is closed by the winding number, which nobody sees while
- * they are smaller than a voxel or two; wider ones are there to be seen, so such a
- * mesh is taken for a sheet. So is one whose faces disagree in winding, since the
- * winding number follows them.
+ * they are well below a voxel, that is a pixel or two; wider ones are there to be
+ * seen, so such a mesh is taken for a sheet. So is one whose faces disagree in
+ * winding, since the winding number follows them.
  *
  * Source: Jacobson, Kavan, Sorkine-Hornung 2013 for the winding number; the rule is
  * our own.
@@ -19,7 +19,7 @@ enum { PROBES = 500, POLL = 1 << 14 };
 #define OFFSET      0.02 /* of a probe from the surface, voxels */
 #define DOUBT       0.25 /* winding numbers within it of a whole number are sure */
 #define MOST_DOUBTS 0.05 /* share of the probes of a solid */
-#define HOLE        2.0  /* extent of a hole that nobody sees, voxels */
+#define HOLE        0.5  /* extent of a hole that nobody sees, voxels */
 
 /* A number in 0..1 for each n, the same in every run.
  * Source: Wellons 2018, hash prospector (lowbias32). */
