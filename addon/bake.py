@@ -7,7 +7,7 @@ outfits differ get volumes of their own, all others share one. A colour is baked
 only for slots whose material asks for it, and a mesh none of whose materials do
 carries none.
 
-Normals are baked where facets show: where facets are larger than a voxel (on
+Normals are baked where facets show: where they are LARGE voxels wide or more (on
 smaller ones the field is smoother than its facets, and its own gradient is as
 good), on at least SHOWS of the area, and corner normals lean from them by more
 than LEAN; or where such facets meet in creases, beside which central differences
@@ -30,7 +30,8 @@ from leapray import VERTEX, WHITE
 from . import model
 
 LEAN = np.radians(0.5)  # light on a surface that it grazes changes by less than 1 %
-SHOWS = 0.01  # of the area
+LARGE = 2.0  # voxels: in folds of smaller facets the field's own normals err less
+SHOWS = 0.25  # of the area
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ def facets_show(mesh: model.Mesh, voxel_size: float, creased: bool = False) -> b
         return False
     facets = facet_normals(mesh)[:, 0]
     twice = np.linalg.norm(facets, axis=1)
-    shows = twice > voxel_size**2
+    shows = twice > (LARGE * voxel_size) ** 2
     if not creased:
         cosine = np.einsum("mka,ma->mk", mesh.corner_normals, unit(facets))
         shows &= cosine.min(axis=1) < np.cos(LEAN)
