@@ -52,20 +52,33 @@ class Wardrobe:
         self.scene, self.cache, self.watch = scene, cache, watch
         self.warnings: list[str] = []
         self._digests: dict[int, str] = {}
+        self._slots: dict[int, list[int]] = {}
         self._images: dict[str, model.Image] = {}
 
     def outfit(self, mesh: model.Mesh, materials: tuple[int, ...]) -> Outfit:
         """Of an instance of the mesh with those materials in its slots."""
         sources: list[int] = []
         images: list[str] = []
-        for material in (self.scene.materials[m] for m in materials):
-            source, why = self._source(mesh, material, images)
+        used = self._used_slots(mesh)
+        used = {min(slot, len(materials) - 1) for slot in used}
+        for slot, number in enumerate(materials):
+            if slot not in used:
+                sources.append(WHITE)
+                continue
+            source, why = self._source(mesh, self.scene.materials[number], images)
             if why and why not in self.warnings:
                 self.warnings.append(why)
             sources.append(source)
         if all(source == WHITE for source in sources):
             return Outfit()
         return Outfit(tuple(sources), tuple(images))
+
+    def _used_slots(self, mesh: model.Mesh) -> list[int]:
+        if mesh.slots is None:
+            return [0]
+        if id(mesh) not in self._slots:
+            self._slots[id(mesh)] = np.unique(mesh.slots).tolist()
+        return self._slots[id(mesh)]
 
     def _source(
         self, mesh: model.Mesh, material: model.Material, images: list[str]

@@ -110,6 +110,14 @@ def test_what_is_missing_is_said_once_and_white(mesh, asked, words):
     assert made.volumes[0]["carries"] == []
 
 
+def test_slots_that_no_triangle_has_ask_for_nothing():
+    mesh = dataclasses.replace(with_uvs(plane()), slots=np.zeros(2, np.uint16))
+    materials = [material(image()), material(source="vertex", name="Unused")]
+    made = planned(dressed([mesh], [place(0, materials=(0, 1))], materials, resolution=40))
+    assert made.volumes[0]["carries"] == ["colors"]
+    assert not any("vertex colours" in warning for warning in made.warnings)
+
+
 # ---- smooth normals -------------------------------------------------------------
 
 
