@@ -61,6 +61,7 @@ class Measure:
     kind: str
     normals: bool  # the mesh's own are in the volume
     why: str  # it is a sheet, or a solid where that is not obvious; else ""
+    doubtful: bool  # the user may have meant the other kind
     volume_nbytes: int
     structure_nbytes: int
 
@@ -189,6 +190,7 @@ def measure(
         kind=info.kind,
         normals=info.has_normals,
         why=why,
+        doubtful=not (mesh.obvious or mesh.closed or (sheet and mesh.n_border_edges)),
         volume_nbytes=info.nbytes,
         structure_nbytes=structure.nbytes,
     )

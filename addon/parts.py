@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import bake, model
+from . import bake, model, probes
 
 MOST_LAYERS = 16  # what needs more is a thicket, in which every ray would meet every volume
 NEAR = 1 / 32  # of the mesh's longest side: boxes with a gap less than this overlap
@@ -38,6 +38,17 @@ def split(mesh: model.Mesh, watch: leapray.Watch | None = None) -> list[model.Me
     if layer.max() == 0:
         return [mesh]
     return [_only(mesh, layer == k) for k in range(layer.max() + 1)]
+
+
+def torn(mesh: model.Mesh, pieces: list[model.Mesh]) -> bool:
+    """Whether a mesh without an open edge became pieces that have some."""
+    return mesh.modelling.kind == "auto" and not is_open(mesh) and any(map(is_open, pieces))
+
+
+def is_open(mesh: model.Mesh) -> bool:
+    """Whether an edge, as the vertices' numbers tell it, has one triangle only."""
+    _, bounds = probes.edges(mesh.triangles.astype(np.int64))
+    return bool((np.diff(bounds) == 1).any())
 
 
 def solids(mesh: model.Mesh) -> list[model.Mesh]:

@@ -100,6 +100,11 @@ class Planner(Levels):
             except leapray.LeapRayError as error:
                 self.warnings.append(f"{users[0].name!r} is skipped: {error}.")
                 continue
+            if len(split) > 1 and parts.torn(self.scene.meshes[index], [m for _, m in split]):
+                self.warnings.append(
+                    f"{users[0].name!r} is closed, but taken for sheets, since faces disagree in "
+                    "winding or meet three at an edge; the object's settings can say otherwise."
+                )
             for part, (name, mesh) in enumerate(split):
                 ids = several and mesh.slots is not None
                 work = Work(index, part, users[0].name, mesh, name, matrices, shown, ids, outfit)
@@ -117,7 +122,7 @@ class Planner(Levels):
     def _split(self, mesh: model.Mesh) -> list[tuple[str, model.Mesh]]:
         """The parts of the mesh that get volumes of their own, and names of their contents."""
         name = objects.digest(mesh)
-        if self.settings.layout == "scene":
+        if self.settings.layout == "scene" or mesh.modelling.kind == "solid":
             return [(name, mesh)]
         key = "parts", name
         split = self.cache.get(key)
@@ -269,7 +274,8 @@ class Planner(Levels):
             volumes=[self._row(w) for w in self.works],
             warnings=self.warnings
             + [s for w in self.works if (s := self._complaint(w))]
-            + [s for w in self.works if (s := _crowded(w))],
+            + [s for w in self.works if (s := _crowded(w))]
+            + list(dict.fromkeys(_doubt(w) for w in self.works if w.measure.doubtful)),
             volume_nbytes=sum(w.measure.volume_nbytes for w in self.works),
             structure_nbytes=sum(w.measure.structure_nbytes for w in self.works),
             peak_nbytes=self.peak,
@@ -345,6 +351,14 @@ class Planner(Levels):
         if self.settings.resolution or work.fixed or not what:
             return ""
         return f"{work.name!r} has {what}: {work.stuck}."
+
+
+def _doubt(work: Work) -> str:
+    """The sentence on a kind that the user may not have meant."""
+    return (
+        f"{work.name!r} is taken for a {work.measure.kind}, since "
+        f"{work.structure.volume.mesh_info.why}; the object's settings can say otherwise."
+    )
 
 
 def _crowded(work: Work) -> str:

@@ -12,7 +12,7 @@ import pytest
 import scenes
 
 import leapray
-from addon import errors, objects, plan, probes
+from addon import errors, model, objects, plan, probes
 from addon.cache import Cache
 
 
@@ -385,6 +385,26 @@ def test_a_folder_that_cannot_be_is_a_warning(tmp_path):
     (tmp_path / "file").write_text("")
     plan = make(scenes.scene([scenes.sphere(n=32)], cache_folder=str(tmp_path / "file")))
     assert any("folder" in warning for warning in plan.warnings)
+
+
+# ---- kinds ----------------------------------------------------------------------------------
+
+
+def test_a_kind_that_may_not_be_meant_is_a_warning_and_others_are_not():
+    plain = [scenes.sphere(n=16), scenes.plane(), scenes.join((scenes.box(), (0, 0, 0)))]
+    crossing = scenes.join((scenes.box(turn=0.3), (0, 0, 0)), (scenes.box(), (0.5, 0.5, 0.5)))
+    for mesh in (*plain, crossing):
+        assert not any("taken for" in warning for warning in make(scenes.scene([mesh])).warnings)
+    triangles = scenes.box().triangles.copy()
+    triangles[:2] = triangles[:2, ::-1]  # a face that looks inwards
+    flipped = dataclasses.replace(scenes.box(name="Flipped"), triangles=triangles)
+    made = make(scenes.scene([flipped]))
+    doubts = [warning for warning in made.warnings if "taken for" in warning]
+    assert len(doubts) == 1 and "disagree in winding" in doubts[0]
+    asked = dataclasses.replace(flipped, modelling=model.Modelling(kind="solid"))
+    made = make(scenes.scene([asked]))
+    assert [row["kind"] for row in made.volumes] == ["solid"]
+    assert not any("taken for" in warning for warning in made.warnings)
 
 
 # ---- bad objects ----------------------------------------------------------------------------
