@@ -9,6 +9,7 @@ distance transforms (distances.py).
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import time
 from collections.abc import Callable
@@ -122,6 +123,8 @@ def by_leapray(vertices, triangles, voxel: float, simd: str, threads: int) -> Ca
 
 def by_openvdb(vertices, triangles, voxel: float) -> Callable:
     """createLevelSetFromPolygons, which uses all cores; raises LeapRayError without OpenVDB."""
+    with contextlib.suppress(ImportError):
+        import bpy  # noqa: F401  brings OpenVDB along
     openvdb = volumes._openvdb()
     corners = triangles.astype(np.uint32)
     return lambda: openvdb.FloatGrid.createLevelSetFromPolygons(
