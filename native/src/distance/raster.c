@@ -27,11 +27,59 @@ LR_INLINE void relax_from(uint8_t *best, const uint8_t *from, int64_t n, uint8_t
     lr_relax_row(best, from + 1, n - 1, aside);
 }
 
-/* Along the row itself, from its first cell on or from its last one back. */
+/* Sixteen cells of a row, in the order in which they are taken. */
+enum { LANES = 16 };
+typedef uint8_t lanes __attribute__((vector_size(LANES)));
+
+LR_INLINE lanes least_of(lanes a, lanes b)
+{
+    const lanes first = (lanes)(a < b);
+    return (a & first) | (b & ~first);
+}
+
+/* LR_DISTANCE_CAP at most. */
+LR_INLINE lanes sum_of(lanes a, lanes b)
+{
+    const lanes sum = a + b;
+    return sum | (lanes)(sum < a);
+}
+
+/* The lanes s places before, none before the first. */
+#define BEFORE(v, s)                                                                               \
+    __builtin_shufflevector(none, v, 16 - (s), 17 - (s), 18 - (s), 19 - (s), 20 - (s), 21 - (s),   \
+                            22 - (s), 23 - (s), 24 - (s), 25 - (s), 26 - (s), 27 - (s), 28 - (s),  \
+                            29 - (s), 30 - (s), 31 - (s))
+
+LR_INLINE lanes turned(lanes v)
+{
+    return __builtin_shufflevector(v, v, 15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0);
+}
+
+/* Along the row itself, from its first cell on or from its last one back. In sixteen
+ * cells every way has at most four steps of 1, 2, 4 and 8 cells; what comes from the
+ * cells before them is taken last. */
 LR_INLINE void relax_along(uint8_t *row, int64_t n, int step, uint8_t cost)
 {
+    const lanes none = (lanes){0} + LR_DISTANCE_CAP, zero = {0};
+    const lanes places = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16};
+    const lanes ways = places * cost;
     int32_t d = LR_DISTANCE_CAP;
-    for (int64_t i = 0; i < n; i++) {
+    int64_t i = 0;
+    for (; i + LANES <= n; i += LANES) {
+        uint8_t *at = step > 0 ? row + i : row + n - LANES - i;
+        lanes v;
+        memcpy(&v, at, sizeof v);
+        v = step > 0 ? v : turned(v);
+        v = least_of(v, sum_of(BEFORE(v, 1), zero + cost));
+        v = least_of(v, sum_of(BEFORE(v, 2), zero + (uint8_t)(2 * cost)));
+        v = least_of(v, sum_of(BEFORE(v, 4), zero + (uint8_t)(4 * cost)));
+        v = least_of(v, sum_of(BEFORE(v, 8), zero + (uint8_t)(8 * cost)));
+        v = least_of(v, sum_of(ways, zero + (uint8_t)d));
+        d = v[LANES - 1];
+        v = step > 0 ? v : turned(v);
+        memcpy(at, &v, sizeof v);
+    }
+    for (; i < n; i++) {
         uint8_t *cell = step > 0 ? row + i : row + n - 1 - i;
         d = lr_min_i(d + cost, *cell);
         *cell = (uint8_t)d;
