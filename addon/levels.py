@@ -19,6 +19,7 @@ from .parts import solids
 
 FINER = 6  # levels beyond the one asked for on which a volume may still be at hand
 MB = 1 << 20
+NO_END = 1 << 62  # bytes
 
 
 @dataclass
@@ -110,7 +111,7 @@ class Levels:
             foreseen = measure.nbytes * (measure.voxel_size / voxel_size) ** 2
             self.cache.trim(int(self.budget - self.held() - foreseen))
         began = time.perf_counter()
-        volume = self._volume(work, voxel_size, max(1, int(min(room * share, volume_room))))
+        volume = self._volume(work, voxel_size, max(1, int(min(room * share, volume_room, NO_END))))
         middle = time.perf_counter()
         structure = leapray.build(
             volume, self.settings.traverser or None, threads=self.threads, watch=self.watch
@@ -265,6 +266,8 @@ class Levels:
             measure = self.cache.peek(self._key(work, "measure", finer))
             structure = self.cache.peek(self._key(work, "structure", finer))
             if measure is not None and structure is not None and measure.nbytes <= room:
+                for what in ("measure", "structure", "volume"):
+                    self.cache.get(self._key(work, what, finer))  # is used
                 work.measure, work.structure = measure, structure
                 work.errors = errors.seen(measure, work.weights)
                 return True

@@ -349,6 +349,24 @@ def test_a_camera_that_draws_back_keeps_the_finer_volume(calls):
     assert kept["voxel_size"] == first["voxel_size"] < cold["voxel_size"]
 
 
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_meshes_of_equal_contents_share_what_is_cached(calls, order):
+    """And do not take it away from each other, where one is refined beyond the other."""
+    cache = Cache()
+    meshes = [scenes.sphere(n=32), scenes.sphere(n=32, name="Copy")]
+    places = [scenes.place(0, at=(0, -3.5, 0)), scenes.place(1, at=(20, 400, 0))]
+    scene = scenes.scene(meshes, [places[k] for k in order], pixel_error=0.05)
+    alone = make(scenes.scene(meshes[:1], places[:1], pixel_error=0.05)).volumes[0]
+    calls.clear()
+    made = make(scene, cache)
+    assert {row["name"]: row["voxel_size"] for row in made.volumes}["Object 0"] == alone[
+        "voxel_size"
+    ]
+    calls.clear()
+    again = make(scene, cache)
+    assert calls == [] and len(again.instances) == 2
+
+
 def test_an_edited_mesh_alone_is_voxelized_anew(calls):
     cache = Cache()
     meshes = [scenes.sphere(n=32), scenes.box(turn=0.3)]
