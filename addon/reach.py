@@ -22,7 +22,7 @@ SLACK = 1e-9  # of the scene's extent
 STRAIGHT_FLAGS = "visible_camera", "visible_shadow", "visible_diffuse"
 SCATTERED_FLAGS = "visible_glossy", "visible_transmission"
 WIDE = math.radians(160)  # a sun of that angle is taken to shine from everywhere
-STRAIGHT = ("diffuse", "transparent", "emission")  # lobes that send no ray elsewhere, but to lights
+STRAIGHT = ("diffuse", "transparent", "emission")  # lobes that only diffuse bounces take elsewhere
 
 
 def reached(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.bool_]:
@@ -30,10 +30,11 @@ def reached(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.b
     used = {material for instance in instances for material in instance.materials}
     kinds = {lobe.kind for material in used for lobe in scene.materials[material].lobes}
     scatters = not kinds <= set(STRAIGHT)
+    spreads = scene.settings.diffuse_bounces > 0 or "Ambient Occlusion" in scene.passes
     names = (*STRAIGHT_FLAGS, *SCATTERED_FLAGS) if scatters else STRAIGHT_FLAGS
     flags = np.array([[getattr(i, name) for name in names] for i in instances], bool)
     flags = flags.reshape(len(instances), len(names))
-    if scatters or (any(scene.world.color) and scene.world.visible_diffuse):
+    if scatters or spreads or (any(scene.world.color) and scene.world.visible_diffuse):
         return flags.any(axis=1)
     seen, stops_light = flags.T[:2]
     corners = _corners(scene, instances)

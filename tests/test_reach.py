@@ -77,6 +77,25 @@ def test_mirrors_reach_everything():
     assert reached(dataclasses.replace(scene, materials=(mirror,))) == [True, True]
 
 
+def test_diffuse_bounces_and_ambient_occlusion_reach_everything():
+    places = (0, 0, 0), (0, -20, 0)
+    assert reached(dark(*places)) == [True, False]
+    assert reached(dark(*places, diffuse_bounces=1)) == [True, True]
+    ambient = dataclasses.replace(dark(*places), passes=("Combined", "Ambient Occlusion"))
+    assert reached(ambient) == [True, True]
+
+
+def test_a_shining_thing_behind_the_camera_lights_what_is_seen():
+    scene = dark((0, 0, 0), (0, -20, 0), diffuse_bounces=1, samples=16)
+    ball, lamp = scene.instances[0], scenes.place(at=(0, -20, 0), scale=4.0, materials=(2,))
+    shines = model.Material("Shines", (model.Lobe("emission", (50.0, 50.0, 50.0)),))
+    materials = *scene.materials, shines
+    scene = dataclasses.replace(scene, materials=materials, instances=(ball, lamp), lights=())
+    alone = dataclasses.replace(scene, instances=(ball,))
+    lit, unlit = (pipeline.render(s).passes["Combined"][..., :3].max() for s in (scene, alone))
+    assert unlit == 0 and lit > 0.1
+
+
 def test_clipping_counts():
     view = dataclasses.replace(scenes.camera(), clip_start=5.0, clip_end=7.0)
     assert reached(dark((0, 0, 0), (0, 5, 0), (0, -3, 0), view=view)) == [True, False, False]
