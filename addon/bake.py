@@ -125,14 +125,11 @@ class Wardrobe:
         return tuple(made)
 
     def attributes(
-        self, mesh: model.Mesh, outfit: Outfit, voxel_size: float, creased: bool
+        self, mesh: model.Mesh, outfit: Outfit, with_normals: bool
     ) -> leapray.Attributes | None:
-        """What a volume of the mesh, or of a part of it, is to carry; None: nothing.
-
-        creased: the mesh has creases.
-        """
+        """What a volume of the mesh, or of a part of it, is to carry; None: nothing."""
         normals = None
-        if facets_show(mesh, voxel_size, creased):
+        if with_normals:
             normals = mesh.corner_normals
             if normals is None:
                 normals = np.ascontiguousarray(unit(facet_normals(mesh)), np.float32)
@@ -176,15 +173,22 @@ def slot_sources(mesh: model.Mesh, outfit: Outfit) -> NDArray[np.int32] | None:
 
 def facets_show(mesh: model.Mesh, voxel_size: float, creased: bool = False) -> bool:
     """Whether the mesh's own normals would be missed at that voxel size."""
+    return voxel_size < facet_voxel(mesh, creased)
+
+
+def facet_voxel(mesh: model.Mesh, creased: bool) -> float:
+    """The voxel size below which the mesh's own normals would be missed; 0: never."""
     if not (creased or mesh.corner_normals is not None) or not len(mesh.triangles):
-        return False
+        return 0.0
     facets = facet_normals(mesh)[:, 0]
     twice = np.linalg.norm(facets, axis=1)
-    shows = twice > (LARGE * voxel_size) ** 2
+    counts = np.ones(len(twice), bool)
     if not creased:
         cosine = np.einsum("mka,ma->mk", mesh.corner_normals, unit(facets))
-        shows &= cosine.min(axis=1) < np.cos(LEAN)
-    return bool(twice[shows].sum() > SHOWS * twice.sum())
+        counts = cosine.min(axis=1) < np.cos(LEAN)
+    largest_first = np.sort(twice[counts])[::-1]
+    enough = np.flatnonzero(np.cumsum(largest_first) > SHOWS * twice.sum())
+    return float(np.sqrt(largest_first[enough[0]]) / LARGE) if len(enough) else 0.0
 
 
 def facet_normals(mesh: model.Mesh) -> NDArray[np.float64]:

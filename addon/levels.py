@@ -131,7 +131,7 @@ class Levels:
     def _volume(self, work: Work, voxel_size: float, max_nbytes: int) -> leapray.Volume:
         """The volume of a level: from the cache, from the folder, or made of the mesh."""
         key = self._key(work, "volume", voxel_size)
-        folder = "" if work.carries else self.settings.cache_folder  # .vdb holds no attributes
+        folder = self.settings.cache_folder
         volume = self.cache.get(key) or (caches.load(folder, key) if folder else None)
         if volume is not None:
             if volume.info.nbytes <= max_nbytes:
@@ -197,8 +197,14 @@ class Levels:
     def _attributes(
         self, work: Work, mesh: model.Mesh, voxel_size: float
     ) -> leapray.Attributes | None:
-        creased = len(self._probes(work).creases) > 0
-        return self.wardrobe.attributes(mesh, work.outfit, voxel_size, creased)
+        key = "facets", work.digest, work.carries
+        widest = self.cache.get(key) if mesh is work.mesh else None
+        if widest is None:
+            creased = len(self._probes(work).creases) > 0
+            widest = bake.facet_voxel(mesh, creased)
+            if mesh is work.mesh:
+                self.cache.put(key, widest)
+        return self.wardrobe.attributes(mesh, work.outfit, voxel_size < widest)
 
     def _rise(self, mesh: model.Mesh, volume: leapray.Volume) -> float:
         """Of occupancy per voxel across a plane."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
+from leapray.rendering import VISIBILITIES
 
 from . import bake, model
 
@@ -28,6 +29,12 @@ def digest(mesh: model.Mesh) -> str:
             name.update(np.ascontiguousarray(array).view(np.uint8))
         name.update(b"|")
     return name.hexdigest()
+
+
+def bounds(mesh: model.Mesh) -> NDArray[np.float64]:
+    """(2, 3): the box of the mesh's triangles."""
+    used = mesh.vertices[mesh.triangles.ravel()]
+    return np.array([used.min(axis=0), used.max(axis=0)], np.float64)
 
 
 def wrong_with_mesh(mesh: model.Mesh) -> str:
@@ -112,9 +119,7 @@ def merge(
             f"One volume holds 65536 ids, but the scene's objects have {len(materials)} material "
             "slots; choose layout 'objects'."
         )
-    rays = ("camera", "shadow", "diffuse", "glossy", "transmission")
-    flags = [f"visible_{each}" for each in rays]
-    if any(len({getattr(i, flag) for i in instances}) > 1 for flag in flags):
+    if any(len({getattr(i, flag) for i in instances}) > 1 for flag in VISIBILITIES):
         warnings.append("In layout 'scene' the ray visibility of single objects does not count.")
     meshes = []
     for kind in ("solid", "sheet"):

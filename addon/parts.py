@@ -42,7 +42,7 @@ def split(mesh: model.Mesh, watch: leapray.Watch | None = None) -> list[model.Me
 
 def torn(mesh: model.Mesh, pieces: list[model.Mesh]) -> bool:
     """Whether a mesh without an open edge became pieces that have some."""
-    return mesh.modelling.kind == "auto" and not is_open(mesh) and any(map(is_open, pieces))
+    return not is_open(mesh) and any(map(is_open, pieces))
 
 
 def is_open(mesh: model.Mesh) -> bool:
@@ -57,33 +57,17 @@ def solids(mesh: model.Mesh) -> list[model.Mesh]:
         return [mesh]
     ends = np.flatnonzero(np.diff(mesh.solids)) + 1
     bounds = [0, *ends.tolist(), len(mesh.solids)]
-    made = []
-    for first, last in itertools.pairwise(bounds):
-        row = slice(first, last)
-        used, triangles = np.unique(mesh.triangles[row], return_inverse=True)
-        made.append(
-            dataclasses.replace(
-                mesh,
-                vertices=mesh.vertices[used],
-                triangles=triangles.reshape(-1, 3).astype(np.int32),
-                slots=None if mesh.slots is None else mesh.slots[row],
-                solids=None,
-                **bake.only(mesh, row),
-            )
-        )
-    return made
+    return [_only(mesh, slice(*ends)) for ends in itertools.pairwise(bounds)]
 
 
-def _only(mesh: model.Mesh, chosen: NDArray[np.bool_]) -> model.Mesh:
-    """The chosen triangles with the vertices that they use."""
+def _only(mesh: model.Mesh, chosen: NDArray[np.bool_] | slice) -> model.Mesh:
+    """The chosen triangles with the vertices that they use, sharing a volume no more."""
     used, triangles = np.unique(mesh.triangles[chosen], return_inverse=True)
-    slots = None if mesh.slots is None else mesh.slots[chosen]
-    shape = (int(chosen.sum()), 3)
-    return model.Mesh(
-        mesh.name,
-        mesh.vertices[used],
-        triangles.reshape(shape).astype(np.int32),
-        slots,
+    return dataclasses.replace(
+        mesh,
+        vertices=mesh.vertices[used],
+        triangles=triangles.reshape(-1, 3).astype(np.int32),
+        slots=None if mesh.slots is None else mesh.slots[chosen],
+        solids=None,
         **bake.only(mesh, chosen),
-        modelling=mesh.modelling,
     )

@@ -59,8 +59,7 @@ class Plan:
 
 def coarsest(mesh: model.Mesh) -> float:
     """The largest power of two that puts at least COARSEST / 2 voxels along the longest side."""
-    used = mesh.vertices[np.unique(mesh.triangles)].astype(np.float64)
-    longest = np.ptp(used, axis=0).max()
+    longest = np.ptp(objects.bounds(mesh), axis=0).max()
     return 2.0 ** math.ceil(math.log2(longest / COARSEST)) if longest > 0 else 1.0
 
 
@@ -94,13 +93,13 @@ class Planner(Levels):
             shown = np.array([u.visible_camera for u in users])
             several = any(len(u.materials) > 1 for u in users)
             try:
-                split = self._split(self.scene.meshes[index])
+                split, torn = self._split(self.scene.meshes[index])
             except leapray.Stopped:
                 raise
             except leapray.LeapRayError as error:
                 self.warnings.append(f"{users[0].name!r} is skipped: {error}.")
                 continue
-            if len(split) > 1 and parts.torn(self.scene.meshes[index], [m for _, m in split]):
+            if torn:
                 self.warnings.append(
                     f"{users[0].name!r} is closed, but taken for sheets, since faces disagree in "
                     "winding or meet three at an edge; the object's settings can say otherwise."
@@ -119,17 +118,23 @@ class Planner(Levels):
         mesh = self.scene.meshes[instance.mesh]
         return instance.mesh, self.wardrobe.outfit(mesh, instance.materials)
 
-    def _split(self, mesh: model.Mesh) -> list[tuple[str, model.Mesh]]:
-        """The parts of the mesh that get volumes of their own, and names of their contents."""
+    def _split(self, mesh: model.Mesh) -> tuple[list[tuple[str, model.Mesh]], bool]:
+        """The parts of the mesh that get volumes of their own, and names of their contents.
+
+        Then whether a closed mesh was taken apart into open ones that nobody asked for.
+        """
         name = objects.digest(mesh)
         if self.settings.layout == "scene" or mesh.modelling.kind == "solid":
-            return [(name, mesh)]
+            return [(name, mesh)], False
         key = "parts", name
-        split = self.cache.get(key)
-        if split is None:
+        known = self.cache.get(key)
+        if known is None:
             split = parts.split(mesh, self.watch)
-            split = self.cache.put(key, split if len(split) > 1 else [])
-        return [(f"{name}/{k}", part) for k, part in enumerate(split)] or [(name, mesh)]
+            known = (split, parts.torn(mesh, split)) if len(split) > 1 else ([], False)
+            self.cache.put(key, known)
+        split, torn = known
+        named = [(f"{name}/{k}", part) for k, part in enumerate(split)]
+        return named or [(name, mesh)], torn and mesh.modelling.kind == "auto"
 
     def first_size(self, work: Work) -> float:
         """The voxel size to start with, in object space."""
@@ -374,8 +379,7 @@ def fixed_size(mesh: model.Mesh, n: int) -> float:
 
     The ramp's own samples count; where n leaves hardly any for the mesh, it gets one voxel or two.
     """
-    used = mesh.vertices[np.unique(mesh.triangles)].astype(np.float64)
-    lo, hi = used.min(axis=0), used.max(axis=0)
+    lo, hi = objects.bounds(mesh)
     size = (hi - lo).max() / max(n - 1 - 2 * PADDING, 1)
     largest = 2.0 * size
     while size < largest:

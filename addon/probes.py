@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import model
+from .bake import unit
 
 N_SURFACE = 8192
 N_EDGE = 2048
@@ -46,11 +47,6 @@ class Probes:
     crease_normals: NDArray[np.float64]  # (n, 2, 3): of the triangles on either side, unit
     area: float
     crease_length: float
-
-
-def _unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    length = np.linalg.norm(v, axis=-1, keepdims=True)
-    return np.divide(v, length, out=np.zeros_like(v), where=length > 0)
 
 
 def weld(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
@@ -115,7 +111,7 @@ def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes
 
     def normals(some: NDArray[np.int64]) -> Points:
         """Of some triangles, given by any of their half-edges."""
-        return _unit(cross[some // 3].astype(np.float64))
+        return unit(cross[some // 3].astype(np.float64))
 
     def on_edges(some: NDArray[np.int64]) -> tuple[Points, NDArray[np.int64], float]:
         """Points on half-edges, which edges they are, and the whole length."""
@@ -198,7 +194,7 @@ def look(camera: model.Camera, points: Points, width: int, height: int):
     perspective = camera.projection == "perspective"
     if perspective:
         film = v / np.where(depth > 0, depth, np.nan)[:, None] - camera.corner
-        towards = _unit(v)
+        towards = unit(v)
         reach = np.maximum(np.linalg.norm(v, axis=1), max(camera.clip_start, NEAREST))
     else:
         film = v - depth[:, None] * camera.forward - camera.corner

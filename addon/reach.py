@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from . import model
+from . import model, objects
 
 FILTER = 8.0  # pixels beyond the image's edges that its pixels may see
 SEVERAL = 512  # boxes of what is seen are taken together beyond that number
@@ -82,10 +82,7 @@ def _corners(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.
     """(n, 8, 3): the boxes of the instances' meshes in world space."""
     boxes = {}
     for mesh in {i.mesh for i in instances}:
-        m = scene.meshes[mesh]
-        used = m.vertices[np.unique(m.triangles)].astype(np.float64)
-        ends = np.array([used.min(axis=0), used.max(axis=0)])
-        boxes[mesh] = np.array(list(itertools.product(*ends.T)))
+        boxes[mesh] = np.array(list(itertools.product(*objects.bounds(scene.meshes[mesh]).T)))
     if not instances:
         return np.zeros((0, 8, 3))
     matrices = np.array([i.world_from_object for i in instances], np.float64)

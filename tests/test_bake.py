@@ -261,7 +261,7 @@ def test_the_measured_error_is_the_one_that_a_picture_shows():
         dressed([mesh], [place(0)], [material(picture)]), Cache(), leapray.Watch()
     )
     outfit = wardrobe.outfit(mesh, (0,))
-    attributes = wardrobe.attributes(mesh, outfit, 1 / 16, False)
+    attributes = wardrobe.attributes(mesh, outfit, False)
     volume = leapray.voxelize(mesh.vertices, mesh.triangles, 1 / 16, attributes=attributes)
     rng = np.random.default_rng(3)
     weights = rng.dirichlet((1, 1, 1), 3000)

@@ -390,6 +390,19 @@ def test_a_folder_keeps_volumes_for_the_next_run(tmp_path, calls):
     assert not finest & set(calls), "the volumes lie there, but are made anew"
 
 
+def test_what_the_folder_keeps_of_smooth_meshes_is_read_too(tmp_path, calls):
+    """Facets finer than voxels: the mesh has normals of its own, the volume needs none."""
+    pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
+    ball = scenes.sphere(n=64)
+    ball = dataclasses.replace(ball, corner_normals=ball.vertices[ball.triangles])
+    scene = scenes.scene([ball], cache_folder=str(tmp_path), resolution=24)
+    first = make(scene)
+    assert first.volumes[0]["carries"] == [] and len(list(tmp_path.glob("*.vdb"))) == 1
+    calls.clear()
+    assert make(scene).volumes == first.volumes
+    assert calls == []
+
+
 def test_a_broken_file_in_the_folder_is_made_anew(tmp_path):
     pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
     scene = scenes.scene([scenes.sphere(n=32)], cache_folder=str(tmp_path))

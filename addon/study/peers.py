@@ -24,6 +24,7 @@ import leapray
 from .. import volumes
 from . import charts, distances, page, scenes
 from .folder import study_folder, write_figures
+from .methods import seconds
 from .options import chosen, number, numbers
 
 STUDY = True
@@ -70,17 +71,6 @@ class Row:
     most: float
 
 
-def interleaved(ways: dict, rounds: int) -> dict[object, list[float]]:
-    """Seconds of every way, in turns, so that what else the machine does meets all alike."""
-    taken = {way: [] for way in ways}
-    for _ in range(rounds):
-        for way, run in ways.items():
-            began = time.perf_counter()
-            run()
-            taken[way].append(time.perf_counter() - began)
-    return taken
-
-
 # ---- meshes to samples ---------------------------------------------------
 
 
@@ -95,10 +85,10 @@ def samples_of_meshes(
     for threads in (2, 0):
         ways["LeapRay", threads] = by_leapray(vertices, triangles, voxel, "auto", threads)
     ways["OpenVDB", 0] = by_openvdb(vertices, triangles, voxel)
-    taken = interleaved(ways, rounds)
+    taken = seconds(list(ways.values()), rounds, time.perf_counter)  # several threads
     return [
-        Row("mesh to samples", size, by, threads, float(np.median(s)), min(s), max(s))
-        for (by, threads), s in taken.items()
+        Row("mesh to samples", size, by, threads, float(np.median(s)), s.min(), s.max())
+        for (by, threads), s in zip(ways, taken.T, strict=True)
     ]
 
 

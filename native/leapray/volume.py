@@ -185,8 +185,7 @@ class Volume:
         ids (n,): of a merged volume, whose object's own field; None: of the largest samples.
         """
         where = _points(points)
-        if ids is not None:
-            ids = np.ascontiguousarray(np.broadcast_to(np.asarray(ids, np.uint16), len(where)))
+        ids = _ids(ids, len(where))
         value, gradient = np.empty(len(where)), np.empty((len(where), 3))
         error = _abi.lr_error()
         status = lib.lr_volume_sample(
@@ -210,8 +209,7 @@ class Volume:
         NaN where the volume carries none.
         """
         where = _points(points)
-        if ids is not None:
-            ids = np.ascontiguousarray(np.broadcast_to(np.asarray(ids, np.uint16), len(where)))
+        ids = _ids(ids, len(where))
         colors, normals = np.empty(where.shape), np.empty(where.shape)
         error = _abi.lr_error()
         status = lib.lr_volume_attributes(
@@ -337,6 +335,12 @@ class VolumeBuilder:
     def finish(self) -> Volume:
         """The volume; the builder is spent."""
         return Volume.from_handle(self.release())
+
+
+def _ids(ids: ArrayLike | None, n: int) -> NDArray[np.uint16] | None:
+    if ids is None:
+        return None
+    return np.ascontiguousarray(np.broadcast_to(np.asarray(ids, np.uint16), n))
 
 
 def _points(points: ArrayLike) -> NDArray[np.float64]:
