@@ -38,6 +38,22 @@ LR_INLINE double lr_dot(const double a[3], const double b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
+LR_INLINE bool lr_all_finite(const double *x, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (!isfinite(x[i]))
+            return false;
+    return true;
+}
+
+/* Wellons 2018, "lowbias32": a bijection with nearly ideal avalanche. */
+LR_INLINE uint32_t lr_hash(uint32_t x)
+{
+    x = (x ^ x >> 16) * 0x7feb352du;
+    x = (x ^ x >> 15) * 0x846ca68bu;
+    return x ^ x >> 16;
+}
+
 LR_INLINE bool lr_stopped(const lr_watch *watch)
 {
     return watch != NULL && watch->stop != NULL && *watch->stop != 0;

@@ -38,8 +38,8 @@ static uint32_t walk(const lr_caster *c, uint32_t i)
 {
     const lr_wave *wave = &c->w->wave;
     const lr_hierarchy *hierarchy = &c->scene->hierarchy;
-    const double o[3] = {wave->ray.ox[i], wave->ray.oy[i], wave->ray.oz[i]};
-    const double d[3] = {wave->ray.dx[i], wave->ray.dy[i], wave->ray.dz[i]};
+    double o[3], d[3];
+    lr_get_ray(&wave->ray, i, o, d);
     const lr_slabs ray = lr_slabs_of(o, d);
     lr_branch *stack = wave->stack + (size_t)i * hierarchy->height;
     for (;;) {
@@ -83,17 +83,11 @@ static bool gather(const lr_caster *c, const lr_pair *pairs, uint32_t n)
     bool leaves = false;
     for (uint32_t k = 0; k < n; k++) {
         const uint32_t i = pairs[k].ray;
-        const double o[3] = {wave->ray.ox[i], wave->ray.oy[i], wave->ray.oz[i]};
-        const double d[3] = {wave->ray.dx[i], wave->ray.dy[i], wave->ray.dz[i]};
-        double p[3], v[3];
+        double o[3], d[3], p[3], v[3];
+        lr_get_ray(&wave->ray, i, o, d);
         lr_map_point(m, o, p);
         lr_map_vector(m, d, v);
-        batch->ray.ox[k] = p[0];
-        batch->ray.oy[k] = p[1];
-        batch->ray.oz[k] = p[2];
-        batch->ray.dx[k] = v[0];
-        batch->ray.dy[k] = v[1];
-        batch->ray.dz[k] = v[2];
+        lr_put_ray(&batch->ray, k, p, v);
         batch->t_max[k] = wave->t[i];
     }
     if (!c->options->leaving)

@@ -58,9 +58,6 @@ static bool find_way(const lr_scene *scene, uint64_t lamp, const double p[3], co
     return true;
 }
 
-static const uint32_t SEES[LR_RAY_KINDS] = {LR_VISIBLE_CAMERA, LR_VISIBLE_DIFFUSE,
-                                            LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION, 0};
-
 /* What the light of the way adds to the pixel; false where nothing. chance: of
  * this lamp to be asked. */
 static bool weigh(const lr_surfel *s, const lr_way *way, double chance, double brings[3])
@@ -70,7 +67,7 @@ static bool weigh(const lr_surfel *s, const lr_way *way, double chance, double b
     double sum[3] = {0, 0, 0};
     for (int kind = LR_RAY_DIFFUSE; kind <= LR_RAY_TRANSMISSION; kind++) {
         const lr_response *response = &group[kind - LR_RAY_DIFFUSE];
-        if ((way->visibility & SEES[kind]) == 0)
+        if ((way->visibility & lr_sees(kind)) == 0)
             continue;
         const double other = way->delta ? 0 : s->chance[kind] * response->pdf;
         const double share = lr_mis(chance * way->pdf, other);
@@ -108,8 +105,8 @@ static uint32_t keep_free(lr_workspace *w, uint32_t n)
             memset(beam->brings, 0, sizeof beam->brings);
             continue;
         }
-        const double o[3] = {wave->ray.ox[i], wave->ray.oy[i], wave->ray.oz[i]};
-        const double d[3] = {wave->ray.dx[i], wave->ray.dy[i], wave->ray.dz[i]};
+        double o[3], d[3];
+        lr_get_ray(&wave->ray, i, o, d);
         lr_aim(wave, kept, o, d, wave->t[i]);
         wave->from[kept] = wave->from[i];
         wave->start[kept] = wave->start[i];

@@ -22,12 +22,7 @@ typedef struct lr_job {
 /* Aim ray i of the wave. */
 LR_INLINE void lr_aim(lr_wave *wave, uint32_t i, const double o[3], const double d[3], double t_max)
 {
-    wave->ray.ox[i] = o[0];
-    wave->ray.oy[i] = o[1];
-    wave->ray.oz[i] = o[2];
-    wave->ray.dx[i] = d[0];
-    wave->ray.dy[i] = d[1];
-    wave->ray.dz[i] = d[2];
+    lr_put_ray(&wave->ray, i, o, d);
     wave->t[i] = t_max;
 }
 

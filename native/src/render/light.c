@@ -18,11 +18,6 @@ static const double PI = 3.141592653589793;
 /* The cosine beyond which slats of any grid let everything through. */
 static const double SPREAD_FULL = 1e-6;
 
-static bool all_finite(const double x[3])
-{
-    return isfinite(x[0]) && isfinite(x[1]) && isfinite(x[2]);
-}
-
 lr_status lr_light_check(const lr_light *light, uint64_t i, lr_error *error)
 {
     const unsigned long long k = i;
@@ -33,11 +28,11 @@ lr_status lr_light_check(const lr_light *light, uint64_t i, lr_error *error)
     if (light->shape != LR_LIGHT_ROUND && light->shape != LR_LIGHT_FULL)
         return lr_fail(error, LR_E_ARGUMENT, "light %llu must have shape %d or %d, it has %d", k,
                        LR_LIGHT_ROUND, LR_LIGHT_FULL, light->shape);
-    if (!all_finite(c) || !(c[0] >= 0 && c[1] >= 0 && c[2] >= 0))
+    if (!lr_all_finite(c, 3) || !(c[0] >= 0 && c[1] >= 0 && c[2] >= 0))
         return lr_fail(error, LR_E_ARGUMENT,
                        "light %llu must have a finite color of 0 or more, it has (%g, %g, %g)", k,
                        c[0], c[1], c[2]);
-    if (light->kind != LR_LIGHT_SUN && !all_finite(light->position))
+    if (light->kind != LR_LIGHT_SUN && !lr_all_finite(light->position, 3))
         return lr_fail(error, LR_E_ARGUMENT, "light %llu must have a finite position", k);
     const double length = sqrt(lr_dot(d, d));
     if (light->kind != LR_LIGHT_POINT && !(fabs(length - 1) < 1e-3)) /* f32 may have been at work */

@@ -11,6 +11,14 @@
  * first, and counted. */
 enum { LR_INSIDES = 6, LR_RAY_KINDS = LR_RAY_TRANSPARENT + 1 };
 
+/* The flag of the instances and lamps that count for rays of a kind. */
+LR_INLINE uint32_t lr_sees(int kind)
+{
+    static const uint32_t flag[LR_RAY_KINDS] = {LR_VISIBLE_CAMERA, LR_VISIBLE_DIFFUSE,
+                                                LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION, 0};
+    return flag[kind];
+}
+
 /* The solids that a ray is in, the last one entered at the end. */
 typedef struct lr_insides {
     uint32_t n;

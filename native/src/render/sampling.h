@@ -24,14 +24,6 @@ LR_INLINE double lr_fraction(uint32_t u)
     return u * 0x1p-32;
 }
 
-/* Wellons, "lowbias32": a bijection with nearly ideal avalanche. */
-LR_INLINE uint32_t lr_hash(uint32_t x)
-{
-    x = (x ^ x >> 16) * 0x7feb352du;
-    x = (x ^ x >> 15) * 0x846ca68bu;
-    return x ^ x >> 16;
-}
-
 LR_INLINE uint32_t lr_pixel_hash(int32_t x, int32_t y, uint32_t seed)
 {
     return lr_hash((uint32_t)x ^ lr_hash((uint32_t)y ^ lr_hash(seed)));

@@ -139,8 +139,6 @@ static void go_through(const lr_surfel *s, lr_path *child)
 /* A direction of this kind; false where the light is lost. */
 static bool turn(const lr_job *job, const lr_surfel *s, int kind, lr_path *child)
 {
-    static const uint32_t sees[LR_RAY_KINDS] = {LR_VISIBLE_CAMERA, LR_VISIBLE_DIFFUSE,
-                                                LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION, 0};
     lr_scatter sample;
     double u[3];
     lr_sample_pair(lr_key(s->path->key, TURN + (uint32_t)kind), job->sample, u);
@@ -154,7 +152,7 @@ static bool turn(const lr_job *job, const lr_surfel *s, int kind, lr_path *child
     child->pdf = sample.delta ? INFINITY : sample.pdf * s->chance[kind];
     child->travelled = 0;
     child->t_max = lr_world_distance(job, s->path, kind);
-    child->visibility = sees[kind];
+    child->visibility = lr_sees(kind);
     child->seen = false;
     child->bounces[LR_RAY_CAMERA]++;
     return true;

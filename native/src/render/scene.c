@@ -19,21 +19,13 @@ enum {
  * the very face of a box are found from a distance of 2^40 cells. */
 static const double MARGIN = 0x1p-10;
 
-static bool all_finite(const double *x, size_t n)
-{
-    for (size_t i = 0; i < n; i++)
-        if (!isfinite(x[i]))
-            return false;
-    return true;
-}
-
 static lr_status check_camera(const lr_camera *c, lr_error *error)
 {
     if (c->projection != LR_PERSPECTIVE && c->projection != LR_ORTHOGRAPHIC)
         return lr_fail(error, LR_E_ARGUMENT, "the camera's projection must be %d or %d, it is %d",
                        LR_PERSPECTIVE, LR_ORTHOGRAPHIC, c->projection);
-    if (!all_finite(c->eye, 3) || !all_finite(c->forward, 3) || !all_finite(c->corner, 3) ||
-        !all_finite(c->dx, 3) || !all_finite(c->dy, 3))
+    if (!lr_all_finite(c->eye, 3) || !lr_all_finite(c->forward, 3) ||
+        !lr_all_finite(c->corner, 3) || !lr_all_finite(c->dx, 3) || !lr_all_finite(c->dy, 3))
         return lr_fail(error, LR_E_ARGUMENT, "the camera's vectors must be finite, one is not");
     if (lr_dot(c->forward, c->forward) == 0)
         return lr_fail(error, LR_E_ARGUMENT, "the camera must look forward, its axis is zero");
@@ -156,7 +148,7 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
                        "instance %llu must have a finite, affine and invertible matrix",
                        (unsigned long long)i);
     bound(instance, box);
-    if (box->lo[0] <= box->hi[0] && !(all_finite(box->lo, 3) && all_finite(box->hi, 3)))
+    if (box->lo[0] <= box->hi[0] && !(lr_all_finite(box->lo, 3) && lr_all_finite(box->hi, 3)))
         return lr_fail(error, LR_E_SIZE, "instance %llu reaches beyond all numbers",
                        (unsigned long long)i);
     return LR_OK;

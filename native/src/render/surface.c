@@ -120,8 +120,8 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
     const lr_placed *placed = &scene->instances[wave->instance[i]];
     const lr_hits *hit = &wave->hit;
     lr_point *point = &surfel->point;
-    const double o[3] = {wave->ray.ox[i], wave->ray.oy[i], wave->ray.oz[i]};
-    const double d[3] = {wave->ray.dx[i], wave->ray.dy[i], wave->ray.dz[i]};
+    double o[3], d[3];
+    lr_get_ray(&wave->ray, i, o, d);
     const double normal[3] = {hit->nx[i], hit->ny[i], hit->nz[i]};
     const double field_normal[3] = {hit->gx[i], hit->gy[i], hit->gz[i]};
     const double length = sqrt(lr_dot(d, d));

@@ -27,6 +27,26 @@ typedef struct lr_rays_buffer {
     double *ox, *oy, *oz, *dx, *dy, *dz;
 } lr_rays_buffer;
 
+LR_INLINE void lr_put_ray(lr_rays_buffer *rays, uint32_t i, const double o[3], const double d[3])
+{
+    rays->ox[i] = o[0];
+    rays->oy[i] = o[1];
+    rays->oz[i] = o[2];
+    rays->dx[i] = d[0];
+    rays->dy[i] = d[1];
+    rays->dz[i] = d[2];
+}
+
+LR_INLINE void lr_get_ray(const lr_rays_buffer *rays, uint32_t i, double o[3], double d[3])
+{
+    o[0] = rays->ox[i];
+    o[1] = rays->oy[i];
+    o[2] = rays->oz[i];
+    d[0] = rays->dx[i];
+    d[1] = rays->dy[i];
+    d[2] = rays->dz[i];
+}
+
 /* Rays in world space and what they hit. */
 typedef struct lr_wave {
     lr_rays_buffer ray;

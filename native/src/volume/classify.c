@@ -184,26 +184,12 @@ static lr_status classify_brick(lr_volume *v, const int32_t b[3], lr_error *erro
     return LR_OK;
 }
 
-static void widen(lr_volume *v, int32_t x, int32_t y, int32_t z)
-{
-    const int32_t c[3] = {x, y, z};
-    for (int a = 0; a < 3; a++) {
-        v->surface_lo[a] = lr_min_i(v->surface_lo[a], c[a]);
-        v->surface_hi[a] = lr_max_i(v->surface_hi[a], c[a]);
-    }
-}
-
-/* Bounds of the surface cells. */
 static void bound(lr_volume *v, const int32_t b[3])
 {
-    uint32_t entry = v->table[lr_table_at(v, b[0], b[1], b[2])];
-    if ((entry & 0xff) == 0)
-        return;
-    for (int32_t z = 8 * b[2]; z < 8 * b[2] + 8; z++)
-        for (int32_t y = 8 * b[1]; y < 8 * b[1] + 8; y++)
-            for (int32_t x = 8 * b[0]; x < 8 * b[0] + 8; x++)
-                if (v->cells[entry >> 8][lr_sub_of(x, y, z)] >> lr_bit_of(x, y, z) & 1)
-                    widen(v, x, y, z);
+    const uint32_t entry = v->table[lr_table_at(v, b[0], b[1], b[2])];
+    const int32_t first[3] = {8 * b[0], 8 * b[1], 8 * b[2]};
+    for (int s = 0; s < 8 && (entry & 0xff) != 0; s++)
+        lr_bound_word(v, first, s, v->cells[entry >> 8][s]);
 }
 
 lr_status lr_volume_finish_exact(lr_volume *v, const lr_exact_part *parts, uint32_t n_parts,
@@ -211,10 +197,7 @@ lr_status lr_volume_finish_exact(lr_volume *v, const lr_exact_part *parts, uint3
                                  lr_error *error)
 {
     lr_status status = drop_constants(v, watch, error);
-    for (int a = 0; a < 3; a++) {
-        v->surface_lo[a] = INT32_MAX / 2;
-        v->surface_hi[a] = INT32_MIN / 2;
-    }
+    lr_bound_nothing(v);
     v->n_surface_cells = 0;
     for (int32_t z = 0; status == LR_OK && z < v->table_size[2]; z++) {
         for (int32_t y = 0; status == LR_OK && y < v->table_size[1]; y++) {

@@ -54,20 +54,6 @@ static lr_status open_bricks(lr_volume *v, const lr_exact_part *parts, uint32_t 
     return status;
 }
 
-static void widen(lr_volume *v, const int32_t first[3], int sub, uint64_t word)
-{
-    for (; word != 0; word &= word - 1) {
-        const int bit = __builtin_ctzll(word);
-        const int32_t c[3] = {first[0] + 4 * (sub & 1) + (bit & 3),
-                              first[1] + 4 * (sub >> 1 & 1) + (bit >> 2 & 3),
-                              first[2] + 4 * (sub >> 2) + (bit >> 4)};
-        for (int a = 0; a < 3; a++) {
-            v->surface_lo[a] = lr_min_i(v->surface_lo[a], c[a]);
-            v->surface_hi[a] = lr_max_i(v->surface_hi[a], c[a]);
-        }
-    }
-}
-
 static void mark_brick(lr_volume *v, uint32_t place, const uint64_t doubt[8],
                        const uint64_t exact[8])
 {
@@ -81,7 +67,7 @@ static void mark_brick(lr_volume *v, uint32_t place, const uint64_t doubt[8],
         v->n_surface_cells += (uint64_t)__builtin_popcountll(more);
         v->table[place] |= (uint32_t)(exact[s] != 0) << s;
         v->exact->doubt[brick][s] = doubt[s];
-        widen(v, first, s, more);
+        lr_bound_word(v, first, s, more);
     }
 }
 

@@ -333,20 +333,6 @@ static void put_seconds(lr_volume *v, uint32_t where, const brick *b)
     }
 }
 
-static void widen(lr_volume *v, const int32_t first[3], const uint64_t cells[8])
-{
-    for (int s = 0; s < LR_BRICK_SAMPLES; s++) {
-        const int p[3] = {s & 7, s >> 3 & 7, s >> 6};
-        if (!(cells[lr_sub_of(p[0], p[1], p[2])] >> lr_bit_of(p[0], p[1], p[2]) & 1))
-            continue;
-        v->n_surface_cells++;
-        for (int a = 0; a < 3; a++) {
-            v->surface_lo[a] = lr_min_i(v->surface_lo[a], first[a] + p[a]);
-            v->surface_hi[a] = lr_max_i(v->surface_hi[a], first[a] + p[a]);
-        }
-    }
-}
-
 static lr_status put_brick(merger *m, size_t at, const int32_t first[3], brick *b, lr_error *error)
 {
     lr_volume *v = m->whole;
@@ -364,13 +350,15 @@ static lr_status put_brick(merger *m, size_t at, const int32_t first[3], brick *
             dress(m, first, s, b);
     }
     memcpy(v->cells[where], b->cells, sizeof b->cells);
-    for (int s = 0; s < 8; s++)
+    for (int s = 0; s < 8; s++) {
         sub |= (uint32_t)(b->cells[s] != 0) << s;
+        v->n_surface_cells += (uint64_t)__builtin_popcountll(b->cells[s]);
+        lr_bound_word(v, first, s, b->cells[s]);
+    }
     v->table[at] = where << 8 | sub;
     put_seconds(v, where, b);
     if (v->block_of != NULL)
         lr_volume_put_codes(v, where, b->colors, b->normals);
-    widen(v, first, b->cells);
     return LR_OK;
 }
 
@@ -471,10 +459,7 @@ static lr_status merge_bricks(merger *m, const lr_watch *watch, lr_error *error)
     lr_status status = LR_OK;
     if (work == NULL)
         return lr_fail_memory(error, sizeof *work, "a brick");
-    for (int a = 0; a < 3; a++) {
-        v->surface_lo[a] = INT32_MAX / 2;
-        v->surface_hi[a] = INT32_MIN / 2;
-    }
+    lr_bound_nothing(v);
     for (int32_t z = 0; z < v->table_size[2] && status == LR_OK; z++) {
         for (int32_t y = 0; y < v->table_size[1] && status == LR_OK; y++) {
             if (lr_stopped(watch))

@@ -60,6 +60,31 @@ struct lr_volume {
     bool finished;
 };
 
+/* Bounds of the surface cells: at first of none, */
+LR_INLINE void lr_bound_nothing(lr_volume *v)
+{
+    for (int a = 0; a < 3; a++) {
+        v->surface_lo[a] = INT32_MAX / 2;
+        v->surface_hi[a] = INT32_MIN / 2;
+    }
+}
+
+/* then also of a word of 64 cells, that of sub-brick `sub` of the brick whose first
+ * storage cell is `first`. */
+LR_INLINE void lr_bound_word(lr_volume *v, const int32_t first[3], int sub, uint64_t word)
+{
+    for (; word != 0; word &= word - 1) {
+        const int bit = __builtin_ctzll(word);
+        const int32_t c[3] = {first[0] + 4 * (sub & 1) + (bit & 3),
+                              first[1] + 4 * (sub >> 1 & 1) + (bit >> 2 & 3),
+                              first[2] + 4 * (sub >> 2) + (bit >> 4)};
+        for (int a = 0; a < 3; a++) {
+            v->surface_lo[a] = lr_min_i(v->surface_lo[a], c[a]);
+            v->surface_hi[a] = lr_max_i(v->surface_hi[a], c[a]);
+        }
+    }
+}
+
 LR_INLINE size_t lr_sample_nbytes(int32_t sample_type)
 {
     return sample_type == LR_U8 ? 1 : sample_type == LR_U16 ? 2 : 4;

@@ -21,13 +21,10 @@ enum { PROBES = 500, POLL = 1 << 14 };
 #define MOST_DOUBTS 0.05 /* share of the probes of a solid */
 #define HOLE        0.5  /* extent of a hole that nobody sees, voxels */
 
-/* A number in 0..1 for each n, the same in every run.
- * Source: Wellons 2018, hash prospector (lowbias32). */
+/* A number in 0..1 for each n, the same in every run. */
 static double uniform(uint32_t n)
 {
-    n = (n ^ n >> 16) * 0x7feb352du;
-    n = (n ^ n >> 15) * 0x846ca68bu;
-    return (n ^ n >> 16) * 0x1p-32;
+    return lr_hash(n) * 0x1p-32;
 }
 
 static double area_of(const lr_topology *m, uint64_t t)
