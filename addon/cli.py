@@ -88,6 +88,12 @@ def parser(argv: Sequence[str] = ()) -> argparse.ArgumentParser:
     verb.add_argument("--samples", type=count(1), default=16, metavar="N", help="per pixel")
     verb.add_argument("--reference", type=count(1), metavar="N", help="default: 8 times --samples")
     verb.add_argument(
+        "--references",
+        type=Path,
+        metavar="DIR",
+        help="where reference frames are kept, to be read instead of rendered by the next run",
+    )
+    verb.add_argument(
         "--frame",
         type=frame_number,
         metavar="N",

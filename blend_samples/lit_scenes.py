@@ -301,6 +301,60 @@ def crate_side(size: int) -> np.ndarray:
     return np.where(gap[..., None], 0.12, colors)
 
 
+def make_metal() -> None:
+    """Metals from polished to dull under lamps and a sky of one colour."""
+    scene = new_scene((0.32, 0.38, 0.46))
+    bounces(scene, total=12, diffuse=0, glossy=8)
+    link(plane("Floor", 30.0, material("Floor", (0.34, 0.33, 0.32))), "Floor")
+    for row, (metal, color) in enumerate((("Gold", GOLD), ("Copper", COPPER), ("Silver", SILVER))):
+        for k, rough in enumerate((0.1, 0.25, 0.4, 0.6, 0.85)):
+            name = f"{metal} {rough}"
+            paint = shader(name, "BsdfPrincipled", color, Metallic=1.0, Roughness=rough)
+            at = (1.3 * (k - 2), 1.35 * (row - 1), 0.5)
+            if row == 1:
+                ring = rounded([(0, 0.62), (0.5, 0.62), (0.5, 0), (0, 0)], 0.12, 8)
+                link(lathe(name, ring, paint), name, at=(*at[:2], 0))
+            else:
+                subdivide(link(ball_mesh(name, paint), name, at=at, scale=0.5), 2)
+    area("Window", 500.0, (-4.5, -3.0, 4.5), (0, 0, 0.4), 1.8, 2.6)
+    area("Lamp", 200.0, (4.5, -2.0, 3.2), (0, 0, 0.4), 1.0, 1.0, "DISK")
+    camera((0.0, -9.6, 3.9), (0, -0.1, 0.42), lens=48)
+
+
+def make_glass() -> None:
+    """Glass: solid, hollow, frosted, tinted, within glass, and a prism with edges."""
+    scene = new_scene((0.42, 0.48, 0.55))
+    bounces(scene, total=24, diffuse=0, glossy=12, transmission=24)
+    board = picture("Board", checks(256, 16, (0.80, 0.78, 0.74), (0.10, 0.16, 0.24)))
+    floor = plane("Floor", 12.0, painted_by("Tiles", board, scale=1.0, turn=15.0))
+    uvs(floor, lambda p: p[:, :2] / 12 + 0.5)
+    link(floor, "Floor")
+    clear = shader("Glass", "BsdfGlass", IOR=1.5)
+    for name, x, paint in (
+        ("Clear", -2.4, clear),
+        ("Frosted", 0.0, shader("Frosted", "BsdfGlass", IOR=1.45, Roughness=0.2)),
+        ("Tinted", 2.4, shader("Tinted", "BsdfGlass", (0.55, 0.90, 0.70), IOR=1.6)),
+    ):
+        subdivide(link(ball_mesh(name, paint), name, at=(x, 0.9, 0.75), scale=0.75), 2)
+    shell = bmesh.new()
+    shell.from_mesh(ball_mesh("Shell", clear))
+    shell.from_mesh(ball_mesh("Cavity", clear))
+    shell.faces.ensure_lookup_table()
+    cavity = shell.faces[len(shell.faces) // 2 :]
+    bmesh.ops.reverse_faces(shell, faces=cavity)
+    bmesh.ops.scale(shell, vec=(0.8,) * 3, verts=list({v for f in cavity for v in f.verts}))
+    made = bpy.data.meshes["Shell"]
+    shell.to_mesh(made)
+    shell.free()
+    subdivide(link(made, "Shell", at=(-1.2, -0.9, 0.62), scale=0.6), 2)
+    subdivide(link(ball_mesh("Kernel", clear), "Kernel", at=(-1.2, -0.9, 0.62), scale=0.25), 2)
+    cup = [(0.0, 0.12), (0.40, 0.12), (0.46, 1.00), (0.54, 1.00), (0.47, 0.0), (0.0, 0.0)]
+    link(lathe("Cup", rounded(cup, 0.05), clear), "Cup", at=(2.6, -0.9, 0.01))
+    box("Prism", (0.8, 0.8, 0.8), clear, at=(0.75, -1.1, 0.01), turn=(0, 0, 32))
+    area("Window", 500.0, (-3.8, -2.6, 4.6), (0, 0, 0.4), 1.6, 2.4)
+    camera((0.0, -8.8, 3.6), (0.08, -0.05, 0.5), lens=48)
+
+
 def make_mirrors() -> None:
     scene = new_scene((0.30, 0.34, 0.40))
     bounces(scene, total=32, diffuse=0, glossy=32)

@@ -19,6 +19,8 @@ cornell   a box with coloured walls under a square light; light bounces
 still     glass and metal, clear and rough, under a sky with two windows
 textured  images and vertex colours, on solids and on sheets
 mirrors   a hall between two mirrors
+metal     metals from polished to dull
+glass     glass: solid, hollow, frosted, tinted, within glass
 """
 
 from __future__ import annotations
@@ -57,7 +59,14 @@ from kit import (  # noqa: E402
     subdivide,
     sun,
 )
-from lit_scenes import make_cornell, make_mirrors, make_still, make_textured  # noqa: E402
+from lit_scenes import (  # noqa: E402
+    make_cornell,
+    make_glass,
+    make_metal,
+    make_mirrors,
+    make_still,
+    make_textured,
+)
 
 
 def make_sphere() -> None:
@@ -400,6 +409,8 @@ MAKERS = {
     "still": make_still,
     "textured": make_textured,
     "mirrors": make_mirrors,
+    "metal": make_metal,
+    "glass": make_glass,
 }
 
 

@@ -5,14 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 bpy = pytest.importorskip("bpy")
 pytest.importorskip("flip_evaluator")
 pytest.importorskip("matplotlib")
 
 from addon import session  # noqa: E402
-from addon.study import compare, frames  # noqa: E402
+from addon.study import compare, frames, kept  # noqa: E402
+from leapray import LeapRayError  # noqa: E402
 
 SAMPLES = Path(__file__).resolve().parent.parent / "blend_samples"
 
@@ -123,3 +124,22 @@ def test_cycles_gets_leaprays_limits_of_bounces_and_loses_them_for_geometry():
     frames.prepare(scene, plain=True)
     assert not any(frames.refracting(m) for m in bpy.data.materials)
     assert scene.cycles.max_bounces == scene.leapray.diffuse_bounces == 0
+
+
+def test_a_reference_is_kept_for_what_it_was_made_for(tmp_path, monkeypatch):
+    scene = opened("sphere", 4)
+    frames.prepare(scene)
+    first = kept.reference(scene, tmp_path / "frame.exr", 2, tmp_path / "kept")
+    render = frames.render_cycles
+    monkeypatch.setattr(frames, "render_cycles", None)
+    again = kept.reference(scene, tmp_path / "none.exr", 2, tmp_path / "kept")
+    assert first.seconds > again.seconds == 0
+    assert_array_equal(first.passes["Combined"], again.passes["Combined"])
+    monkeypatch.setattr(frames, "render_cycles", render)
+    scene.leapray.max_bounces += 1
+    kept.reference(scene, tmp_path / "frame.exr", 2, tmp_path / "kept")
+    kept.reference(scene, tmp_path / "frame.exr", 3, tmp_path / "kept")
+    assert len(list((tmp_path / "kept").iterdir())) == 3
+    (tmp_path / "file").touch()
+    with pytest.raises(LeapRayError, match="file cannot keep reference frames"):
+        kept.reference(scene, tmp_path / "frame.exr", 2, tmp_path / "file")

@@ -70,7 +70,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     """Render and measure everything; pictures and charts go to the folder."""
     import bpy
 
-    from . import frames
+    from . import frames, kept
 
     def option(name: str, default):
         value = getattr(args, name, None)
@@ -115,7 +115,8 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     cycles: dict[int, Json] = {}
     images = {}
     step(f"Cycles, reference, {reference_samples} samples")
-    reference = frames.render_cycles(scene, path, reference_samples, seed=1)
+    own_references = getattr(args, "references", None)
+    reference = kept.reference(scene, path, reference_samples, own_references, plain, black)
     light = Light(subject, geometry, reference.passes["Combined"][..., :3])
     most = option("curve", 0)
     curve = {4**k for k in range(16) if 4**k <= most}

@@ -25,7 +25,7 @@ from .options import chosen, number
 
 STUDY = True
 
-SCENES = ("gallery", "suzanne", "cornell", "still", "textured", "mirrors")
+SCENES = ("gallery", "suzanne", "cornell", "textured", "mirrors", "metal", "glass", "still")
 QUICK = ("cornell", "still")
 ENGINES = {"leapray": "LeapRay", "cycles": "Cycles"}
 
@@ -35,6 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=f"; {', '.join(SCENES)}")  # fmt: skip
     number(parser, "percentage", "of the scenes' resolution; 50")
     number(parser, "most", "samples per pixel, a power of 4; 1024")
+    number(parser, "reference", "samples of the reference; 4 times as many as --most")
+    parser.add_argument("--references", type=Path, metavar="DIR",
+                        help="keeps reference frames for the next run")  # fmt: skip
 
 
 def main(args: argparse.Namespace) -> int:
@@ -44,8 +47,16 @@ def main(args: argparse.Namespace) -> int:
     percentage = chosen(args, "percentage", 20, 50)
     most = chosen(args, "most", 16, 1024)
     with study_folder(args, "light") as folder:
-        rows = [row for file in files for row in measure(file, percentage, most, folder)]
-        told = {"percentage": percentage, "reference_samples": 4 * most}
+        how = argparse.Namespace(
+            samples=most,
+            curve=most,
+            reference=getattr(args, "reference", None) or 4 * most,
+            references=getattr(args, "references", None),
+            percentage=percentage,
+            threads=None,
+        )
+        rows = [row for file in files for row in measure(file, how, folder)]
+        told = {"percentage": percentage, "reference_samples": how.reference}
         told = write_figures(folder, "light", told, rows=rows)
         draw(folder, rows)
         write_page(folder, told, rows)
@@ -72,21 +83,18 @@ class Row:
     rims_share: float
 
 
-def measure(file: Path, percentage: int, most: int, folder: Path) -> list[Row]:
-    """Both engines at all counts; the last pictures of both go to the folder."""
+def measure(file: Path, how: argparse.Namespace, folder: Path) -> list[Row]:
+    """Both engines at all counts; the last pictures of both go to the folder.
+
+    how: the comparison's options, the percentage of the scene's own resolution.
+    """
     print(f"light: {file.stem}", file=sys.stderr, flush=True)
     scene = session.open_scene(file)
     aside = folder / "pictures"
     aside.mkdir()
-    how = argparse.Namespace(
-        scene=file,
-        samples=most,
-        reference=4 * most,
-        curve=most,
-        percentage=scene.render.resolution_percentage * percentage // 100,
-        threads=None,
-    )
-    told = compare.compare(scene, how, [leapray.traverser()], aside)
+    percentage = scene.render.resolution_percentage * how.percentage // 100
+    own = argparse.Namespace(**(vars(how) | {"scene": file, "percentage": percentage}))
+    told = compare.compare(scene, own, [leapray.traverser()], aside)
     for engine in (*ENGINES, "reference"):
         shutil.move(aside / f"{engine}.png", folder / f"{file.stem}-{engine}.png")
     shutil.rmtree(aside)
