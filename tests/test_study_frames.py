@@ -127,7 +127,7 @@ def test_cycles_gets_leaprays_limits_of_bounces_and_loses_them_for_geometry():
 
 
 def test_a_reference_is_kept_for_what_it_was_made_for(tmp_path, monkeypatch):
-    scene = opened("sphere", 4)
+    scene = opened("sphere", 10)
     frames.prepare(scene)
     first = kept.reference(scene, tmp_path / "frame.exr", 2, tmp_path / "kept")
     render = frames.render_cycles
@@ -135,6 +135,13 @@ def test_a_reference_is_kept_for_what_it_was_made_for(tmp_path, monkeypatch):
     again = kept.reference(scene, tmp_path / "none.exr", 2, tmp_path / "kept")
     assert first.seconds > again.seconds == 0
     assert_array_equal(first.passes["Combined"], again.passes["Combined"])
+    scene.render.resolution_percentage = 5
+    small = kept.reference(scene, tmp_path / "none.exr", 8, tmp_path / "kept")
+    first = first.passes["Combined"]
+    parts = [first[j::2, i::2] for j in (0, 1) for i in (0, 1)]
+    assert_allclose(small.passes["Combined"], np.mean(parts, axis=0), rtol=1e-6)
+    assert scene.render.resolution_percentage == 5
+    scene.render.resolution_percentage = 10
     monkeypatch.setattr(frames, "render_cycles", render)
     scene.leapray.max_bounces += 1
     kept.reference(scene, tmp_path / "frame.exr", 2, tmp_path / "kept")

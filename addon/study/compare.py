@@ -121,21 +121,23 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     most = option("curve", 0)
     curve = {4**k for k in range(16) if 4**k <= most}
     for count in sorted({1, max(samples // 4, 1), samples, 4 * samples} | curve):
-        if count < reference_samples:
+        if count <= reference_samples:
             step(f"Cycles, {count} samples")
             frame = frames.render_cycles(scene, path, count)
             cycles[count] = {"seconds": frame.seconds, **light.of(frame)}
             images["cycles"] = frame if count == samples else images.get("cycles", frame)
     ours: dict[int, Json] = {}
+    done = {}
     for count in sorted(curve):
         step(f"LeapRay, {count} samples")
         frame = frames.render_leapray(scene, path, count, chosen[0].spec)
         ours[count] = {"seconds": frame.seconds, "phases": frame.report["seconds"]}
         ours[count] |= light.of(frame)
+        done[count] = frame
     runs: dict[str, Json] = {}
     for each in chosen:
         step(f"LeapRay, {samples} samples, {each.spec}")
-        frame = frames.render_leapray(scene, path, samples, each.spec)
+        frame = done.pop(samples, None) or frames.render_leapray(scene, path, samples, each.spec)
         images.setdefault("leapray", frame)
         runs[each.spec] = {
             "label": each.label,
