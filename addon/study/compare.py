@@ -121,7 +121,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     most = option("curve", 0)
     curve = {4**k for k in range(16) if 4**k <= most}
     for count in sorted({1, max(samples // 4, 1), samples, 4 * samples} | curve):
-        if count <= reference_samples:
+        if count < reference_samples or count in curve:
             step(f"Cycles, {count} samples")
             frame = frames.render_cycles(scene, path, count)
             cycles[count] = {"seconds": frame.seconds, **light.of(frame)}
