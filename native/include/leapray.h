@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 17 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 18 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -133,6 +133,16 @@ LR_API lr_status lr_volume_get(const lr_volume *volume, const int32_t origin[3],
  * every side. n is the room in origins. */
 LR_API lr_status lr_volume_get_bricks(const lr_volume *volume, int32_t *origins, uint64_t n,
                                       lr_error *error);
+
+/* All that a finished volume holds as bytes, for files: lr_volume_pack writes the
+ * lr_volume_packed_nbytes of them (0: rectilinear volumes have none), lr_volume_unpack makes
+ * a volume that is the same to the bit. Bytes of any origin are safe: LR_E_ARGUMENT or
+ * LR_E_SIZE for those that lr_volume_pack of this version cannot have written. Little-endian. */
+LR_API uint64_t lr_volume_packed_nbytes(const lr_volume *volume);
+LR_API lr_status lr_volume_pack(const lr_volume *volume, uint8_t *bytes, uint64_t nbytes,
+                                const lr_watch *watch, lr_error *error);
+LR_API lr_status lr_volume_unpack(const uint8_t *bytes, uint64_t nbytes, const lr_watch *watch,
+                                  lr_volume **volume, lr_error *error);
 
 /* Value and gradient of the trilinear field at n points in object space:
  * points[n][3], value[n] (0..1), gradient[n][3] (per unit of object space);

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 17
+LR_ABI = 18
 
 
 class lr_status(IntEnum):
@@ -611,6 +611,23 @@ PROTOTYPES = {
         ctypes.POINTER(lr_volume),
         ctypes.POINTER(ctypes.c_int32),
         ctypes.c_uint64,
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_packed_nbytes": (ctypes.c_uint64, (
+        ctypes.POINTER(lr_volume),
+    )),
+    "lr_volume_pack": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_unpack": (ctypes.c_int, (
+        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(ctypes.POINTER(lr_volume)),
         ctypes.POINTER(lr_error),
     )),
     "lr_volume_sample": (ctypes.c_int, (

@@ -94,6 +94,28 @@ class Volume:
         volume._adopt(handle, mesh_info)
         return volume
 
+    @classmethod
+    def unpack(cls, data: bytes | NDArray[np.uint8], *, watch: Watch | None = None) -> Volume:
+        """The volume that `pack` made these bytes of, the same to the bit; without mesh_info.
+
+        Raises LeapRayError for bytes that this version cannot have made, whatever they
+        are; OutOfMemory, Stopped.
+        """
+        held = np.frombuffer(data, np.uint8)
+        handle = ctypes.POINTER(_abi.lr_volume)()
+        where = pointer(held, ctypes.c_uint8)
+        call(lib.lr_volume_unpack, where, held.size, watch=watch, outputs=(handle,))
+        return cls.from_handle(handle)
+
+    def pack(self, *, watch: Watch | None = None) -> NDArray[np.uint8]:
+        """All that the volume holds, as bytes for a file, but for mesh_info.
+
+        Raises LeapRayError for a rectilinear volume; Stopped.
+        """
+        data = np.empty(lib.lr_volume_packed_nbytes(self.handle), np.uint8)
+        call(lib.lr_volume_pack, self.handle, pointer(data, ctypes.c_uint8), data.size, watch=watch)
+        return data
+
     def _adopt(self, handle, mesh_info, planes=None) -> None:
         self.handle = handle
         self.mesh_info = mesh_info  # of the mesh it was voxelized from, else None

@@ -20,6 +20,7 @@
  * cell of the field know the triangles that it stands for; in voxels. */
 #define LR_EXACT_NEAR 0.25
 
+/* What is added here goes through pack.c, too. */
 typedef struct lr_exact {
     uint64_t (*doubt)[8];    /* [n_bricks], as cells of lr_volume: where the field is not trusted */
     uint32_t *first;         /* [n_bricks]: number of the brick's first exact cell */

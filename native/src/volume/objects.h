@@ -16,6 +16,7 @@
 
 #define LR_NO_OBJECT (-1) /* also: of a volume that does not tell objects apart */
 
+/* What is added here goes through pack.c, too. */
 typedef struct lr_objects {
     uint16_t object_of[65536]; /* of an id */
     uint16_t *id_of;           /* [n_objects]: one of the object's ids */

@@ -25,7 +25,7 @@ uint64_t lr_volume_brick_nbytes(int32_t sample_type, bool has_ids)
 
 /* ---- making ------------------------------------------------------------ */
 
-static lr_status check_desc(const lr_volume_desc *d, lr_error *error)
+lr_status lr_volume_check(const lr_volume_desc *d, lr_error *error)
 {
     if (d->nx < 1 || d->ny < 1 || d->nz < 1 || d->nx > MAX_SIDE || d->ny > MAX_SIDE ||
         d->nz > MAX_SIDE)
@@ -121,7 +121,7 @@ lr_status lr_volume_open_brick(lr_volume *v, size_t at, uint32_t *brick, lr_erro
 
 lr_status lr_volume_begin(const lr_volume_desc *desc, lr_volume **volume, lr_error *error)
 {
-    lr_status status = check_desc(desc, error);
+    lr_status status = lr_volume_check(desc, error);
     if (status != LR_OK)
         return status;
     double storage_from_object[16];

@@ -31,6 +31,7 @@ enum {
 struct lr_exact;   /* volume/exact.h */
 struct lr_objects; /* volume/objects.h */
 
+/* What is added here goes through pack.c, too. */
 struct lr_volume {
     lr_volume_desc desc;
     double storage_from_object[16]; /* where it is rectilinear, to where its planes lie */
@@ -100,6 +101,9 @@ LR_INLINE size_t lr_table_count(const lr_volume *v)
 {
     return (size_t)v->table_size[0] * (size_t)v->table_size[1] * (size_t)v->table_size[2];
 }
+
+/* Can there be such a volume, whatever object_from_index is? */
+lr_status lr_volume_check(const lr_volume_desc *desc, lr_error *error);
 
 /* The brick at a table position, for writing: a constant one is first stored,
  * filled with its constant. Not after lr_volume_finish. */
