@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -270,3 +271,32 @@ def test_steps_are_the_cells_in_which_a_ray_stood(traverser):
             "cells"
         ]
         assert steps.ravel()[pixel] == want
+
+
+def test_sixteen_samples_tell_what_an_edge_covers(sphere):
+    cam = camera((0, -4, 0), size=(128, 128), width=0.62)
+    scene = leapray.Scene(cam, [one(sphere)], [], [Material([Lobe("emission", (1, 1, 1))])], [0])
+    few, many = (
+        scene.render_tile(0, 0, 128, 128, samples=n, seed=3)["Combined"][..., 0] for n in (16, 1024)
+    )
+    edge = (many > 0.02) & (many < 0.98)
+    assert edge.sum() > 200
+    error = (few - many)[edge]
+    assert np.sqrt(np.mean(error**2)) < 0.055  # of 16 random samples: 0.1
+    assert abs(error.mean()) < 0.01
+
+
+def test_neighbours_errors_cancel(floor):
+    """Noise that two by two pixels share falls by more than the 4 of independent ones."""
+    cam = camera((0, 0, 9), size=(96, 96), width=3, kind="orthographic")
+    lamp = Light("area", (3, 3, 3), position=(0, 0, 0.6), direction=(0, 0, -1), axis_u=(2, 0, 0),
+                 axis_v=(0, 2, 0), angle=np.pi, shape="ellipse")  # fmt: skip
+    scene = leapray.Scene(cam, [one(floor)], [replace(lamp, visible_camera=False)],
+                          [of("diffuse")], [0])  # fmt: skip
+    few, many = (
+        scene.render_tile(0, 0, 96, 96, samples=n, seed=3)["Combined"][..., 0] for n in (4, 1024)
+    )
+    error = few - many
+    shared = error.reshape(48, 2, 48, 2).mean((1, 3))
+    assert error.std() > 0.01 * many.mean()
+    assert shared.var() < error.var() / 7

@@ -189,7 +189,7 @@ static bool light_by(const lr_job *job, const lr_surfel *s, uint64_t lamp, uint3
     lr_way way;
     lr_beam *beam = &w->beams[n];
     if (lamp == job->scene->n_lights || lr_light_has_extent(&job->scene->lights[lamp]))
-        lr_sample_pair(key, job->sample, u);
+        lr_sample_pair(key, s->path->sample, u);
     if (!find_way(job->scene, lamp, s->origin, u, &way) || !weigh(s, &way, chance, beam->brings))
         return false;
     if (lamp == job->scene->n_lights)
@@ -206,13 +206,13 @@ static bool light_by(const lr_job *job, const lr_surfel *s, uint64_t lamp, uint3
 }
 
 /* Does this surfel ask this lamp? */
-static bool asks(const lr_job *job, const lr_surfel *s, uint64_t lamp, uint64_t n)
+static bool asks(const lr_surfel *s, uint64_t lamp, uint64_t n)
 {
     if (s->path->last || (s->material->flags & LR_MATERIAL_SCATTERS) == 0)
         return false;
     if (s->path->bounces[LR_RAY_CAMERA] == 0 || n == 1)
         return true;
-    const double u = lr_sample_one(lr_key(s->path->key, CHOOSE), job->sample);
+    const double u = lr_sample_one(lr_key(s->path->key, CHOOSE), s->path->sample);
     return (uint64_t)(u * (double)n) == lamp;
 }
 
@@ -223,7 +223,7 @@ lr_status lr_light_surfels(const lr_job *job, uint32_t n)
     for (uint64_t lamp = 0; lamp < lamps; lamp++)
         for (uint32_t k = 0; k < n; k++) {
             const lr_surfel *s = &job->workspace->surfels[k];
-            if (!asks(job, s, lamp, lamps) || !light_by(job, s, lamp, n_beams, &n_rays))
+            if (!asks(s, lamp, lamps) || !light_by(job, s, lamp, n_beams, &n_rays))
                 continue;
             if (++n_beams < job->workspace->room)
                 continue;
@@ -245,7 +245,7 @@ lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n)
         double u[2], d[3];
         if (!s->path->seen)
             continue;
-        lr_sample_pair(lr_key(s->path->key, AMBIENT), job->sample, u);
+        lr_sample_pair(lr_key(s->path->key, AMBIENT), s->path->sample, u);
         lr_cosine_direction(s->point.normal, u[0], u[1], d);
         leave(job, n_rays++, k, s, d, job->tile->ao_distance, false);
     }

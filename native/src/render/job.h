@@ -14,9 +14,10 @@ typedef struct lr_job {
     lr_counters *counters;
     const lr_watch *watch;
     lr_error *error;
-    uint32_t branches; /* places of a pixel in the queue */
-    uint32_t sample;   /* the one that is on its way */
-    bool last_brings;  /* a ray that is not scattered any more may still find light */
+    uint32_t branches;    /* places of a pixel in the queue */
+    uint32_t sample;      /* the one that is on its way */
+    uint32_t sample_bits; /* 2 to that power is the most of a pixel */
+    bool last_brings;     /* a ray that is not scattered any more may still find light */
 } lr_job;
 
 /* Aim ray i of the wave. */

@@ -37,6 +37,7 @@ typedef struct lr_path {
     lr_start start;
     uint32_t pixel;                 /* of the stretch */
     uint32_t key;                   /* of its choices */
+    uint32_t sample;                /* of the sequences that they are made by */
     uint32_t visibility;            /* instances with this flag count */
     uint16_t bounces[LR_RAY_KINDS]; /* so far, per lr_ray_kind; [LR_RAY_CAMERA] is their sum without
                                        the transparent ones */

@@ -1,15 +1,19 @@
 /* Where the samples of a pixel lie: the same for a pixel, sample and seed,
  * whatever the tile or thread.
  *
- * On the film the R2 sequence (Roberts 2018: multiples of 1/p and 1/p^2, p the
- * plastic number, the real root of p^3 = p + 1), shifted so that sample 0 is
- * the pixel's centre, and turned in each pixel by one of the eight symmetries of
- * the square, which leave the centre where it is. For every choice that a ray
- * makes the first two dimensions of Sobol's sequence, shuffled and scrambled
- * after Owen by a key of the pixel and of the choice (Burley, Practical
- * hash-based Owen scrambling, 2020; the hash is that of Laine and Karras with the
- * constants of Vegdahl): the samples of one choice are even among themselves, and
- * know nothing of those of another. The two kinds do not resonate.
+ * For every choice the first two dimensions of Sobol's sequence, shuffled and
+ * scrambled after Owen by a key of the choice (Burley, Practical hash-based Owen
+ * scrambling, 2020; the hash is that of Laine and Karras with the constants of
+ * Vegdahl): the samples of one choice are even among themselves, and know nothing
+ * of those of another. Pixels share their keys and take turns along a Morton curve:
+ * each has an even stretch of the sequence, and neighbours together have one, too,
+ * so that their errors cancel where the eye takes them together (Ahmed and Wonka,
+ * Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical
+ * ordering of pixels, 2020). Departure: the order within four pixels is one of eight,
+ * by the shuffling in base 2.
+ *
+ * On the film every pixel has a scrambling of its own, shifted (bit by bit, which
+ * keeps it even) so that sample 0 is the centre.
  *
  * Fractions are 32-bit fixed point, so that wrapping is exact.
  *
@@ -35,17 +39,33 @@ LR_INLINE uint32_t lr_key(uint32_t key, uint32_t which)
     return lr_hash(key ^ lr_hash(which + 0x9e3779b9u));
 }
 
-/* Within the pixel, 0..1 from its lower left corner. */
-LR_INLINE void lr_film_sample(uint32_t hash, uint32_t sample, double *x, double *y)
+/* Every other bit of the result, from the lowest on, is one of x. */
+LR_INLINE uint32_t lr_spread(uint32_t x)
 {
-    uint32_t u = 0x80000000u + sample * 0xc13fa9a9u; /* 2^32 / p */
-    uint32_t v = 0x80000000u + sample * 0x91e10da6u; /* 2^32 / p^2 */
-    if (hash & 1)
-        u = 0u - u;
-    if (hash & 2)
-        v = 0u - v;
-    *x = lr_fraction(hash & 4 ? v : u);
-    *y = lr_fraction(hash & 4 ? u : v);
+    x &= 0xffffu;
+    x = (x | x << 8) & 0x00ff00ffu;
+    x = (x | x << 4) & 0x0f0f0f0fu;
+    x = (x | x << 2) & 0x33333333u;
+    return (x | x << 1) & 0x55555555u;
+}
+
+/* A pixel's turn in the sequences: which they are by its key, which is shared by the pixels of a
+ * square block, and where it begins. */
+typedef struct lr_turn {
+    uint32_t key, first;
+} lr_turn;
+
+/* sample_bits: 2 to that power is the most samples of a pixel. */
+LR_INLINE lr_turn lr_pixel_turn(int32_t x, int32_t y, uint32_t seed, uint32_t sample_bits)
+{
+    const uint32_t side_bits = (32 - sample_bits) / 2; /* of a block: all that 32 bits can number */
+    const uint32_t within = (1u << side_bits) - 1;
+    const uint32_t u = (uint32_t)x, v = (uint32_t)y;
+    const uint32_t place = lr_spread(u & within) | lr_spread(v & within) << 1;
+    return (lr_turn){
+        .key = lr_hash(u >> side_bits ^ lr_hash(v >> side_bits ^ lr_hash(seed ^ 0x68bc21ebu))),
+        .first = place << sample_bits,
+    };
 }
 
 LR_INLINE uint32_t lr_reverse(uint32_t x)
@@ -80,12 +100,20 @@ LR_INLINE uint32_t lr_pascal(uint32_t x)
     return x;
 }
 
+LR_INLINE void lr_sobol_pair(uint32_t key, uint32_t sample, uint32_t u[2])
+{
+    const uint32_t index = lr_reverse(lr_scramble(lr_reverse(sample), key));
+    u[0] = lr_reverse(lr_scramble(index, lr_hash(key ^ 0x5bd1e995u)));
+    u[1] = lr_reverse(lr_scramble(lr_pascal(index), lr_hash(key ^ 0x1b873593u)));
+}
+
 /* Two numbers 0..1 for one choice. */
 LR_INLINE void lr_sample_pair(uint32_t key, uint32_t sample, double u[2])
 {
-    const uint32_t index = lr_reverse(lr_scramble(lr_reverse(sample), key));
-    u[0] = lr_fraction(lr_reverse(lr_scramble(index, lr_hash(key ^ 0x5bd1e995u))));
-    u[1] = lr_fraction(lr_reverse(lr_scramble(lr_pascal(index), lr_hash(key ^ 0x1b873593u))));
+    uint32_t x[2];
+    lr_sobol_pair(key, sample, x);
+    u[0] = lr_fraction(x[0]);
+    u[1] = lr_fraction(x[1]);
 }
 
 /* One number 0..1 for one choice. */
@@ -93,6 +121,18 @@ LR_INLINE double lr_sample_one(uint32_t key, uint32_t sample)
 {
     const uint32_t index = lr_reverse(lr_scramble(lr_reverse(sample), key));
     return lr_fraction(lr_reverse(lr_scramble(index, lr_hash(key ^ 0xe6546b64u))));
+}
+
+/* On the film within the pixel, 0..1 from its lower left corner. */
+LR_INLINE void lr_film_sample(uint32_t hash, uint32_t sample, double *x, double *y)
+{
+    const uint32_t half = 0x80000000u;
+    uint32_t u[2], centre[2];
+    lr_sobol_pair(hash, sample, u);
+    lr_sobol_pair(hash, 0, centre);
+    const uint32_t p = u[0] ^ centre[0] ^ half, q = u[1] ^ centre[1] ^ half;
+    *x = lr_fraction(hash & 1 ? 0u - p : p); /* mirrored, or samples would tend upwards */
+    *y = lr_fraction(hash & 2 ? 0u - q : q);
 }
 
 /* A direction about n (unit), its density proportional to the cosine.

@@ -86,9 +86,9 @@ void lr_scatter_choose(const lr_job *job, lr_surfel *s, uint32_t *spare)
 }
 
 /* Of the kinds that are left to chance the one whose turn it is, or none (0). */
-static int draw(const lr_job *job, const lr_surfel *s)
+static int draw(const lr_surfel *s)
 {
-    double u = lr_sample_one(lr_key(s->path->key, LOTTERY), job->sample);
+    double u = lr_sample_one(lr_key(s->path->key, LOTTERY), s->path->sample);
     int drawn = 0;
     for (int kind = 0; kind < LR_RAY_KINDS; kind++) {
         if (!(s->chance[kind] > 0 && s->chance[kind] < 1))
@@ -112,15 +112,15 @@ static void turn_to_side(const lr_surfel *s, bool beyond, double d[3])
         d[a] -= 2 * height * s->point.facing[a];
 }
 
-static bool survives(const lr_job *job, uint32_t key, double weight[3])
+static bool survives(lr_path *child)
 {
-    const double most = heaviest(weight);
+    const double most = heaviest(child->weight);
     if (most >= LIGHT_WEIGHT)
         return true;
     const double chance = most / LIGHT_WEIGHT;
     for (int a = 0; a < 3; a++)
-        weight[a] /= chance;
-    return lr_sample_one(lr_key(key, LIVE), job->sample) < chance;
+        child->weight[a] /= chance;
+    return lr_sample_one(lr_key(child->key, LIVE), child->sample) < chance;
 }
 
 /* Straight on, as the path came. */
@@ -141,8 +141,8 @@ static bool turn(const lr_job *job, const lr_surfel *s, int kind, lr_path *child
 {
     lr_scatter sample;
     double u[3];
-    lr_sample_pair(lr_key(s->path->key, TURN + (uint32_t)kind), job->sample, u);
-    u[2] = lr_sample_one(lr_key(s->path->key, TURN_MORE + (uint32_t)kind), job->sample);
+    lr_sample_pair(lr_key(s->path->key, TURN + (uint32_t)kind), s->path->sample, u);
+    u[2] = lr_sample_one(lr_key(s->path->key, TURN_MORE + (uint32_t)kind), s->path->sample);
     if (!lr_bsdf_sample(&s->bsdf, kind, u, &sample))
         return false;
     for (int a = 0; a < 3; a++) {
@@ -173,7 +173,7 @@ static void follow(const lr_job *job, const lr_surfel *s, int kind)
         go_through(s, child);
     else if (!turn(job, s, kind, child))
         return;
-    if (!survives(job, child->key, child->weight))
+    if (!survives(child))
         return;
     const bool beyond =
         kind >= LR_RAY_TRANSMISSION && lr_dot(child->direction, s->point.normal) < 0;
@@ -190,7 +190,7 @@ static void follow(const lr_job *job, const lr_surfel *s, int kind)
 
 void lr_scatter_on(const lr_job *job, const lr_surfel *s)
 {
-    const int drawn = s->gambles ? draw(job, s) : 0;
+    const int drawn = s->gambles ? draw(s) : 0;
     for (int kind = LR_RAY_DIFFUSE; kind < LR_RAY_KINDS && s->followed > 0; kind++)
         if (s->chance[kind] >= 1 || (kind == drawn && drawn != 0))
             follow(job, s, kind);

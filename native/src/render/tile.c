@@ -80,7 +80,7 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
 }
 
 /* The camera's ray through film point (x, y) as a path. */
-static void start(const lr_job *job, uint32_t pixel, double x, double y)
+static void start(const lr_job *job, uint32_t pixel, lr_turn turn, double x, double y)
 {
     const lr_scene *scene = job->scene;
     lr_workspace *w = job->workspace;
@@ -91,7 +91,8 @@ static void start(const lr_job *job, uint32_t pixel, double x, double y)
         .t_max = scene->camera.clip_end,
         .from = LR_NOWHERE,
         .pixel = pixel,
-        .key = w->hash[pixel],
+        .key = turn.key,
+        .sample = turn.first + job->sample,
         .visibility = LR_VISIBLE_CAMERA,
         .seen = true,
     };
@@ -121,8 +122,8 @@ static void aim(const lr_job *job, uint64_t first, uint32_t n)
         const int32_t x = tile->x + (int32_t)((first + i) % (uint64_t)tile->width);
         const int32_t y = tile->y + (int32_t)((first + i) / (uint64_t)tile->width);
         lr_film_sample(w->hash[i], job->sample, &u, &v);
-        start(job, i, x + 0.5 + lr_filter_offset(w->filter, u),
-              y + 0.5 + lr_filter_offset(w->filter, v));
+        start(job, i, lr_pixel_turn(x, y, tile->seed, job->sample_bits),
+              x + 0.5 + lr_filter_offset(w->filter, u), y + 0.5 + lr_filter_offset(w->filter, v));
         w->sampled[i]++;
     }
 }
@@ -215,6 +216,12 @@ static lr_status render_stretch(lr_job *job, uint64_t first, uint32_t n)
     return LR_OK;
 }
 
+/* How many bits n has. */
+static uint32_t bits_of(uint32_t n)
+{
+    return n > 0 ? 32 - (uint32_t)__builtin_clz(n) : 0;
+}
+
 lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_passes *passes,
                          void *workspace, uint64_t nbytes, lr_counters *counters,
                          const lr_watch *watch, lr_error *error)
@@ -236,6 +243,7 @@ lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_pa
         .watch = watch,
         .error = error,
         .branches = branches,
+        .sample_bits = bits_of((uint32_t)tile->samples - 1),
         .last_brings = scene->world_shines || scene->shines || scene->has_lamps,
     };
     for (uint64_t first = 0; first < n_pixels && status == LR_OK; first += LR_STRETCH) {
