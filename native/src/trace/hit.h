@@ -116,6 +116,24 @@ LR_INLINE int lr_cubic_extrema(const double c[4], double x[2])
     return n;
 }
 
+/* Of what the coefficients add up to: more than all that rounding does to the cubic. */
+#define LR_CUBIC_SLACK 1e-9
+
+/* Does the cubic surely stay on this side of level, or run one way, so that no extremum in
+ * (0, 1) tells of another side? It lies in the hull of its Bernstein coefficients, its
+ * slope in that of its own. Saves most cells the search for extrema. */
+LR_INLINE bool lr_cubic_stays(const double c[4], double level, bool above)
+{
+    const double slack = LR_CUBIC_SLACK * (fabs(c[0]) + fabs(c[1]) + fabs(c[2]) + fabs(c[3]));
+    const double sign = above ? 1.0 : -1.0, b0 = sign * (c[0] - level);
+    const double d0 = sign * c[1], d1 = d0 + sign * c[2];
+    const double b1 = b0 + d0 * (1.0 / 3.0), b2 = b1 + d1 * (1.0 / 3.0);
+    const double d2 = d1 + sign * (c[2] + 3.0 * c[3]), b3 = b2 + d2 * (1.0 / 3.0);
+    if (d0 > slack && d1 > slack && d2 > slack)
+        return true;
+    return b0 > slack && b1 > slack && b2 > slack && b3 > slack;
+}
+
 /* corner: of the cell that the ray stands on. side: where the ray starts in it, -1 below
  * T, +1 at or above, 0: as f says. A ray that starts on the surface always looks at the
  * extrema. */
@@ -136,6 +154,8 @@ LR_INLINE bool lr_hit_corners(const lr_volume *v, const double corner[8], const 
     if (!change && !extrema)
         return false;
     lr_chord_cubic(&h);
+    if (!change && lr_cubic_stays(h.c, level, above))
+        return false;
     double x[2];
     lr_bracket k = {0.0, 1.0, h.f_in, h.f_out, above};
     bool bracketed = change;

@@ -112,6 +112,8 @@ LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t 
         lr_put_triangle(v, hits, i, found, normal_kind);
         return;
     }
+    if (hits->id == NULL && hits->nx == NULL && hits->gx == NULL)
+        return; /* only whether and where */
     const int32_t id = found->object != LR_NO_OBJECT ? lr_id_of_object(v, found)
                                                      : lr_nearest_id(v, c, corner, found->p);
     if (hits->id != NULL)

@@ -66,10 +66,20 @@ LR_INLINE void lr_block(const lr_volume *v, int32_t x, int32_t y, int32_t z, int
                     *out++ = lr_load(v, at + (size_t)(i + 8 * j + 64 * k));
         return;
     }
+    size_t brick[8]; /* of the two along each axis that the block may lie in */
+    for (int b = 0; b < 8; b++)
+        brick[b] = (size_t)(lr_entry(v, x + (b & 1) * (n - 1), y + (b >> 1 & 1) * (n - 1),
+                                     z + (b >> 2) * (n - 1)) >>
+                            8) *
+                   LR_BRICK_SAMPLES;
     for (int k = 0; k < n; k++)
         for (int j = 0; j < n; j++)
-            for (int i = 0; i < n; i++)
-                *out++ = lr_sample(v, x + i, y + j, z + k);
+            for (int i = 0; i < n; i++) {
+                const int at[3] = {(x & 7) + i, (y & 7) + j, (z & 7) + k};
+                const int in = at[0] >> 3 | at[1] >> 3 << 1 | at[2] >> 3 << 2;
+                *out++ = lr_load(
+                    v, brick[in] + (size_t)((at[0] & 7) | (at[1] & 7) << 3 | (at[2] & 7) << 6));
+            }
 }
 
 /* Corner b is at offset (b & 1, b >> 1 & 1, b >> 2). */
