@@ -138,13 +138,15 @@ static uint32_t box_of(const binning *b, uint64_t t, reach *r)
     double cross[3];
     const double (*p)[3] = (const double (*)[3])r->frame.p;
     lr_triangle(b->mesh, t, r->frame.p);
-    if ((!b->all && !lr_counts(b->mesh, t)) || !lr_cross_of(p, cross))
+    if ((!b->all && !lr_counts(b->mesh, t)) || (b->mesh->n_flat > 0 && !lr_cross_of(p, cross)))
         return NOWHERE;
     uint32_t second = 0;
     bool large = false;
     for (int a = 0; a < 3; a++) {
-        double lo = fmin(fmin(p[0][a], p[1][a]), p[2][a]) - b->band;
-        double hi = fmax(fmax(p[0][a], p[1][a]), p[2][a]) + b->band;
+        double lo = p[0][a] < p[1][a] ? p[0][a] : p[1][a];
+        double hi = p[0][a] > p[1][a] ? p[0][a] : p[1][a];
+        lo = (lo < p[2][a] ? lo : p[2][a]) - b->band;
+        hi = (hi > p[2][a] ? hi : p[2][a]) + b->band;
         r->lo[a] = (int32_t)lr_clamp(ceil((lo - 2.0 * HALF) / 8.0), 0.0, b->size[a]);
         r->hi[a] = (int32_t)lr_clamp(floor(hi / 8.0), -1.0, b->size[a] - 1);
         if (r->hi[a] < r->lo[a])

@@ -35,6 +35,19 @@ LR_INLINE lanes lanes_all(float x)
     return _mm512_set1_ps(x);
 }
 
+/* Four numbers, four times. */
+LR_INLINE lanes lanes_repeat(const float four[4])
+{
+    return _mm512_broadcast_f32x4(_mm_load_ps(four));
+}
+
+/* Each of four numbers four times. */
+LR_INLINE lanes lanes_each(const float four[4])
+{
+    const __m512i which = _mm512_set_epi32(3, 3, 3, 3, 2, 2, 2, 2, 1, 1, 1, 1, 0, 0, 0, 0);
+    return _mm512_permutexvar_ps(which, lanes_repeat(four));
+}
+
 LR_INLINE lanes lanes_sqrt(lanes a)
 {
     return _mm512_sqrt_ps(a);
@@ -118,6 +131,24 @@ LR_INLINE void lanes_store(void *to, lanes a)
 LR_INLINE lanes lanes_all(float x)
 {
     LR_EACH(LR_OF(set1)(x));
+}
+
+LR_INLINE lanes lanes_repeat(const float four[4])
+{
+#if LR_LANES_SIMD == 1
+    LR_EACH(_mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(four)), _mm_load_ps(four), 1));
+#else
+    LR_EACH(_mm_load_ps(four));
+#endif
+}
+
+LR_INLINE lanes lanes_each(const float four[4])
+{
+#if LR_LANES_SIMD == 1
+    LR_EACH(_mm256_insertf128_ps(_mm256_set1_ps(four[2 * i]), _mm_set1_ps(four[2 * i + 1]), 1));
+#else
+    LR_EACH(_mm_set1_ps(four[i]));
+#endif
 }
 
 LR_INLINE lanes lanes_sqrt(lanes a)

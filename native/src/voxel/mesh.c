@@ -12,8 +12,8 @@
  * angle weighted pseudonormal.
  * Departures: 1. border edges and vertices have pseudonormals of the faces they
  * have, which gives a sheet its local sides; a fan ends where more than two faces
- * share an edge; 2. a triangle without area keeps its
- * place among the edges, but has no normal and no distance of its own; 3. of
+ * share an edge; 2. a triangle without area keeps its place among the edges, but has
+ * no normal and no distance of its own; 3. of
  * triangles on the same three places, wound either way, the first one counts.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -22,6 +22,7 @@
 enum {
     POLL = 1 << 16, /* loop turns between looks at the stop word: some ms */
     AHEAD = 16,     /* vertices whose slots are fetched together; divides POLL */
+    FEW = 8,        /* half-edges that are sorted by counting which are less */
     SMALL = 32      /* half-edges that insertion sorts */
 };
 
@@ -79,13 +80,13 @@ static lr_status check_reach(const lr_topology *m, lr_error *error)
     return LR_OK;
 }
 
-static void widen(lr_topology *m, const int32_t corner[3])
+static void widen(const lr_topology *m, const int32_t corner[3], double lo[3], double hi[3])
 {
     for (int c = 0; c < 3; c++)
         for (int a = 0; a < 3; a++) {
             double x = m->source.vertices[3 * (int64_t)corner[c] + a];
-            m->lo[a] = x < m->lo[a] ? x : m->lo[a];
-            m->hi[a] = x > m->hi[a] ? x : m->hi[a];
+            lo[a] = x < lo[a] ? x : lo[a];
+            hi[a] = x > hi[a] ? x : hi[a];
         }
 }
 
@@ -93,26 +94,27 @@ static void widen(lr_topology *m, const int32_t corner[3])
  * cancels. */
 static lr_status measure(lr_topology *m, const lr_watch *watch, lr_error *error)
 {
-    for (int a = 0; a < 3; a++) {
-        m->lo[a] = INFINITY;
-        m->hi[a] = -INFINITY;
-    }
-    double from[3];
+    double lo[3] = {INFINITY, INFINITY, INFINITY}, hi[3] = {-INFINITY, -INFINITY, -INFINITY};
+    double from[3], volume = 0.0;
     lr_vertex(m, m->source.triangles[0], from);
     for (uint64_t t = 0; t < m->source.n_triangles; t++) {
         if (t % POLL == 0 && lr_stopped(watch))
             return lr_fail_stopped(error);
         double p[3][3], n[3];
         lr_triangle(m, t, p);
-        if (!lr_cross_of((const double(*)[3])p, n)) {
-            m->n_degenerate++;
+        if (!lr_cross_of((const double (*)[3])p, n)) {
+            m->n_flat++;
             continue;
         }
-        widen(m, m->source.triangles + 3 * t);
+        widen(m, m->source.triangles + 3 * t, lo, hi);
         lr_sub(p[0], from, p[0]);
-        m->volume += lr_dot(p[0], n);
+        volume += lr_dot(p[0], n);
     }
-    if (m->n_degenerate == m->source.n_triangles)
+    m->volume = volume;
+    m->n_degenerate = m->n_flat;
+    memcpy(m->lo, lo, sizeof lo);
+    memcpy(m->hi, hi, sizeof hi);
+    if (m->n_flat == m->source.n_triangles)
         return lr_fail(error, LR_E_ARGUMENT, "none of the mesh's %llu triangles has an area",
                        (unsigned long long)m->source.n_triangles);
     return LR_OK;
@@ -192,51 +194,48 @@ static void ends(const lr_topology *m, uint32_t half_edge, uint32_t v[2])
 }
 
 /* A triangle that uses a place twice has no edges worth linking. */
-static bool collapsed(const lr_topology *m, uint64_t t)
-{
-    uint32_t a = lr_welded(m, t, 0), b = lr_welded(m, t, 1), c = lr_welded(m, t, 2);
-    return a == b || b == c || c == a;
-}
-
-/* The two ends of a half-edge as lower and higher vertex. */
-static void order_ends(const lr_topology *m, uint32_t half_edge, uint32_t *lower, uint32_t *higher)
-{
-    uint32_t v[2];
-    ends(m, half_edge, v);
-    *lower = v[0] < v[1] ? v[0] : v[1];
-    *higher = v[0] < v[1] ? v[1] : v[0];
-}
-
 /* Half-edges by their lower vertex: key[start[v]..start[v + 1]] are those of v, each as
- * higher vertex << 32 | half-edge. */
+ * higher vertex (31 bits), half-edge (32 bits), and whether it runs upwards (1 bit). */
 typedef struct buckets {
     uint32_t *start; /* [n_vertices + 1] */
     uint64_t *key;   /* [3 n_triangles] */
 } buckets;
 
-/* Call for all half-edges: count them, then put them. */
-static bool deal(const lr_topology *m, bool put, buckets *b, const lr_watch *watch)
+#define HIGHER_BITS 33
+LR_INLINE uint32_t half_edge_of(uint64_t key)
+{
+    return (uint32_t)(key >> 1);
+}
+
+/* Call for all half-edges: count them, each a ring of its own, then put them. */
+static bool deal(lr_topology *m, bool put, buckets *b, const lr_watch *watch)
 {
     uint32_t n = (uint32_t)m->source.n_triangles;
     for (uint32_t t = 0; t < n; t++) {
         if (t % POLL == 0 && lr_stopped(watch))
             return false;
-        if (collapsed(m, t))
-            continue;
-        for (uint32_t h = 3 * t; h < 3 * t + 3; h++) {
-            uint32_t lower, higher;
-            order_ends(m, h, &lower, &higher);
-            if (put)
-                b->key[b->start[lower]++] = (uint64_t)higher << 32 | h;
-            else
+        uint32_t v[4];
+        for (int c = 0; c < 3; c++)
+            v[c] = lr_welded(m, t, c);
+        v[3] = v[0];
+        const bool collapsed = v[0] == v[1] || v[1] == v[2] || v[2] == v[0];
+        for (uint32_t e = 0, h = 3 * t; e < 3; e++, h++) {
+            const bool up = v[e] < v[e + 1];
+            const uint32_t lower = up ? v[e] : v[e + 1], higher = up ? v[e + 1] : v[e];
+            if (!put)
+                m->ring[h] = h;
+            if (!put && !collapsed)
                 b->start[lower + 1]++;
+            if (put && !collapsed)
+                b->key[b->start[lower]++] =
+                    (uint64_t)higher << HIGHER_BITS | (uint64_t)h << 1 | (uint64_t)up;
         }
     }
     return true;
 }
 
 /* Fill the buckets, each in the order of the half-edges. */
-static bool fill(const lr_topology *m, buckets *b, const lr_watch *watch)
+static bool fill(lr_topology *m, buckets *b, const lr_watch *watch)
 {
     uint64_t n = m->source.n_vertices;
     if (!deal(m, false, b, watch))
@@ -262,9 +261,26 @@ static void sift(uint64_t *key, uint32_t root, uint32_t n)
     key[root] = moved;
 }
 
-/* Ascending, in place; insertion or, for the rare vertex with a large fan, heap sort. */
+/* A vertex has some six half-edges: without branches. */
+static void sort_few(uint64_t *key, uint32_t n)
+{
+    uint64_t in[FEW], rank[FEW] = {0};
+    for (uint32_t i = 0; i < FEW; i++)
+        in[i] = i < n ? key[i] : UINT64_MAX;
+    for (int i = 0; i < FEW; i++)
+        for (int j = 0; j < FEW; j++)
+            rank[j] += in[i] < in[j];
+    for (uint32_t i = 0; i < n; i++)
+        key[rank[i]] = in[i];
+}
+
+/* Ascending, in place; counting, insertion or, for the rare vertex with a large fan, heap sort. */
 static bool sort(uint64_t *key, uint32_t n, const lr_watch *watch)
 {
+    if (n <= FEW) {
+        sort_few(key, n);
+        return true;
+    }
     for (uint32_t i = 1; n <= SMALL && i < n; i++) {
         uint64_t moved = key[i];
         uint32_t to = i;
@@ -299,8 +315,8 @@ static uint32_t first_twin(const lr_topology *m, const uint64_t *run, uint32_t n
 {
     uint32_t third = third_place(m, h);
     for (uint32_t i = n > 64 ? n - 64 : 0; i < n; i++)
-        if (third_place(m, (uint32_t)run[i]) == third)
-            return (uint32_t)run[i];
+        if (third_place(m, half_edge_of(run[i])) == third)
+            return half_edge_of(run[i]);
     return h;
 }
 
@@ -315,7 +331,7 @@ static bool mark_twin(lr_topology *m, uint32_t t, uint32_t first)
         return false;
     double p[3][3], n[3];
     lr_triangle(m, t, p);
-    if (m->twin[t] == t && lr_normal_of((const double(*)[3])p, n))
+    if (m->twin[t] == t && lr_normal_of((const double (*)[3])p, n))
         m->n_degenerate++; /* those without area are counted before */
     m->twin[t] = first;
     return true;
@@ -326,7 +342,7 @@ static bool drop_twins(lr_topology *m, uint64_t *run, uint32_t *n)
 {
     uint32_t kept = 0;
     for (uint32_t i = 0; i < *n; i++) {
-        uint32_t h = (uint32_t)run[i], twin = first_twin(m, run, kept, h);
+        uint32_t h = half_edge_of(run[i]), twin = first_twin(m, run, kept, h);
         if (twin == h)
             run[kept++] = run[i];
         else if (!mark_twin(m, h / 3, twin / 3))
@@ -339,16 +355,11 @@ static bool drop_twins(lr_topology *m, uint64_t *run, uint32_t *n)
 static void link_run(lr_topology *m, const uint64_t *run, uint32_t n)
 {
     for (uint32_t i = 0; i < n; i++)
-        m->ring[(uint32_t)run[i]] = (uint32_t)run[i + 1 < n ? i + 1 : 0];
-    uint32_t a[2], b[2];
-    ends(m, (uint32_t)run[0], a);
-    if (n == 1) {
-        m->n_border_edges++;
-        return;
-    }
-    ends(m, (uint32_t)run[1], b);
-    m->n_bad_edges += n > 2 || a[0] == b[0];
-    m->n_flipped_edges += n == 2 && a[0] == b[0];
+        m->ring[half_edge_of(run[i])] = half_edge_of(run[i + 1 < n ? i + 1 : 0]);
+    const bool flipped = n == 2 && ((run[0] ^ run[1]) & 1) == 0;
+    m->n_border_edges += n == 1;
+    m->n_bad_edges += n > 2 || flipped;
+    m->n_flipped_edges += flipped;
 }
 
 static lr_status link_bucket(lr_topology *m, uint64_t *key, uint32_t n, const lr_watch *watch,
@@ -357,7 +368,8 @@ static lr_status link_bucket(lr_topology *m, uint64_t *key, uint32_t n, const lr
     if (!sort(key, n, watch))
         return lr_fail_stopped(error);
     for (uint32_t first = 0, end; first < n; first = end) {
-        for (end = first + 1; end < n && key[end] >> 32 == key[first] >> 32; end++) {
+        for (end = first + 1; end < n && key[end] >> HIGHER_BITS == key[first] >> HIGHER_BITS;
+             end++) {
         }
         uint32_t n_run = end - first;
         if (n_run > 1 && !drop_twins(m, key + first, &n_run))
@@ -390,11 +402,6 @@ static lr_status link_edges(lr_topology *m, const lr_watch *watch, lr_error *err
     if (b.start == NULL || b.key == NULL || m->ring == NULL) {
         status = lr_fail_memory(error, room * 12, "the mesh's edges");
     } else {
-        for (uint32_t h = 0; h < (uint32_t)room; h++) {
-            m->ring[h] = h;
-            if (h % POLL == 0 && lr_stopped(watch))
-                break; /* the next step looks as well */
-        }
         status = link_buckets(m, &b, watch, error);
     }
     free(b.start);
@@ -411,7 +418,7 @@ static double volume_of_twins(const lr_topology *m)
     for (uint64_t t = 0; m->twin != NULL && t < m->source.n_triangles; t++) {
         double p[3][3], n[3];
         lr_triangle(m, t, p);
-        if (lr_counts(m, t) || !lr_cross_of((const double(*)[3])p, n))
+        if (lr_counts(m, t) || !lr_cross_of((const double (*)[3])p, n))
             continue;
         lr_sub(p[0], from, p[0]);
         volume += lr_dot(p[0], n);

@@ -14,19 +14,21 @@
 #include "error.h"
 
 typedef struct lr_topology {
-    lr_mesh source;             /* the caller's arrays */
-    double per_unit;            /* voxels per unit of object space */
-    double origin[3];           /* storage coordinate 0, in voxels from the object's origin */
-    double lo[3], hi[3];        /* bounds of the triangles with area, object space */
-    uint32_t *weld;             /* [n_vertices]: the first vertex at the same place; NULL: itself */
-    uint32_t *ring;             /* [3 n_triangles]: the next half-edge on the same edge, in a circle */
-    uint32_t *twin;             /* [n_triangles]: the first triangle on the same places, the others
-                                   count for nothing; NULL: all differ */
-    uint64_t n_border_edges, n_bad_edges, n_degenerate;
-    uint64_t n_flipped_edges;   /* those of the bad ones with two triangles */
-    double volume;              /* signed, times 6, of all triangles */
-    double side;                /* -1 where the mesh is wound inside out, else 1 */
-    bool closed;                /* every edge has two triangles of one winding */
+    lr_mesh source;      /* the caller's arrays */
+    double per_unit;     /* voxels per unit of object space */
+    double origin[3];    /* storage coordinate 0, in voxels from the object's origin */
+    double lo[3], hi[3]; /* bounds of the triangles with area, object space */
+    uint32_t *weld;      /* [n_vertices]: the first vertex at the same place; NULL: itself */
+    uint32_t *ring;      /* [3 n_triangles]: the next half-edge on the same edge, in a circle */
+    uint32_t *twin;      /* [n_triangles]: the first triangle on the same places, the others
+                            count for nothing; NULL: all differ */
+    uint64_t n_flat;     /* triangles without area */
+    uint64_t n_border_edges, n_bad_edges;
+    uint64_t n_degenerate;    /* triangles without area, or that do not count */
+    uint64_t n_flipped_edges; /* those of the bad ones with two triangles */
+    double volume;            /* signed, times 6, of all triangles */
+    double side;              /* -1 where the mesh is wound inside out, else 1 */
+    bool closed;              /* every edge has two triangles of one winding */
 } lr_topology;
 
 /* Check the mesh, find its bounds and volume. origin is left 0: coordinates are voxels

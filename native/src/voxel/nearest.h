@@ -7,22 +7,23 @@
 #include "voxel/mesh.h"
 
 /* A brick's samples as 32 tiles of 4 x 2 x 2, so that a tile fills vector
- * registers and stays small. Lanes run x, y, z; tiles run x (2), y (4), z (4). */
-enum { LR_TILES = 32, LR_LANES = 16 };
+ * registers and stays small. Lanes run x, y, z; tiles run y (4), z (4), x (2), so that
+ * each axis has four layers of half tiles, cubes of 2^3 samples. */
+enum { LR_TILES = 32, LR_LANES = 16, LR_LAYERS = 4 };
 
 LR_INLINE int lr_sample_x(int tile, int lane)
 {
-    return (tile & 1) * 4 + (lane & 3);
+    return (tile >> 4) * 4 + (lane & 3);
 }
 
 LR_INLINE int lr_sample_y(int tile, int lane)
 {
-    return (tile >> 1 & 3) * 2 + (lane >> 2 & 1);
+    return (tile & 3) * 2 + (lane >> 2 & 1);
 }
 
 LR_INLINE int lr_sample_z(int tile, int lane)
 {
-    return (tile >> 3) * 2 + (lane >> 3);
+    return (tile >> 2 & 3) * 2 + (lane >> 3);
 }
 
 typedef struct lr_nearest {
@@ -31,7 +32,7 @@ typedef struct lr_nearest {
                                                         its normal positive, where it is met in
                                                         its face; else infinity */
     _Alignas(64) int32_t winner[LR_TILES][LR_LANES]; /* place in the list; -1: beyond the band */
-    _Alignas(64) float worst[2][LR_TILES]; /* largest d2 of the tile's halves, by x */
+    _Alignas(64) float worst[LR_LAYERS][LR_LANES];   /* largest d2 of half tiles: x, y + 4 z */
 } lr_nearest;
 
 /* Search the listed triangles around a brick whose samples lie within 3.5 of

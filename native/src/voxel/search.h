@@ -2,9 +2,10 @@
  *
  * The forms of frame.h are set up for sixteen triangles side by side, then each
  * triangle competes for the tiles that its box may still win, sixteen samples
- * side by side. Two bounds come before the whole distance: the box against a
- * tile's worst sample, and height and largest excess, which are the distance but
- * at corners, against each sample.
+ * side by side. Two bounds come before the whole distance: the box against the
+ * worst sample of half a tile, and height and largest excess, which are the distance
+ * but at corners, against each sample. Each is asked of the whole batch before the
+ * next, so that the processor has no branches to guess but the last.
  *
  * All is f32 around the brick's centre; edges are differences in f64, so a fat
  * triangle keeps some 1e-6 voxel. Slivers and long triangles are set up in f64,
@@ -41,6 +42,7 @@ typedef struct batch {
     _Alignas(64) float place[EDGES][4][LR_LANES];
     _Alignas(64) float lo[EDGES][LR_LANES], hi[EDGES][LR_LANES];
     _Alignas(64) float middle[3][LR_LANES], half[3][LR_LANES];
+    _Alignas(64) float gap[3][LR_LANES][LR_LAYERS]; /* squared, to the layers of cubes */
 } batch;
 
 typedef struct corners {
@@ -181,18 +183,54 @@ static void set_thin(const lr_topology *mesh, const double centre[3], uint32_t t
     }
 }
 
-/* From form by form to triangle by triangle. */
-LR_INLINE void transpose(batch *b)
+/* Four values of sixteen triangles, triangle by triangle. */
+LR_INLINE void transpose(const float in[4][LR_LANES], float out[LR_LANES][4])
 {
-    for (int a = 0; a < 4; a++)
-        for (int l = 0; l < LR_LANES; l += 4) {
-            __m128 row[FIRST];
-            for (int i = 0; i < FIRST; i++)
-                row[i] = _mm_load_ps(&b->first[a][i][l]);
-            _MM_TRANSPOSE4_PS(row[0], row[1], row[2], row[3]);
-            for (int i = 0; i < 4; i++)
-                _mm_store_ps(b->of[a][l + i], row[i]);
+    for (int l = 0; l < LR_LANES; l += 4) {
+        __m128 row[4];
+        for (int i = 0; i < 4; i++)
+            row[i] = _mm_load_ps(&in[i][l]);
+        _MM_TRANSPOSE4_PS(row[0], row[1], row[2], row[3]);
+        for (int i = 0; i < 4; i++)
+            _mm_store_ps(out[l + i], row[i]);
+    }
+}
+
+/* Centres of the tiles relative to the brick's, and of lanes to their tile's. */
+#define TWICE(...) __VA_ARGS__, __VA_ARGS__
+#define FOUR(...)  TWICE(TWICE(__VA_ARGS__))
+_Alignas(64) static const float TILE[3][LR_TILES] = {
+    {FOUR(FOUR(-2)), FOUR(FOUR(2))},
+    {TWICE(FOUR(-3, -1, 1, 3))},
+    {TWICE(FOUR(-3), FOUR(-1), FOUR(1), FOUR(3))},
+};
+_Alignas(64) static const float LANE[3][LR_LANES] = {
+    {FOUR(-1.5f, -0.5f, 0.5f, 1.5f)},
+    {TWICE(FOUR(-0.5f), FOUR(0.5f))},
+    {TWICE(FOUR(-0.5f)), TWICE(FOUR(0.5f))},
+};
+#undef TWICE
+#undef FOUR
+
+/* Halves of tiles are cubes of 2^3 samples; the centres of their layers on each axis. */
+#define HALF_OF_TILE 0.5f
+static const float LAYER[LR_LAYERS] = {-3, -1, 1, 3};
+
+/* Squared gaps between all boxes and the layers, triangle by triangle. */
+LR_INLINE void set_gaps(batch *b)
+{
+    _Alignas(64) float square[LR_LAYERS][LR_LANES];
+    const lanes zero = lanes_all(0.0f), more = lanes_all(HALF_OF_TILE + SLACK);
+    for (int a = 0; a < 3; a++) {
+        const lanes middle = lanes_load(b->middle[a]);
+        const lanes reach = lanes_add(lanes_load(b->half[a]), more);
+        for (int i = 0; i < LR_LAYERS; i++) {
+            lanes apart = lanes_sub(lanes_all(LAYER[i]), middle);
+            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), reach), zero);
+            lanes_store(square[i], lanes_mul(gap, gap));
         }
+        transpose((const float (*)[LR_LANES])square, b->gap[a]);
+    }
 }
 
 /* Set up n triangles. */
@@ -205,14 +243,18 @@ LR_INLINE void set_up(const lr_topology *mesh, const double centre[3], const uin
     for (int l = 0; l < n; l++)
         if (!(fat >> l & 1))
             set_thin(mesh, centre, who[l], l, b);
-    transpose(b);
+    for (int a = 0; a < 4; a++)
+        transpose((const float (*)[LR_LANES])b->first[a], b->of[a]);
+    set_gaps(b);
 }
 
 static void begin(double band, lr_nearest *nearest)
 {
     const float limit = (float)(band * band);
+    for (int i = 0; i < LR_LAYERS; i++)
+        for (int tile = 0; tile < LR_LANES; tile++)
+            nearest->worst[i][tile] = limit;
     for (int tile = 0; tile < LR_TILES; tile++) {
-        nearest->worst[0][tile] = nearest->worst[1][tile] = limit;
         for (int lane = 0; lane < LR_LANES; lane++) {
             nearest->d2[tile][lane] = limit;
             nearest->height[tile][lane] = INFINITY;
@@ -238,45 +280,14 @@ static uint32_t golden_step(uint32_t n)
     }
 }
 
-/* Centres of the tiles relative to the brick's, and of lanes to their tile's. */
-#define TWICE(...) __VA_ARGS__, __VA_ARGS__
-#define FOUR(...)  TWICE(TWICE(__VA_ARGS__))
-_Alignas(64) static const float TILE[3][LR_TILES] = {
-    {FOUR(FOUR(-2, 2))},
-    {FOUR(TWICE(-3), TWICE(-1), TWICE(1), TWICE(3))},
-    {TWICE(FOUR(-3)), TWICE(FOUR(-1)), TWICE(FOUR(1)), TWICE(FOUR(3))},
-};
-_Alignas(64) static const float LANE[3][LR_LANES] = {
-    {FOUR(-1.5f, -0.5f, 0.5f, 1.5f)},
-    {TWICE(FOUR(-0.5f), FOUR(0.5f))},
-    {TWICE(FOUR(-0.5f)), TWICE(FOUR(0.5f))},
-};
-#undef TWICE
-#undef FOUR
-/* Halves of tiles are cubes of 2^3 samples. */
-#define HALF_OF_TILE 0.5f
-
 /* Bit per tile of whose halves one has a worst distance that the box may beat. */
-LR_INLINE uint32_t near_box(const batch *b, int l, float worst[2][LR_TILES])
+LR_INLINE uint32_t near_box(const batch *b, int l, float worst[LR_LAYERS][LR_LANES])
 {
     uint32_t bits = 0;
-    const lanes zero = lanes_all(0.0f);
-    for (int first = 0; first < LR_TILES; first += LR_LANES) {
-        lanes square = zero;
-        for (int a = 1; a < 3; a++) {
-            lanes apart = lanes_sub(lanes_load(&TILE[a][first]), lanes_all(b->middle[a][l]));
-            lanes reach = lanes_all(b->half[a][l] + (HALF_OF_TILE + SLACK));
-            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), reach), zero);
-            square = lanes_add(square, lanes_mul(gap, gap));
-        }
-        for (int half = 0; half < 2; half++) {
-            lanes middle = lanes_all(b->middle[0][l] + (half == 0 ? 1.0f : -1.0f));
-            lanes apart = lanes_sub(lanes_load(&TILE[0][first]), middle);
-            lanes reach = lanes_all(b->half[0][l] + (HALF_OF_TILE + SLACK));
-            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), reach), zero);
-            lanes all = lanes_add(square, lanes_mul(gap, gap));
-            bits |= mask_bits(lanes_less(all, lanes_load(&worst[half][first]))) << first;
-        }
+    const lanes yz = lanes_add(lanes_repeat(b->gap[1][l]), lanes_each(b->gap[2][l]));
+    for (int i = 0; i < LR_LAYERS; i++) {
+        lanes all = lanes_add(yz, lanes_all(b->gap[0][l][i]));
+        bits |= mask_bits(lanes_less(all, lanes_load(worst[i]))) << (i / 2 * LR_LANES);
     }
     return bits;
 }
@@ -307,6 +318,36 @@ LR_INLINE lanes beyond_edges(const batch *b, int l, int tile, const lanes excess
     return nearest;
 }
 
+/* Triangles of a batch against tiles. */
+enum { AT_ONCE = 4, MOST_TRIALS = LR_LANES * LR_TILES + AT_ONCE };
+typedef struct trials {
+    _Alignas(64) float rise[LR_LANES][FIRST][LR_LANES]; /* of the first forms over a tile */
+    _Alignas(16) float centre[MOST_TRIALS][FIRST];      /* their values at its centre */
+    uint16_t what[MOST_TRIALS];                         /* triangle * LR_TILES + tile */
+    int n;
+} trials;
+
+/* Those whose boxes are near enough. Some are written at once and then counted, so that
+ * the processor has fewer branches to guess. */
+LR_INLINE void list_trials(const batch *b, int n, lr_nearest *nearest, trials *t)
+{
+    t->n = 0;
+    for (int l = 0; l < n; l++) {
+        uint32_t left = near_box(b, l, nearest->worst);
+        for (int i = 0; i < FIRST; i++)
+            lanes_store(t->rise[l][i], over_tile(b->of[0][l][i], b->of[1][l][i], b->of[2][l][i]));
+        while (left != 0) {
+            int count = __builtin_popcount(left);
+            for (int i = 0; i < AT_ONCE; i++) {
+                int tile = __builtin_ctz(left | 1u << (LR_TILES - 1));
+                t->what[t->n + i] = (uint16_t)(l * LR_TILES + tile);
+                left &= left - 1;
+            }
+            t->n += count < AT_ONCE ? count : AT_ONCE;
+        }
+    }
+}
+
 /* Values of height and excesses at the centre of a tile. */
 LR_INLINE void at_centre(const batch *b, int l, int tile, float value[FIRST])
 {
@@ -315,6 +356,39 @@ LR_INLINE void at_centre(const batch *b, int l, int tile, float value[FIRST])
     __m128 z = _mm_mul_ps(_mm_load_ps(b->of[2][l]), _mm_set1_ps(TILE[2][tile]));
     __m128 sum = _mm_add_ps(_mm_add_ps(x, y), z);
     _mm_store_ps(value, _mm_add_ps(sum, _mm_load_ps(b->of[3][l])));
+}
+
+/* The first forms of the samples of a tile. */
+typedef struct forms {
+    lanes height2, height, excess[EDGES], most;
+} forms;
+
+LR_INLINE forms forms_of(const trials *t, int l, const float centre[FIRST])
+{
+    forms f;
+    f.height = lanes_add(lanes_load(t->rise[l][0]), lanes_all(centre[0]));
+    f.height2 = lanes_mul(f.height, f.height);
+    for (int e = 0; e < EDGES; e++)
+        f.excess[e] = lanes_add(lanes_load(t->rise[l][1 + e]), lanes_all(centre[1 + e]));
+    f.most = lanes_max(lanes_max(f.excess[0], f.excess[1]), f.excess[2]);
+    return f;
+}
+
+/* Keep the trials in which height and largest excess do not exceed all that is there. */
+LR_INLINE void sift_trials(const batch *b, const lr_nearest *nearest, trials *t)
+{
+    int kept = 0;
+    for (int i = 0; i < t->n; i++) {
+        const uint16_t what = t->what[i];
+        const int l = what / LR_TILES, tile = what % LR_TILES;
+        at_centre(b, l, tile, t->centre[kept]);
+        const forms f = forms_of(t, l, t->centre[kept]);
+        lanes out = lanes_max(f.most, lanes_all(0.0f));
+        lanes least = lanes_add(f.height2, lanes_mul(out, out));
+        t->what[kept] = what;
+        kept += mask_bits(lanes_less(least, lanes_load(nearest->d2[tile]))) != 0;
+    }
+    t->n = kept;
 }
 
 /* Write what the triangle has won. */
@@ -329,40 +403,26 @@ LR_INLINE void win(lr_nearest *nearest, int tile, lane_mask wins, lanes square, 
     lanes_store(nearest->winner[tile], lanes_pick(wins, lanes_all(number), winner));
     height = lanes_pick(wins, height, lanes_load(nearest->height[tile]));
     lanes_store(nearest->height[tile], height);
-    lanes_halves(d2, &nearest->worst[0][tile], &nearest->worst[1][tile]);
+    float *worst = &nearest->worst[tile / LR_LANES * 2][tile % LR_LANES];
+    lanes_halves(d2, worst, worst + LR_LANES);
 }
 
-/* Let a triangle compete for the samples of the tiles whose bits are set. */
-LR_INLINE void compete(const batch *b, int l, uint32_t tiles, int32_t who, lr_nearest *nearest)
+/* Let the triangles at these places of the list compete for the samples. */
+LR_INLINE void compete(const batch *b, const trials *t, const int32_t *place, lr_nearest *nearest)
 {
     const lanes zero = lanes_all(0.0f);
-    lanes rise[FIRST];
-    for (int i = 0; i < FIRST; i++)
-        rise[i] = over_tile(b->of[0][l][i], b->of[1][l][i], b->of[2][l][i]);
-    _Alignas(16) float centres[LR_TILES][FIRST];
-    for (uint32_t left = tiles; left != 0; left &= left - 1)
-        at_centre(b, l, __builtin_ctz(left), centres[__builtin_ctz(left)]);
-    for (; tiles != 0; tiles &= tiles - 1) {
-        int tile = __builtin_ctz(tiles);
-        const float *centre = centres[tile];
-        lanes d2 = lanes_load(nearest->d2[tile]), excess[EDGES];
-        lanes h = lanes_add(rise[0], lanes_all(centre[0]));
-        for (int e = 0; e < EDGES; e++)
-            excess[e] = lanes_add(rise[1 + e], lanes_all(centre[1 + e]));
-        lanes most = lanes_max(lanes_max(excess[0], excess[1]), excess[2]);
-        lanes out = lanes_max(most, zero), height2 = lanes_mul(h, h);
-        lanes square = lanes_add(height2, lanes_mul(out, out));
-        lane_mask wins = lanes_less(square, d2), beyond = lanes_less(zero, most);
+    for (int i = 0; i < t->n; i++) {
+        const int l = t->what[i] / LR_TILES, tile = t->what[i] % LR_TILES;
+        const forms f = forms_of(t, l, t->centre[i]);
+        const lanes d2 = lanes_load(nearest->d2[tile]);
+        const lane_mask beyond = lanes_less(zero, f.most);
+        const lanes edge = beyond_edges(b, l, tile, f.excess);
+        const lanes square = lanes_add(f.height2, lanes_pick(beyond, edge, zero));
+        const lane_mask wins = lanes_less(square, d2);
         if (mask_bits(wins) == 0)
             continue;
-        if (mask_bits(mask_and(wins, beyond)) != 0) {
-            lanes edge = beyond_edges(b, l, tile, excess);
-            square = lanes_add(height2, lanes_pick(beyond, edge, zero));
-            wins = lanes_less(square, d2);
-            if (mask_bits(wins) == 0)
-                continue;
-        }
-        win(nearest, tile, wins, square, lanes_pick(beyond, lanes_all(INFINITY), h), d2, who);
+        const lanes height = lanes_pick(beyond, lanes_all(INFINITY), f.height);
+        win(nearest, tile, wins, square, height, d2, place[l]);
     }
 }
 
@@ -389,6 +449,7 @@ bool LR_SEARCH(const lr_topology *mesh, const double centre[3], const uint32_t *
                double band, const lr_watch *watch, lr_nearest *nearest)
 {
     batch b;
+    trials t;
     turn now, then;
     uint32_t step = golden_step(n), next = 0;
     begin(band, nearest);
@@ -400,11 +461,9 @@ bool LR_SEARCH(const lr_topology *mesh, const double centre[3], const uint32_t *
         if (n - done > LR_LANES)
             take_turn(mesh, list, n, n - done - LR_LANES, step, &next, &then);
         set_up(mesh, centre, now.who, now.n, &b);
-        for (int l = 0; l < now.n; l++) {
-            uint32_t tiles = near_box(&b, l, nearest->worst);
-            if (tiles != 0)
-                compete(&b, l, tiles, now.place[l], nearest);
-        }
+        list_trials(&b, now.n, nearest, &t);
+        sift_trials(&b, nearest, &t);
+        compete(&b, &t, now.place, nearest);
     }
     return true;
 }
