@@ -29,7 +29,7 @@ def reference(
 
     folder: None renders anew and keeps nothing. asked: what was changed in the open scene beyond
     its file. A frame that was kept took 0 seconds, and has no other passes than Combined where it
-    is made of one with four times the pixels and a quarter of the samples. Raises LeapRayError
+    is made of one with more pixels of fewer samples. Raises LeapRayError
     where the folder cannot be written to.
     """
     if folder is None:
@@ -37,12 +37,14 @@ def reference(
     kept = place(scene, samples, folder, asked)
     if kept.is_file():
         return frames.Frame(frames.read(kept), 0.0)
-    with twice_as_large(scene) as fits:
-        larger = place(scene, samples // 4, folder, asked)
-    if fits and samples % 4 == 0 and larger.is_file():
-        image = frames.read(larger)["Combined"]
-        high, wide = (n // 2 for n in image.shape[:2])
-        return frames.Frame({"Combined": image.reshape(high, 2, wide, 2, -1).mean((1, 3))}, 0.0)
+    for n in (2, 4):
+        with times_as_large(scene, n) as fits:
+            larger = place(scene, samples // n**2, folder, asked)
+        if fits and samples % n**2 == 0 and larger.is_file():
+            image = frames.read(larger)["Combined"]
+            high, wide = (k // n for k in image.shape[:2])
+            parts = image.reshape(high, n, wide, n, -1)
+            return frames.Frame({"Combined": parts.mean((1, 3))}, 0.0)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         frame = frames.render_cycles(scene, path, samples, seed=1)
@@ -67,14 +69,14 @@ def place(scene: bpy.types.Scene, samples: int, folder: Path, asked: tuple) -> P
 
 
 @contextlib.contextmanager
-def twice_as_large(scene: bpy.types.Scene) -> Iterator[bool]:
-    """Meanwhile the frame has twice the percentage; whether it has then exactly four pixels for
+def times_as_large(scene: bpy.types.Scene, n: int) -> Iterator[bool]:
+    """Meanwhile the frame has n times the percentage; whether it has then exactly n^2 pixels for
     each. With a box filter of a pixel, as frames.prepare sets it, their means are the frame with
-    four times the samples."""
+    n^2 times the samples."""
     render, (wide, high) = scene.render, frames.size(scene)
     own = render.resolution_percentage
-    render.resolution_percentage = 2 * own
+    render.resolution_percentage = n * own
     try:
-        yield frames.size(scene) == (2 * wide, 2 * high)
+        yield frames.size(scene) == (n * wide, n * high)
     finally:
         render.resolution_percentage = own
