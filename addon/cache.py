@@ -1,23 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What frames share: volumes by their contents, and what was measured on them (no bpy).
 
-In memory the least recently used volumes go first when the budget needs their
-room. In a folder, where the user gives one, every volume is a .vdb under a name
-made of its contents and of all that shaped it, so that nothing there is ever
-out of date; what cannot be read is made anew.
+The least recently used volumes go first when the budget needs their room.
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Hashable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
-
-import leapray
-
-from . import volumes
 
 
 @dataclass
@@ -94,35 +84,3 @@ class Cache:
 def _contents(key: tuple) -> str:
     """Of the whole mesh: parts of it are told by what follows a slash."""
     return key[1].partition("/")[0]
-
-
-# ---- on disk -------------------------------------------------------------------
-
-
-def path(folder: str, key: Hashable) -> Path:
-    """Where a volume lies: its name tells everything that shaped it, this version included."""
-    name = repr((leapray.__version__, key)).encode()
-    return Path(folder) / f"{hashlib.blake2b(name, digest_size=16).hexdigest()}.vdb"
-
-
-def load(folder: str, key: Hashable) -> leapray.Volume | None:
-    """The volume from the folder, or None where it is not or cannot be read."""
-    place = path(folder, key)
-    if not place.is_file():
-        return None
-    try:
-        return volumes.read(place)
-    except leapray.LeapRayError:
-        return None
-
-
-def store(folder: str, key: Hashable, volume: leapray.Volume) -> str:
-    """Write the volume into the folder, which is made where it is not; why that failed, or ""."""
-    try:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        volumes.write(volume, path(folder, key))
-    except OSError as error:
-        return f"The folder for volumes cannot be made: {error}."
-    except leapray.LeapRayError as error:
-        return f"A volume is not kept on disk: {error}."
-    return ""

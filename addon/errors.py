@@ -69,6 +69,16 @@ class Measure:
     def nbytes(self) -> int:
         return self.volume_nbytes + self.structure_nbytes
 
+    def fits(self, probes: Probes) -> bool:
+        """Can it have been measured at these probes?"""
+        n, n_creases = len(probes.surface), len(probes.creases)
+        color = self.color is None or (self.color.ndim == 2 and len(self.color) == n)
+        return (
+            color
+            and self.surface.shape == self.lost.shape == (n,)
+            and self.crease.shape == self.sharp.shape == (n_creases,)
+        )
+
     def typical(self) -> float:
         """The error that the quantile of the surface keeps, in object space."""
         found = self.surface[~self.lost]

@@ -15,6 +15,7 @@ from leapray.voxelization import SOLID_FILTERS, own_half_width, slope
 
 from . import bake, errors, model, probes
 from . import cache as caches
+from . import shelf as shelves
 from .parts import solids
 
 FINER = 6  # levels beyond the one asked for on which a volume may still be at hand
@@ -67,6 +68,7 @@ class Levels:
     ) -> None:
         self.scene, self.settings = scene, scene.settings
         self.cache, self.watch, self.threads = cache, watch, threads
+        self.shelf = shelves.Shelf(self.settings.cache_folder)
         self.wardrobe = bake.Wardrobe(scene, cache, watch)
         self.budget = self.settings.memory_mb * MB
         self.seconds = {"voxelize": 0.0, "structure": 0.0, "plan": 0.0}
@@ -131,8 +133,7 @@ class Levels:
     def _volume(self, work: Work, voxel_size: float, max_nbytes: int) -> leapray.Volume:
         """The volume of a level: from the cache, from the folder, or made of the mesh."""
         key = self._key(work, "volume", voxel_size)
-        folder = self.settings.cache_folder
-        volume = self.cache.get(key) or (caches.load(folder, key) if folder else None)
+        volume = self.cache.get(key) or self.shelf.volume(key, max_nbytes, self.watch)
         if volume is not None:
             if volume.info.nbytes <= max_nbytes:
                 return volume
@@ -231,7 +232,7 @@ class Levels:
     ) -> None:
         """Put the mesh on a level; OutOfMemory, and nothing changed, where it does not fit."""
         key = self._key(work, "measure", voxel_size)
-        measure, structure = self.cache.get(key), None
+        measure, structure = self.cache.get(key) or self._measured_before(work, key), None
         if measure is None:
             structure = self.structure(work, voxel_size, room, volume_room)
             measure = errors.measure(
@@ -244,6 +245,7 @@ class Levels:
                 work.mesh.slots,
             )
             self.cache.put(key, measure)
+            self.shelf.keep_record(key, measure)
         elif measure.nbytes > room or measure.volume_nbytes > volume_room:
             raise leapray.OutOfMemory(
                 f"the level needs {measure.nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
@@ -254,6 +256,13 @@ class Levels:
             work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)
         work.errors = errors.seen(measure, work.weights)
         work.history.append(work.errors.progress(self.settings.pixel_error))
+
+    def _measured_before(self, work: Work, key: tuple) -> errors.Measure | None:
+        """What is known from the folder."""
+        measure = self.shelf.record(key, errors.Measure)
+        if measure is None or not measure.fits(self._probes(work)):
+            return None
+        return self.cache.put(key, measure)
 
     def _color_errors(self, work: Work, structure: leapray.Structure):
         volume, at = structure.volume, self._probes(work)
@@ -279,13 +288,10 @@ class Levels:
                 return True
         return False
 
-    def keep_on_disk(self, work: Work) -> None:
-        """Write the volume into the folder, unless it has triangles or colours of its own."""
-        info = work.structure.volume.info
-        if info.n_exact_cells or info.has_colors or info.has_normals or info.n_objects:
-            return
-        key, folder = self._key(work, "volume", work.measure.voxel_size), self.settings.cache_folder
-        if not caches.path(folder, key).exists():
-            why = caches.store(folder, key, work.structure.volume)
-            if why and why not in self.warnings:
-                self.warnings.append(why)
+    def keep_on_disk(self) -> None:
+        """Put the volumes into the folder, where there is one."""
+        for work in self.works:
+            key = self._key(work, "volume", work.measure.voxel_size)
+            self.shelf.keep_volume(key, work.structure.volume, self.watch)
+        if self.shelf.trouble:
+            self.warnings.append(self.shelf.trouble)

@@ -29,6 +29,7 @@ import leapray
 
 from . import bake, errors, model, objects, parts, reach
 from . import cache as caches
+from . import shelf as shelves
 from .levels import MB, Levels, Work
 from .objects import SceneError
 
@@ -264,8 +265,7 @@ class Planner(Levels):
         for work in [w for w in self.works if w.structure is None and not self.take_finer(w)]:
             others = self.held() - work.measure.nbytes
             work.structure = self.structure(work, work.measure.voxel_size, self.budget - others)
-        for work in self.works if self.settings.cache_folder else ():
-            self.keep_on_disk(work)
+        self.keep_on_disk()
         self.cache.end()
         self.peak = max(self.peak, self.held() + self.cache.unused())
         placed, slots = self._place(instances)
@@ -440,12 +440,13 @@ def _kinds(
 ) -> list[objects.Kind | None]:
     """What each instance is, as its mesh's coarsest volume tells; None, and a warning: nothing."""
     known: dict[int, objects.Kind | None] = {}
+    shelf = shelves.Shelf(scene.settings.cache_folder)
     for instance in instances:
         if instance.mesh in known:
             continue
         mesh = scene.meshes[instance.mesh]
         key = "kind", objects.digest(mesh), mesh.modelling.kind
-        kind = cache.get(key)
+        kind = cache.get(key) or shelf.record(key, objects.Kind)
         try:
             if kind is None:
                 made = leapray.voxelize(
@@ -457,7 +458,8 @@ def _kinds(
                     watch=watch,
                 )
                 kind = objects.Kind(made.info.kind, made.mesh_info.inverted)
-                cache.put(key, kind)
+                shelf.keep_record(key, kind)
+            cache.put(key, kind)
         except leapray.Stopped:
             raise
         except leapray.LeapRayError as error:

@@ -5,15 +5,18 @@ A file written here holds a float grid "density" of the occupancies 0..1, where
 wanted a float grid "id", for sheets a bool grid "surface", all placed by the
 grid's transform, so that Blender shows them where LeapRay does. What OpenVDB
 has no word for is JSON in the grid's metadata "leapray". Float and bool are the
-grids that every Blender can read.
+grids that every Blender can read. What a volume's cells hold beside samples, their
+triangles, colours and normals, is not in the grids: see shelf.py.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import secrets
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -23,17 +26,24 @@ from numpy.typing import NDArray
 from leapray import LeapRayError, MeshInfo, Volume, VolumeBuilder
 
 BLOCK = 64  # samples along a block that is read at a time; a multiple of a brick
+COPIED = 32  # along a block that is written at a time; a multiple of OpenVDB's leaves
 DENSITY, ID, SURFACE, META = "density", "id", "surface", "leapray"
 ONE = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}  # the stored value of occupancy 1
 DTYPE = {"u8": np.uint8, "u16": np.uint16, "f32": np.float32}
 
 
 def write(
-    volume: Volume, path: str | Path, world_from_object: NDArray[np.float64] | None = None
+    volume: Volume,
+    path: str | Path,
+    world_from_object: NDArray[np.float64] | None = None,
+    *,
+    behind: bytes = b"",
 ) -> None:
     """Write a volume as .vdb; `read` gives an equal one, placed by world_from_object if given.
 
     The file holds the field alone: not the triangles of exact cells, nor colours and normals.
+    behind: what follows the grids, unseen by OpenVDB; then there is only the grid that
+    others look at, and `read` takes the file no more.
     The file is written beside its place and renamed, so it is whole or absent.
     Raises LeapRayError where there is no OpenVDB or the place cannot be written.
     """
@@ -45,25 +55,37 @@ def write(
     if world_from_object is not None:
         matrix = np.asarray(world_from_object, np.float64) @ matrix
     grids = [_density(openvdb, volume)]
-    if info.has_ids:
+    if info.has_ids and not behind:
         grids.append(_grid_of_bricks(openvdb.FloatGrid(), ID, volume, volume.read_ids, np.float32))
-    if info.kind == "sheet":
+    if info.kind == "sheet" and not behind:
         grids.append(
             _grid_of_bricks(openvdb.BoolGrid(), SURFACE, volume, volume.read_surface, np.bool_)
         )
-    grids[0][META] = json.dumps(
-        {
-            "size": info.size,
-            "dtype": info.dtype,
-            "kind": info.kind,
-            "threshold": info.threshold,
-            "object_from_index": matrix.tolist(),
-            "mesh": volume.mesh_info and asdict(volume.mesh_info),
-        }
-    )
+    if not behind:
+        grids[0][META] = json.dumps(
+            {
+                "size": info.size,
+                "dtype": info.dtype,
+                "kind": info.kind,
+                "threshold": info.threshold,
+                "object_from_index": matrix.tolist(),
+                "mesh": volume.mesh_info and asdict(volume.mesh_info),
+            }
+        )
     for grid in grids:
         grid.transform = _transform(openvdb, matrix)
-    _write_whole(openvdb, Path(path), grids)
+
+    def fill(beside: Path) -> None:
+        openvdb.write(str(beside), grids=grids)
+        with open(beside, "ab") as file:
+            file.write(behind)
+
+    _write_whole(Path(path), fill)
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file that is whole or absent, too. Raises LeapRayError."""
+    _write_whole(path, lambda beside: beside.write_bytes(data))
 
 
 def read(path: str | Path) -> Volume:
@@ -221,12 +243,14 @@ def _density(openvdb, volume: Volume):
 
 
 def _grid_of_bricks(grid, name: str, volume: Volume, read, dtype):
-    """Copy the stored bricks, read(origin, size) giving (nz, ny, nx), into a grid."""
+    """Copy all blocks with stored bricks, read(origin, size) giving (nz, ny, nx), into a grid."""
     grid.name = name
     grid.creator = "LeapRay"
     origins, n_stored = volume.bricks()
-    for origin in origins[:n_stored].tolist():
-        block = np.ascontiguousarray(read(origin, (8, 8, 8)).T, dtype=dtype)
+    corners = np.stack(np.meshgrid(*[(0, 7)] * 3), -1).reshape(-1, 1, 3) + origins[:n_stored]
+    blocks = np.unique(corners.reshape(-1, 3) // COPIED, axis=0)
+    for origin in (COPIED * blocks).tolist():
+        block = np.ascontiguousarray(read(origin, (COPIED,) * 3).T, dtype=dtype)
         if block.any():
             grid.copyFromArray(block, ijk=tuple(origin))
     return grid
@@ -284,14 +308,15 @@ def _like(grid, origin: tuple, block: NDArray, dtype, out) -> NDArray | None:
     return values.T.astype(out)
 
 
-def _write_whole(openvdb, path: Path, grids: list) -> None:
+def _write_whole(path: Path, fill: Callable[[Path], None]) -> None:
     if not path.parent.is_dir():
         raise LeapRayError(f"there is no folder {path.parent} to write {path.name} into")
-    beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    beside = path.with_name(f".{path.name}.{secrets.token_hex(6)}.partial")
     try:
-        openvdb.write(str(beside), grids=grids)
+        fill(beside)
         os.replace(beside, path)
     except (OSError, RuntimeError) as error:
         raise LeapRayError(f"{path} cannot be written: {error}") from None
     finally:
-        beside.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)

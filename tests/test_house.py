@@ -42,7 +42,7 @@ LAYERS = {
     "addon": [
         "model",
         "objects bake tiles probes reach volumes",
-        "cache errors parts",
+        "cache errors parts shelf",
         "levels",
         "plan",
         "pipeline",

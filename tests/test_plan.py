@@ -377,47 +377,6 @@ def test_an_edited_mesh_alone_is_voxelized_anew(calls):
     assert calls and calls.faces == [len(edited.triangles)] * len(calls)
 
 
-def test_a_folder_keeps_volumes_for_the_next_run(tmp_path, calls):
-    pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
-    folder = tmp_path / "made" / "on demand"
-    scene = scenes.scene([scenes.sphere(n=32)], cache_folder=str(folder))
-    first = make(scene)
-    assert len(list(folder.glob("*.vdb"))) == len(first.volumes) == 1
-    finest = {row["voxel_size"] for row in first.volumes}
-    calls.clear()
-    again = make(scene)
-    assert again.volumes == first.volumes
-    assert not finest & set(calls), "the volumes lie there, but are made anew"
-
-
-def test_what_the_folder_keeps_of_smooth_meshes_is_read_too(tmp_path, calls):
-    """Facets finer than voxels: the mesh has normals of its own, the volume needs none."""
-    pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
-    ball = scenes.sphere(n=64)
-    ball = dataclasses.replace(ball, corner_normals=ball.vertices[ball.triangles])
-    scene = scenes.scene([ball], cache_folder=str(tmp_path), resolution=24)
-    first = make(scene)
-    assert first.volumes[0]["carries"] == [] and len(list(tmp_path.glob("*.vdb"))) == 1
-    calls.clear()
-    assert make(scene).volumes == first.volumes
-    assert calls == []
-
-
-def test_a_broken_file_in_the_folder_is_made_anew(tmp_path):
-    pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
-    scene = scenes.scene([scenes.sphere(n=32)], cache_folder=str(tmp_path))
-    first = make(scene)
-    (file,) = tmp_path.glob("*.vdb")
-    file.write_bytes(b"no volume")
-    assert make(scene).volumes == first.volumes
-
-
-def test_a_folder_that_cannot_be_is_a_warning(tmp_path):
-    (tmp_path / "file").write_text("")
-    plan = make(scenes.scene([scenes.sphere(n=32)], cache_folder=str(tmp_path / "file")))
-    assert any("folder" in warning for warning in plan.warnings)
-
-
 # ---- kinds ----------------------------------------------------------------------------------
 
 
