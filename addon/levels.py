@@ -273,6 +273,20 @@ class Levels:
         where = at.surface, at.surface_triangles, at.surface_weights
         return bake.color_errors(volume, work.mesh, attributes, *where, size)
 
+    def share_finest(self) -> None:
+        """Volumes of equal contents become one, on the finest level that one of them is on.
+
+        So the levels are the same whatever lies in cache and folder.
+        """
+        finest: dict[tuple, Work] = {}
+        sharing = [work for work in self.works if not (work.fixed or self.settings.resolution)]
+        for work in sorted(sharing, key=lambda w: w.measure.voxel_size):
+            best = finest.setdefault(self._key(work, "volume", 0.0), work)
+            if best.measure.voxel_size < work.measure.voxel_size:
+                self.drop(work)
+                work.measure, work.structure = best.measure, best.structure
+                work.errors = errors.seen(best.measure, work.weights)
+
     def take_finer(self, work: Work) -> bool:
         """Take an earlier frame's volume that is finer than asked for, where there is room."""
         room = self.budget - self.held() + work.measure.nbytes

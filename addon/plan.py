@@ -262,9 +262,11 @@ class Planner(Levels):
 
     def finish(self, instances: list[model.Instance]) -> Plan:
         """Make what is still missing, and put the instances together."""
-        for work in [w for w in self.works if w.structure is None and not self.take_finer(w)]:
-            others = self.held() - work.measure.nbytes
-            work.structure = self.structure(work, work.measure.voxel_size, self.budget - others)
+        self.share_finest()
+        for work in self.works:
+            if work.structure is None and not self.take_finer(work):
+                others = self.held() - work.measure.nbytes
+                work.structure = self.structure(work, work.measure.voxel_size, self.budget - others)
         self.keep_on_disk()
         self.cache.end()
         self.peak = max(self.peak, self.held() + self.cache.unused())

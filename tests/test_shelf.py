@@ -65,11 +65,13 @@ def kinds_of_scenes():
     box, ball = scenes.box(turn=0.3), scenes.sphere(n=12)
     two = [scenes.place(0, at=(-0.9, 0, 0)), scenes.place(1, at=(0.9, 0, 0), materials=(1,))]
     before = scenes.place(1, at=(0, -3, 0))
+    twin, behind = dataclasses.replace(ball, name="Twin"), scenes.place(1, at=(4, 10, 0))
     return {
         "plain": scenes.scene([scenes.sphere(n=32)]),
         "exact cells": scenes.scene([box, leaf()], [scenes.place(0), before]),
         "colours and normals": with_texture(scenes.scene([painted(ball)])),
         "merged": scenes.scene([box, ball], two, layout="scene"),
+        "equal contents": scenes.scene([ball, twin], [scenes.place(0), behind]),
         "a resolution": scenes.scene([scenes.plane(5.0), ball], resolution=40),
         "another filter": scenes.scene([ball], filter="gauss", sample_type="f32"),
     }
