@@ -7,6 +7,8 @@
  *            cell it stands on, but on the first call, and goes on until the cursor
  *            stands on a wanted cell; false where the ray has ended, or
  *   LR_EVEN_WALK  the same without spacing: planes lie at the integers,
+ * and, where it can take several rays at a time, LR_FITS(volume, data, options) and
+ * LR_FLOCK(volume, data, rays, first, end, options, hits, counters), and
  * LR_STATE and LR_START(data, volume, ray, spacing, cursor, state) where its walk keeps
  * something (else neither), then includes this file, which makes
  * lr_<name>_trace. The state survives a cell whose hit test failed: the walk is
@@ -52,23 +54,6 @@ LR_INLINE bool lr_walk_boxes(const void *data, const lr_volume *v, const lr_ray 
 #define LR_WALK(data, volume, ray, spacing, cursor, state, first, tally)                           \
     LR_EVEN_WALK(data, volume, ray, cursor, state, first, tally)
 #endif
-
-/* Leave a surface: stand on its cell, whatever rounding says. */
-LR_INLINE bool lr_leave(const lr_volume *v, lr_ray *r, lr_cursor *u, const lr_start *start,
-                        double t_min)
-{
-    bool inside = true;
-    for (int a = 0; a < 3; a++) {
-        inside = inside && start->cell[a] >= v->surface_lo[a] - LR_PAD &&
-                 start->cell[a] <= v->surface_hi[a] - LR_PAD;
-        u->c[a] = inside ? start->cell[a] + LR_PAD : 0; /* the caller's may be any int32 */
-        r->lo[a] = v->surface_lo[a];
-        r->hi[a] = v->surface_hi[a];
-    }
-    u->axis = -1;
-    u->t = t_min;
-    return inside;
-}
 
 /* One ray; counted and spacing are constants, so that neither costs anything when out. */
 LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays *rays, uint64_t i,
@@ -156,6 +141,12 @@ lr_status LR_JOIN(lr_, LR_NAME,
         lr_progress(watch, (double)first / (double)n);
         uint64_t last = n - first < POLL ? n : first + POLL;
         lr_counters *counted = counters != NULL || hits->steps != NULL ? &sum : NULL;
+#ifdef LR_FLOCK
+        if (LR_FITS(volume, data, options)) {
+            LR_FLOCK(volume, data, rays, first, last, options, hits, counted);
+            continue;
+        }
+#endif
 #ifndef LR_EVEN_WALK
         if (volume->planes[0] != NULL) {
             lr_trace_some(volume, data, rays, first, last, options, hits, LR_UNEVEN, counted);

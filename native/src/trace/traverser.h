@@ -39,6 +39,23 @@ LR_INLINE bool lr_starts_inside(const lr_volume *v, const lr_ray *r, lr_spacing 
     return lr_enter(&copy, spacing, u, lo, hi, t_min) && u->axis < 0 && lr_object_cell(v, u->c);
 }
 
+/* Leave a surface: stand on its cell, whatever rounding says. */
+LR_INLINE bool lr_leave(const lr_volume *v, lr_ray *r, lr_cursor *u, const lr_start *start,
+                        double t_min)
+{
+    bool inside = true;
+    for (int a = 0; a < 3; a++) {
+        inside = inside && start->cell[a] >= v->surface_lo[a] - LR_PAD &&
+                 start->cell[a] <= v->surface_hi[a] - LR_PAD;
+        u->c[a] = inside ? start->cell[a] + LR_PAD : 0; /* the caller's may be any int32 */
+        r->lo[a] = v->surface_lo[a];
+        r->hi[a] = v->surface_hi[a];
+    }
+    u->axis = -1;
+    u->t = t_min;
+    return inside;
+}
+
 /* What a walk counts; NULL where nobody asked. */
 typedef struct lr_tally {
     uint64_t cells, jumps, nodes;

@@ -10,13 +10,12 @@
  * is what two bricks side by side can see; 3. the cube is cut to the grid.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "distance/near.h"
-#include "trace/traverser.h"
+#include "traversers/cd.h"
 
-typedef struct distances {
-    uint32_t *bricks;     /* [table]: index into near, or LR_FAR_BRICK | distance in bricks */
-    uint8_t (*near)[512]; /* distance in cells, lr_cell_in_brick */
-} distances;
+#include "cpu.h"
+#include "distance/near.h"
+
+typedef lr_cd_distances distances;
 
 void lr_cd_free(void *data)
 {
@@ -57,11 +56,11 @@ static void cell_distances(const lr_volume *v, const int32_t b[3], uint32_t numb
 lr_status lr_cd_build(const lr_volume *v, const int32_t *choices, const lr_watch *watch,
                       void **data, uint64_t *nbytes, lr_error *error)
 {
-    (void)choices;
     uint32_t n_near = 0;
     distances *f = calloc(1, sizeof *f);
     if (f == NULL)
         return lr_fail_memory(error, sizeof *f, "distances");
+    f->eight = choices[0] == 0 && lr_cpu_simd() == LR_SIMD_AVX512;
     lr_status status = lr_near_bricks(v, &f->bricks, &n_near, watch, error);
     if (status == LR_OK) {
         f->near = malloc((n_near + (size_t)1) * sizeof *f->near);
@@ -104,6 +103,8 @@ LR_INLINE bool empty_cube(const void *data, const lr_volume *v, const lr_ray *r,
     return false;
 }
 
-#define LR_NAME cd
-#define LR_BOX  empty_cube
+#define LR_NAME  cd
+#define LR_BOX   empty_cube
+#define LR_FITS  lr_cd_fits_eight
+#define LR_FLOCK lr_cd_trace_eight
 #include "trace/batch.h"

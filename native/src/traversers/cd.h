@@ -1,0 +1,29 @@
+/* What the files of the chessboard distance share.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_CD_H
+#define LR_CD_H
+
+#include "trace/traverser.h"
+
+typedef struct lr_cd_distances {
+    uint32_t *bricks;     /* [table]: index into near, or LR_FAR_BRICK | distance in bricks */
+    uint8_t (*near)[512]; /* distance in cells, lr_cell_in_brick; one entry more than is used */
+    bool eight;           /* rays may go eight side by side */
+} lr_cd_distances;
+
+/* Can lr_cd_trace_eight do it? */
+LR_INLINE bool lr_cd_fits_eight(const lr_volume *v, const lr_cd_distances *f,
+                                const lr_trace_options *options)
+{
+    return f->eight && v->desc.sample_type == LR_U16 && v->planes[0] == NULL &&
+           v->objects == NULL && options->mode == LR_MODE_SURFACE &&
+           options->hit_test != LR_HIT_UNIFORM;
+}
+
+/* Rays first..end-1 of the batch, by AVX-512; counters may be NULL where no one counts. */
+void lr_cd_trace_eight(const lr_volume *v, const lr_cd_distances *f, const lr_rays *rays,
+                       uint64_t first, uint64_t end, const lr_trace_options *options,
+                       const lr_hits *hits, lr_counters *counters);
+
+#endif

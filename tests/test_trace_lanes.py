@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rays that go side by side find what each finds by itself, to the last bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import leapray
+from tests import meshes
+
+PLACE = np.array([[0.3, 0.05, 0, -4], [0, 0.2, -0.1, 1], [0, 0, 0.25, 2], [0, 0, 0, 1]])
+FIELDS = ("t", "cell", "normal", "field_normal", "id")
+
+
+def noise(rng):
+    coarse = rng.random((9, 10, 11))
+    fine = np.kron(coarse, np.ones((4, 4, 4))) + 0.2 * rng.random((36, 40, 44))
+    return leapray.Volume((65535 * np.clip(fine / 1.2, 0, 1)).astype(np.uint16))
+
+
+def far_apart(rng):
+    """Small things with empty bricks between them, placed askew."""
+    samples = np.zeros((70, 90, 120), np.uint16)
+    for _ in range(12):
+        at = rng.integers(1, (60, 80, 110))
+        samples[tuple(slice(a, a + 5) for a in at)] = rng.integers(0, 65536, (5, 5, 5))
+    ids = rng.integers(0, 5, samples.shape).astype(np.uint16)
+    return leapray.Volume(samples, ids=ids, object_from_index=PLACE)
+
+
+def sheet(rng):
+    return leapray.voxelize(*meshes.plane(), 0.1, kind="sheet")
+
+
+def box(rng):
+    return leapray.voxelize(*meshes.box(), 0.06, exact="all")
+
+
+def rays_at(rng, volume, n):
+    info, m = volume.info, volume.info.object_from_index
+    low, high = np.array(info.surface_lo), np.array(info.surface_hi) + 1.0
+    target = rng.uniform(low, high, (n, 3))
+    origin = rng.uniform(low - (high - low) - 3, high + (high - low) + 3, (n, 3))
+    direction = target - origin
+    direction[::7, rng.integers(0, 3)] = 0  # along planes
+    origin[::5] = np.round(origin[::5])  # through edges
+    return origin @ m[:3, :3].T + m[:3, 3], direction @ m[:3, :3].T
+
+
+@pytest.mark.parametrize("hit_test", ["extrema", "faces"])
+@pytest.mark.parametrize("make", [noise, far_apart, sheet, box])
+def test_rays_side_by_side_find_what_each_finds_alone(make, hit_test):
+    rng = np.random.default_rng(5)
+    volume = make(rng)
+    both = [leapray.build(volume, f"cd:rays={how}") for how in ("eight", "one")]
+    origins, directions = rays_at(rng, volume, 20_000)
+    t_max = np.where(rng.random(len(origins)) < 0.3, rng.uniform(0, 2, len(origins)), np.inf)
+
+    def same(*rays, **options):
+        eight, one = (leapray.trace(s, *rays, hit_test=hit_test, **options) for s in both)
+        for name in FIELDS:
+            np.testing.assert_array_equal(getattr(eight, name), getattr(one, name))
+        counted = [{k: v for k, v in h.counters.items() if k != "samples"} for h in (eight, one)]
+        assert counted[0] == counted[1]
+        return eight
+
+    hits = same(origins, directions, t_max=t_max)
+    hit = np.isfinite(hits.t)
+    assert 0.02 < hit.mean() < 0.99
+    on = origins[hit] + hits.t[hit, None] * directions[hit]
+    onward = rng.normal(size=on.shape)
+    side = np.where((onward * hits.field_normal[hit]).sum(1) > 0, -1, 1)
+    again = same(on, onward, start=(hits.cell[hit], side))  # shadows and reflections
+    assert np.isfinite(again.t).mean() > 0.02 or make is sheet
+    for scale in (1e-300, 1e-40, 1e40, 1e300):
+        same(origins[:500], directions[:500] * scale)
