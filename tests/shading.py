@@ -20,7 +20,15 @@ import build_core
 from leapray import rendering
 
 ROOT = Path(__file__).resolve().parent.parent
-SOURCES = ("albedo_glass", "albedo_reflection", "bsdf", "environment", "light", "material")
+SOURCES = (
+    "albedo_glass",
+    "albedo_reflection",
+    "bsdf",
+    "environment",
+    "lamps",
+    "light",
+    "material",
+)
 KINDS = {"diffuse": 1, "glossy": 2, "transmission": 3, "transparent": 4}
 
 # lr_point, lr_scatter, lr_response and lr_light_ray
@@ -112,6 +120,29 @@ def sample_light(light, p, u):
 def hit_light(light, o, d):
     """What rays from o (3,) along d (n, 3) see of a leapray.Light; pdf 0 where they miss."""
     return _light("door_light_hit", light, o, d)
+
+
+def choose_lamps(lights, p, normal, u, world=0.0):
+    """For u (n,) lamps (-1: none) and their chances; and the chance of each, the world's last."""
+    table = rendering._lights(lights)
+    p, normal, u = (np.ascontiguousarray(x, float) for x in (p, normal, u))
+    lamp, chance = np.zeros(len(u), np.int64), np.zeros(len(u))
+    chance_of = np.zeros(len(lights) + (world > 0))
+    assert _call("door_lamps", _address(table), ctypes.c_int64(len(lights)),
+                 ctypes.c_double(world), _address(p), _address(normal), ctypes.c_int64(len(u)),
+                 *map(_address, (u, lamp, chance, chance_of)))  # fmt: skip
+    return lamp, chance, chance_of
+
+
+def walk_lamps(lights, o, d, t_max=np.inf):
+    """(n, lights): how often rays from o along d (n, 3) come to each lamp's box."""
+    table = rendering._lights(lights)
+    o, d = np.ascontiguousarray(o, float), np.ascontiguousarray(d, float)
+    met = np.zeros((len(d), len(lights)), np.uint8)
+    assert _call("door_lamp_walk", _address(table), ctypes.c_int64(len(lights)), _address(o),
+                 ctypes.c_int64(len(d)), _address(d), ctypes.c_double(t_max),
+                 _address(met))  # fmt: skip
+    return met
 
 
 def _light(name, light, at, values):

@@ -3,7 +3,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/bsdf.h"
-#include "render/environment.h"
+#include "render/lamps.h"
 #include "render/light.h"
 
 static lr_bsdf seen(const lr_material_desc *desc, const lr_point *point)
@@ -76,8 +76,7 @@ LR_API int32_t door_environment(const lr_world *world, int64_t n, const double (
                                 lr_light_ray *ray)
 {
     lr_environment e;
-    if (lr_environment_check(world, NULL) != LR_OK ||
-        lr_environment_make(world, &e, NULL) != LR_OK)
+    if (lr_environment_check(world, NULL) != LR_OK || lr_environment_make(world, &e, NULL) != LR_OK)
         return 0;
     for (int64_t i = 0; i < n; i++) {
         if (u == NULL) {
@@ -87,5 +86,41 @@ LR_API int32_t door_environment(const lr_world *world, int64_t n, const double (
             ray[i].pdf = 0;
     }
     lr_environment_free(&e);
+    return 1;
+}
+
+/* For each u a lamp, -1 for none, and its chance; then the chance of every lamp, of the world (if
+ * it has any brightness) last. */
+LR_API int32_t door_lamps(const lr_light *light, int64_t n_lights, double brightness,
+                          const double p[3], const double normal[3], int64_t n, const double *u,
+                          int64_t *lamp, double *chance, double *chance_of)
+{
+    lr_lamps lamps;
+    const lr_environment environment = {.width = brightness > 0, .brightness = brightness};
+    if (lr_lamps_make(light, (uint64_t)n_lights, &environment, &lamps, NULL) != LR_OK)
+        return 0;
+    for (int64_t i = 0; i < n; i++)
+        lamp[i] = (int64_t)lr_lamps_choose(&lamps, p, normal, u[i], &chance[i]);
+    for (uint64_t k = 0; k < lamps.n; k++)
+        chance_of[k] = lr_lamps_chance(&lamps, k, p, normal);
+    lr_lamps_free(&lamps);
+    return 1;
+}
+
+/* met[i][k]: how often the walk of ray i from o along d[i] comes to lamp k. */
+LR_API int32_t door_lamp_walk(const lr_light *light, int64_t n_lights, const double o[3], int64_t n,
+                              const double (*d)[3], double t_max, uint8_t *met)
+{
+    lr_lamps lamps;
+    const lr_environment environment = {.width = 0};
+    if (lr_lamps_make(light, (uint64_t)n_lights, &environment, &lamps, NULL) != LR_OK)
+        return 0;
+    for (int64_t i = 0; i < n; i++) {
+        lr_lamp_walk walk;
+        lr_lamps_start(&lamps, &walk);
+        for (uint64_t k; (k = lr_lamps_next(&lamps, &walk, o, d[i], t_max)) != LR_LAMP_NONE;)
+            met[i * n_lights + (int64_t)k]++;
+    }
+    lr_lamps_free(&lamps);
     return 1;
 }

@@ -1,8 +1,9 @@
 /* Light that comes straight from lamps and from the world.
  *
- * Surfels that the camera sees ask every lamp, those behind a mirror or deeper one
- * lamp at random: there are many of them, and they weigh little. The rays are
- * gathered over all lamps until a wave is full. What is opaque stops them first,
+ * Surfels that the camera sees ask every lamp, or of many lamps some, those behind
+ * a mirror or deeper one lamp: there are many of them, and they weigh little. Lamps
+ * are chosen by what they may bring (lamps.c). The rays are gathered over all
+ * questions until a wave is full. What is opaque stops them first,
  * in a wave that only asks whether anything is hit; what is left then goes from
  * one transparent surface to the next and takes on its colour.
  *
@@ -19,13 +20,7 @@
 #include "render/scatter.h"
 #include "render/surface.h"
 
-enum { CHOOSE = 1, LAMP = 2, AMBIENT = 3, FIRST_LAMP = 64 }; /* which choice: see lr_key */
-
-/* The lamps of a scene, and behind them the world where it has to be asked like one. */
-static uint64_t n_lamps(const lr_scene *scene)
-{
-    return scene->n_lights + (scene->environment.width > 0);
-}
+enum { CHOOSE = 1, AMBIENT = 3, FIRST_LAMP = 64 }; /* which choice: see lr_key */
 
 /* A way from a surfel to a lamp. */
 typedef struct lr_way {
@@ -58,8 +53,8 @@ static bool find_way(const lr_scene *scene, uint64_t lamp, const double p[3], co
     return true;
 }
 
-/* What the light of the way adds to the pixel; false where nothing. chance: of
- * this lamp to be asked. */
+/* What the light of the way adds to the pixel; false where nothing. chance: how often
+ * this lamp is asked. */
 static bool weigh(const lr_surfel *s, const lr_way *way, double chance, double brings[3])
 {
     lr_response group[LR_GROUPS];
@@ -177,14 +172,35 @@ static lr_status send(const lr_job *job, uint32_t n, uint32_t n_beams)
     return status;
 }
 
-/* Make beam n from a lamp, if it brings anything; its ray, if it needs one, is
+/* The lamp for question `ask` of a surfel, and how often it is asked. */
+static uint64_t lamp_of(const lr_job *job, const lr_surfel *s, uint32_t ask, double *chance)
+{
+    const lr_lamps *lamps = &job->scene->lamps;
+    const uint32_t bounces = s->path->bounces[LR_RAY_CAMERA];
+    float side[3];
+    *chance = 1;
+    if (lr_lamps_all(lamps, bounces))
+        return ask;
+    lr_lit_side(s, side);
+    const double n[3] = {side[0], side[1], side[2]};
+    const uint32_t asked = lr_lamps_asked(lamps, bounces);
+    const double u = lr_sample_one(lr_key(s->path->key, CHOOSE), s->path->sample);
+    const uint64_t lamp = lr_lamps_choose(lamps, s->origin, n, (ask + u) / asked, chance);
+    *chance *= asked;
+    return lamp;
+}
+
+/* Make beam n by question `ask`, if it brings anything; its ray, if it needs one, is
  * the next one. */
-static bool light_by(const lr_job *job, const lr_surfel *s, uint64_t lamp, uint32_t n,
+static bool light_by(const lr_job *job, const lr_surfel *s, uint32_t ask, uint32_t n,
                      uint32_t *n_rays)
 {
     lr_workspace *w = job->workspace;
-    const double chance = lr_lamp_chance(job->scene, s->path->bounces[LR_RAY_CAMERA]);
-    const uint32_t key = lr_key(s->path->key, chance < 1 ? LAMP : FIRST_LAMP + (uint32_t)lamp);
+    double chance;
+    const uint64_t lamp = lamp_of(job, s, ask, &chance);
+    if (lamp == LR_LAMP_NONE)
+        return false;
+    const uint32_t key = lr_key(s->path->key, FIRST_LAMP + ask);
     double u[2] = {0, 0};
     lr_way way;
     lr_beam *beam = &w->beams[n];
@@ -205,25 +221,22 @@ static bool light_by(const lr_job *job, const lr_surfel *s, uint64_t lamp, uint3
     return true;
 }
 
-/* Does this surfel ask this lamp? */
-static bool asks(const lr_surfel *s, uint64_t lamp, uint64_t n)
+/* How many lamps this surfel asks. */
+static uint32_t asked(const lr_job *job, const lr_surfel *s)
 {
     if (s->path->last || (s->material->flags & LR_MATERIAL_SCATTERS) == 0)
-        return false;
-    if (s->path->bounces[LR_RAY_CAMERA] == 0 || n == 1)
-        return true;
-    const double u = lr_sample_one(lr_key(s->path->key, CHOOSE), s->path->sample);
-    return (uint64_t)(u * (double)n) == lamp;
+        return 0;
+    return lr_lamps_asked(&job->scene->lamps, s->path->bounces[LR_RAY_CAMERA]);
 }
 
 lr_status lr_light_surfels(const lr_job *job, uint32_t n)
 {
-    const uint64_t lamps = n_lamps(job->scene);
+    const uint32_t most = lr_lamps_asked(&job->scene->lamps, 0);
     uint32_t n_beams = 0, n_rays = 0;
-    for (uint64_t lamp = 0; lamp < lamps; lamp++)
+    for (uint32_t ask = 0; ask < most; ask++)
         for (uint32_t k = 0; k < n; k++) {
             const lr_surfel *s = &job->workspace->surfels[k];
-            if (!asks(s, lamp, lamps) || !light_by(job, s, lamp, n_beams, &n_rays))
+            if (ask >= asked(job, s) || !light_by(job, s, ask, n_beams, &n_rays))
                 continue;
             if (++n_beams < job->workspace->room)
                 continue;

@@ -15,11 +15,24 @@ lr_status lr_light_surfels(const lr_job *job, uint32_t n);
  * surfels see, which are seen by the camera. The wave is overwritten. */
 lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n);
 
-/* How often a path's surface, with `bounces` of them behind it, asks each lamp. */
-LR_INLINE double lr_lamp_chance(const lr_scene *scene, uint32_t bounces)
+/* How often the surface that the path has left last asked the lamp; at the point o. */
+LR_INLINE double lr_lamp_chance(const lr_scene *scene, const lr_path *path, uint64_t lamp,
+                                const double o[3])
 {
-    const uint64_t n = scene->n_lights + (scene->environment.width > 0);
-    return bounces == 0 || n == 0 ? 1 : 1 / (double)n;
+    const lr_lamps *lamps = &scene->lamps;
+    const uint32_t bounces = path->bounces[LR_RAY_CAMERA] - 1u;
+    const double n[3] = {path->normal[0], path->normal[1], path->normal[2]};
+    if (lr_lamps_all(lamps, bounces))
+        return 1;
+    return lr_lamps_asked(lamps, bounces) * lr_lamps_chance(lamps, lamp, o, n);
+}
+
+/* Which side of a surfel gets light, as lr_path.normal: its normal, or 0 if both. */
+LR_INLINE void lr_lit_side(const lr_surfel *s, float normal[3])
+{
+    const bool both = s->bsdf.share[LR_RAY_TRANSMISSION] > 0;
+    for (int a = 0; a < 3; a++)
+        normal[a] = both ? 0 : (float)s->bsdf.axis[2][a];
 }
 
 /* The share of one of two ways to find the same light: densities p of this one

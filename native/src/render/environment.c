@@ -129,7 +129,7 @@ static void add_up(lr_environment *e, double *of_rows, double *of_row)
         float *columns = e->columns + (size_t)y * ((size_t)e->width + 1);
         of_rows[y + 1] = of_rows[y] + height_of(e, y) * normalize(of_row, columns, e->width);
     }
-    normalize(of_rows, e->rows, e->height);
+    e->brightness = normalize(of_rows, e->rows, e->height) / (2.0 * e->width);
 }
 
 lr_status lr_environment_make(const lr_world *world, lr_environment *e, lr_error *error)

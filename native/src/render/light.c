@@ -121,6 +121,12 @@ static double area_of(const lr_light *light)
     return sqrt(lr_dot(n, n)) * (light->shape == LR_LIGHT_ROUND ? PI / 4 : 1);
 }
 
+double lr_light_intensity(const lr_light *light)
+{
+    const double *n = light->direction, against[3] = {-n[0], -n[1], -n[2]};
+    return light->kind == LR_LIGHT_AREA ? area_of(light) * let_out(light, against) : 1;
+}
+
 /* ---- sampling ------------------------------------------------------------- */
 
 /* Basis: Duff et al., Building an orthonormal basis, revisited, 2017. */

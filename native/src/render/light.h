@@ -23,6 +23,9 @@ LR_INLINE bool lr_light_has_extent(const lr_light *light)
     return light->kind == LR_LIGHT_AREA || light->radius > 0;
 }
 
+/* Its radiant intensity where it shines brightest, as a share of color; not of a sun. */
+double lr_light_intensity(const lr_light *light);
+
 /* Whether light i can be used. */
 lr_status lr_light_check(const lr_light *light, uint64_t i, lr_error *error);
 

@@ -29,8 +29,9 @@ typedef struct lr_path {
     double origin[3];
     double direction[3]; /* unit, but for the camera's, whose t is depth */
     double weight[3];
-    double pdf; /* density by which sampling the surface that it left chose it, times how often
-                   that was done; infinite where sampling lights could not have found it */
+    double pdf;      /* density by which sampling the surface that it left chose it, times how often
+                        that was done; infinite where sampling lights could not have found it */
+    float normal[3]; /* of that surface; 0 where it gets light from either side */
     double travelled; /* since then, through transparent surfaces */
     double t_max;
     uint32_t from; /* the instance whose surface it leaves, or LR_NOWHERE, */

@@ -150,6 +150,7 @@ static bool turn(const lr_job *job, const lr_surfel *s, int kind, lr_path *child
         child->weight[a] *= sample.weight[a];
     }
     child->pdf = sample.delta ? INFINITY : sample.pdf * s->chance[kind];
+    lr_lit_side(s, child->normal);
     child->travelled = 0;
     child->t_max = lr_world_distance(job, s->path, kind);
     child->visibility = lr_sees(kind);

@@ -231,7 +231,10 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     for (uint64_t i = 0; i < desc->n_materials; i++)
         lr_material_make(&desc->materials[i], &scene->lobes[LR_LOBES_MAX * i],
                          &scene->materials[i]);
-    const lr_status status = lr_environment_make(&desc->world, &scene->environment, error);
+    lr_status status = lr_environment_make(&desc->world, &scene->environment, error);
+    if (status == LR_OK)
+        status = lr_lamps_make(scene->lights, scene->n_lights, &scene->environment, &scene->lamps,
+                               error);
     return status == LR_OK ? place_all(desc, scene, error) : status;
 }
 
@@ -259,6 +262,7 @@ void lr_scene_free(lr_scene *scene)
     if (scene == NULL)
         return;
     lr_environment_free(&scene->environment);
+    lr_lamps_free(&scene->lamps);
     free(scene->hierarchy.nodes);
     free(scene->instances);
     free(scene->lights);

@@ -6,6 +6,7 @@
 
 #include "render/environment.h"
 #include "render/hierarchy.h"
+#include "render/lamps.h"
 #include "render/material.h"
 
 /* An instance, as seen from a ray. */
@@ -27,6 +28,7 @@ struct lr_scene {
     uint32_t n_instances;
     lr_light *lights; /* directions of unit length */
     uint64_t n_lights;
+    lr_lamps lamps;
     lr_material *materials;
     lr_lobe *lobes; /* of all materials */
     uint32_t *slots;

@@ -25,30 +25,51 @@ static void add(const lr_job *job, const lr_path *path, const double rgb[3], con
     lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA] - 1, brings);
 }
 
-/* The share of what a scattered ray finds by itself; the rest comes from asking
- * the lamp, which chooses the ray's direction with the density pdf. */
-static double found_share(const lr_job *job, const lr_path *path, double pdf)
+/* Where the path, which now goes along d, was scattered last. */
+static void scattered_at(const lr_path *path, const double d[3], double o[3])
 {
-    return lr_mis(path->pdf, pdf * lr_lamp_chance(job->scene, path->bounces[LR_RAY_CAMERA] - 1u));
+    for (int a = 0; a < 3; a++)
+        o[a] = path->origin[a] - path->travelled * d[a];
+}
+
+/* The share of what a ray that was scattered at o finds by itself; the rest comes from
+ * asking the lamp, which chooses the ray's direction with the density pdf. */
+static double found_share(const lr_job *job, const lr_path *path, uint64_t lamp, const double o[3],
+                          double pdf)
+{
+    if (!(path->pdf < INFINITY) || pdf == 0)
+        return 1;
+    return lr_mis(path->pdf, pdf * lr_lamp_chance(job->scene, path, lamp, o));
+}
+
+/* The lamp, if the path meets it before its end; it was scattered at o. */
+static void find_lamp(const lr_job *job, const lr_path *path, uint64_t lamp, const double o[3],
+                      const double d[3], double length)
+{
+    const lr_light *light = &job->scene->lights[lamp];
+    double t, color[3], pdf, weight[3];
+    if ((light->visibility & path->visibility) == 0 ||
+        !lr_light_hit(light, o, d, path->travelled + length, &t, color, &pdf) ||
+        t < path->travelled)
+        return;
+    memcpy(weight, path->weight, sizeof weight);
+    lr_insides_absorb(job->scene, &path->insides, t - path->travelled, weight);
+    add(job, path, color, weight, found_share(job, path, lamp, o, pdf));
 }
 
 /* Lamps with extent that the path meets before its end. */
 static void find_lamps(const lr_job *job, const lr_path *path, const double d[3], double length)
 {
-    const lr_scene *scene = job->scene;
+    const lr_lamps *lamps = &job->scene->lamps;
+    const double t_max = path->travelled + length;
+    lr_lamp_walk walk;
     double o[3];
-    for (int a = 0; a < 3; a++)
-        o[a] = path->origin[a] - path->travelled * d[a];
-    for (uint64_t k = 0; k < scene->n_lights; k++) {
-        double t, color[3], pdf, weight[3];
-        if ((scene->lights[k].visibility & path->visibility) == 0 ||
-            !lr_light_hit(&scene->lights[k], o, d, path->travelled + length, &t, color, &pdf) ||
-            t < path->travelled)
-            continue;
-        memcpy(weight, path->weight, sizeof weight);
-        lr_insides_absorb(scene, &path->insides, t - path->travelled, weight);
-        add(job, path, color, weight, found_share(job, path, pdf));
-    }
+    scattered_at(path, d, o);
+    for (uint32_t k = 0; k < lamps->n_suns && !(t_max < INFINITY); k++)
+        find_lamp(job, path, lamps->suns[k], o, d, length);
+    lr_lamps_start(lamps, &walk);
+    for (uint64_t lamp; (lamp = lr_lamps_next(lamps, &walk, o, d, t_max)) != LR_LAMP_NONE;)
+        find_lamp(job, path, lamp, o, d, length);
 }
 
 /* The path goes off into the world. */
@@ -64,8 +85,10 @@ static void miss(const lr_job *job, const lr_path *path, const double d[3])
     if ((scene->world_visibility & path->visibility) == 0)
         return;
     lr_environment_radiance(&scene->environment, d, rgb);
+    double o[3];
+    scattered_at(path, d, o);
     add(job, path, rgb, path->weight,
-        found_share(job, path, lr_environment_pdf(&scene->environment, d)));
+        found_share(job, path, scene->n_lights, o, lr_environment_pdf(&scene->environment, d)));
     for (int a = 0; a < 3 && path->seen; a++)
         pixel->environment[a] += path->weight[a] * rgb[a];
 }
