@@ -122,6 +122,76 @@ def test_the_box_keeps_the_volume(name, h):
                                                           within + step)  # fmt: skip
 
 
+def about_z(mesh, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return mesh[0] @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), mesh[1]
+
+
+def balls(levels, apart):
+    """Two crossing balls of facets, and the volume of their union by that of round balls."""
+    one, other = icosphere(levels), icosphere(levels, 1.0, (apart, 0, 0))
+    radius = (volume_of(*one) / (4 * math.pi / 3)) ** (1 / 3)
+    lens = math.pi * (4 * radius + apart) * (2 * radius - apart) ** 2 / 12
+    return joined(one, other), 2 * volume_of(*one) - lens
+
+
+BARS = [box(-np.roll(r, a), np.roll(r, a)) for a in range(3) for r in [np.array((1.0, 0.3, 0.3))]]
+UNIONS = {  # mesh, volume of the union, within
+    "boxes": (joined(box(), box((-0.5, -0.4, 0.1), (1.7, 0.3, 1.4))), 10.002 - 0.945, 1e-7),
+    "star": (  # what two squares share is an octagon
+        joined(box(), about_z(box((-1, -1, -1.3), (1, 1, 0.7)), math.pi / 4)),
+        16 - 8 * (2**0.5 - 1) * 1.7,
+        1e-7,
+    ),
+    "three bars": (joined(*BARS), 3 * 0.72 - 2 * 0.6**3, 1e-7),
+    "thin overlap": (joined(box(), box((0.99, -1, -1), (2, 1, 1))), 12, 1e-7),
+    "box in a box": (joined(box(), box((-0.5, -0.3, -0.2), (0.4, 0.3, 0.2))), 8, 1e-7),
+    "ball in a ball": (
+        joined(icosphere(3), icosphere(3, 0.7, (0.1, 0, 0))),
+        volume_of(*icosphere(3)),
+        1e-7,
+    ),
+    "balls": (*balls(4, 1.2), 1e-5),  # what facets make of the lens
+}
+
+
+@pytest.mark.parametrize("h", [1 / 8, 0.0613])
+@pytest.mark.parametrize("around", [None, 1])
+@pytest.mark.parametrize("name", UNIONS)
+def test_the_box_keeps_the_volume_of_the_union_where_shells_cross(name, around, h):
+    mesh, true, within = UNIONS[name]
+    mesh = mesh if around is None else turned(mesh, around)
+    volume = leapray.voxelize(*mesh, h, filter="box", dtype="f32", kind="solid")
+    g = volume.read()
+    assert volume.mesh_info.winding and g.min() >= 0 and g.max() <= 1
+    assert g.sum(dtype=float) * h**3 == pytest.approx(true, rel=within)
+
+
+def test_shares_of_crossing_boxes_are_exact():
+    lo, hi = np.array([(-1, -1, -1), (-0.5, -0.4, 0.1)]), np.array([(1, 1, 1), (1.7, 0.3, 1.4)])
+    h = 1 / 7
+    mesh = joined(box(lo[0], hi[0]), box(lo[1], hi[1]))
+    volume = leapray.voxelize(*mesh, h, filter="box", dtype="f32")
+    places = positions(volume)
+
+    def share(lo, hi):
+        sides = np.minimum(places + h / 2, hi) - np.maximum(places - h / 2, lo)
+        return np.prod(np.maximum(sides, 0) / h, axis=-1)
+
+    both = share(np.maximum(lo[0], lo[1]), np.minimum(hi[0], hi[1]))
+    assert 0 < both.sum() < 0.2 * volume.read().sum()
+    assert_allclose(volume.read(), share(lo[0], hi[0]) + share(lo[1], hi[1]) - both, atol=1e-6)
+
+
+def test_many_small_triangles_that_cross_in_a_voxel_are_sampled():
+    """Beyond 32 triangles; the points are 6 to an axis, so a voxel is off by some hundredths."""
+    mesh, true = balls(5, 1.2)
+    h = 0.3
+    volume = leapray.voxelize(*mesh, h, filter="box", dtype="f32")
+    assert volume.mesh_info.winding
+    assert volume.read().sum(dtype=float) * h**3 == pytest.approx(true, rel=5e-4)
+
+
 @pytest.mark.parametrize("name", ["sphere", "torus", "turned cube"])
 def test_the_box_keeps_the_volume_in_8_bits_where_steps_even_out(name):
     v, t = CLOSED[name]

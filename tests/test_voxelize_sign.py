@@ -123,6 +123,16 @@ def test_a_shell_inside_a_solid_is_no_surface():
     assert not surface[(radius < 3.6)].any() and surface.sum() > 1000
 
 
+@pytest.mark.parametrize("h", np.linspace(0.05, 0.11, 13))
+def test_a_box_inside_a_box_is_no_surface_wherever_the_bricks_lie(h):
+    """Its samples agree about the inner box; they disagree beyond the band, or at bricks' faces."""
+    mesh = meshes.joined(meshes.box(), meshes.box((-0.5, -0.3, -0.2), (0.4, 0.3, 0.2)))
+    volume = voxelize(*mesh, h, dtype="f32")
+    deep = np.abs(positions(volume)).max(axis=-1) < 1
+    assert volume.mesh_info.winding
+    assert volume.read()[deep].min() >= 0.5
+
+
 @pytest.mark.parametrize("name", ["two balls", "ball in a ball"])
 def test_the_winding_of_all_shells_may_be_turned(name):
     vertices, triangles = CROSSING[name]

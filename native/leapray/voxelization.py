@@ -111,7 +111,10 @@ def voxelize(
     linear in the signed distance, over half_width voxels to either side (default
     2.5, for u8 1.8); "cone", a hypercone of radius half_width (3); "gauss", a
     Gaussian with sigma half_width (1); "box", the exactly covered share of the
-    voxel; "binary", 1 inside and 0 outside. The last two are for solids only.
+    voxel; "binary", 1 inside and 0 outside. The last two are for solids only. Where
+    shells cross, "box" takes the share of their union, exactly where at most 32 triangles
+    meet in the voxel; of more, where some place is covered twice, by 6^3 points, a few
+    hundredths of the voxel off.
     kind "solid" takes what the triangles enclose, "sheet" the triangles as a surface
     without inside; "auto" takes a solid where every edge is shared by two triangles of
     one winding, or where winding numbers find a volume enclosed but for holes of half

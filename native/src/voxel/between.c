@@ -28,7 +28,8 @@ static bool is_unknown(const undecided *u, size_t at)
 static void look(undecided *u, size_t at, int their_face)
 {
     if (!is_unknown(u, at)) {
-        int32_t vote = u->v->verdicts[u->active[at] - 1].face[their_face];
+        const lr_faces *faces = &u->v->verdicts[u->active[at] - 1].faces;
+        int32_t vote = 2 * __builtin_popcountll(faces->inside[their_face]) - 64;
         u->votes += vote;
         u->most = lr_max_i(u->most, vote);
         u->least = lr_min_i(u->least, vote);
@@ -75,6 +76,27 @@ static bool decide_component(undecided *u, size_t seed, lr_volume *volume, const
     return true;
 }
 
+/* Do bricks side by side disagree where the surface cannot pass? */
+static bool faces_differ(const undecided *u, size_t at)
+{
+    const int32_t *size = u->v->job.table_size;
+    size_t rest = at, step = 1;
+    bool differ = false;
+    for (int a = 0; a < 3; a++) {
+        size_t n = (size_t)size[a], x = rest % n;
+        rest /= n;
+        if (x + 1 < n && !is_unknown(u, at + step)) {
+            const lr_faces *p = &u->v->verdicts[u->active[at] - 1].faces;
+            const lr_faces *q = &u->v->verdicts[u->active[at + step] - 1].faces;
+            const int up = 2 * a + 1, down = 2 * a;
+            differ = differ || ((p->inside[up] ^ q->inside[down]) &
+                                ~(p->in_band[up] & q->in_band[down])) != 0;
+        }
+        step *= n;
+    }
+    return differ;
+}
+
 lr_status lr_between_decide(lr_voxelizer *v, const lr_watch *watch, bool *contradicts,
                             lr_error *error)
 {
@@ -92,6 +114,12 @@ lr_status lr_between_decide(lr_voxelizer *v, const lr_watch *watch, bool *contra
         for (size_t at = 0; at < n_table && status == LR_OK; at++)
             if (!u.seen[at] && is_unknown(&u, at) && !decide_component(&u, at, v->volume, watch))
                 status = lr_fail_stopped(error);
+    }
+    for (uint32_t i = 0; i < v->bins.n_active && status == LR_OK && !u.contradicts; i++) {
+        if (i % 4096 == 0 && lr_stopped(watch))
+            status = lr_fail_stopped(error);
+        size_t at = v->bins.brick[i];
+        u.contradicts = !is_unknown(&u, at) && faces_differ(&u, at);
     }
     *contradicts = u.contradicts;
     free(u.active);

@@ -14,6 +14,10 @@
  * to the sides of the samples. Corners, edges and planes are taken a breath to the
  * upper side, so that surface which lies in them needs no rule of its own.
  *
+ * Where shells cross or lie in each other that would count space once for every shell.
+ * Then the winding number tells the sides, and the voxels that hold surface are cut up
+ * one by one (crossed.c).
+ *
  * Source: the sweep is that of font rasterizers (area and cover of a cell, FreeType),
  * a dimension up.
  *
@@ -23,15 +27,14 @@
 #include "volume/volume.h"
 
 enum {
-    MOST_CORNERS = 12, /* of a triangle after six cuts: nine, and some for rounding */
-    MOST_COVERS = 3,   /* where a mesh cuts itself, a corner may be covered so often */
+    MOST_COVERS = 3, /* where a mesh cuts itself, a corner may be covered so often */
     POLL = 1 << 8
 };
 
-typedef struct polygon {
-    int n;
-    double p[MOST_CORNERS][3];
-} polygon;
+/* A share so far beyond 0..1 is more than rounding: shells cross. */
+#define BEYOND 1e-6
+
+typedef lr_polygon polygon; /* of a triangle after six cuts: nine corners */
 
 /* What pieces add within a cell, and to all cells after it. */
 typedef struct sweep {
@@ -57,9 +60,9 @@ static void cut(const polygon *in, int axis, double at, int side, polygon *out)
     for (int i = 0; i < in->n; i++) {
         const double *a = in->p[i], *b = in->p[(i + 1) % in->n];
         const bool a_in = (a[axis] > at) == (side > 0), b_in = (b[axis] > at) == (side > 0);
-        if (a_in && out->n < MOST_CORNERS)
+        if (a_in && out->n < LR_MOST_CORNERS)
             memcpy(out->p[out->n++], a, sizeof out->p[0]);
-        if (a_in != b_in && out->n < MOST_CORNERS) {
+        if (a_in != b_in && out->n < LR_MOST_CORNERS) {
             if (a_in) /* the same order of both ends from both triangles of an edge */
                 meet(b, a, axis, at, out->p[out->n++]);
             else
@@ -248,22 +251,82 @@ static double covers_of_corner(const sweep *s, const uint64_t inside[8])
     return covers;
 }
 
+static void shift(const lr_topology *mesh, const int32_t first[3], uint32_t t, polygon *triangle)
+{
+    triangle->n = 3;
+    lr_triangle(mesh, t, triangle->p);
+    for (int c = 0; c < 3; c++)
+        for (int a = 0; a < 3; a++) /* voxels reach half a step around their samples */
+            triangle->p[c][a] += 0.5 - first[a];
+}
+
+/* The pieces of a voxel, as many as count, in the room; false where stopped. */
+static bool gather(const lr_topology *mesh, const int32_t first[3], const uint32_t *list,
+                   uint32_t n, const int voxel[3], const lr_watch *watch, lr_crossed *room,
+                   int *n_pieces)
+{
+    *n_pieces = 0;
+    for (uint32_t i = 0; i < n && *n_pieces <= LR_MOST_PIECES; i++) {
+        polygon in, out;
+        lr_piece *piece = &room->piece[*n_pieces];
+        if (i % POLL == POLL - 1 && lr_stopped(watch))
+            return false;
+        shift(mesh, first, list[i], &in);
+        bool misses = !lr_counts(mesh, list[i]);
+        for (int a = 0; a < 3 && !misses; a++) {
+            const double *p = in.p[0], *q = in.p[1], *r = in.p[2];
+            misses = (p[a] <= voxel[a] && q[a] <= voxel[a] && r[a] <= voxel[a]) ||
+                     (p[a] > voxel[a] + 1 && q[a] > voxel[a] + 1 && r[a] > voxel[a] + 1);
+        }
+        if (misses || !lr_piece_plane((const double (*)[3])in.p, piece))
+            continue;
+        cut_slab(&in, 2, voxel[2], &out);
+        cut_slab(&out, 1, voxel[1], &in);
+        cut_slab(&in, 0, voxel[0], &piece->polygon);
+        *n_pieces += piece->polygon.n > 2;
+    }
+    return true;
+}
+
+/* The shares of the union of all shells; plain are those of the sweep. False where stopped. */
+static bool share_union(const lr_topology *mesh, const int32_t first[3], const uint32_t *list,
+                        uint32_t n, const sweep *s, const lr_watch *watch, lr_crossed *room,
+                        float *value)
+{
+    for (int a = 0; a < 3; a++)
+        room->origin[a] = first[a] - 0.5;
+    const double covers = round(mesh->side * lr_winding_at(room->winding, room->origin));
+    for (int z = 0; z < 8; z++)
+        for (uint64_t left = s->crossed[z]; left != 0; left &= left - 1) {
+            const int at = 64 * z + __builtin_ctzll(left), voxel[3] = {at & 7, at >> 3 & 7, z};
+            const double lo[3] = {voxel[0], voxel[1], voxel[2]};
+            int n_pieces;
+            bool plain;
+            if (lr_stopped(watch) || !gather(mesh, first, list, n, voxel, watch, room, &n_pieces))
+                return false;
+            double share = n_pieces <= LR_MOST_PIECES ? lr_crossed_share(room, lo, n_pieces)
+                                                      : lr_sampled_share(room, lo, &plain);
+            if (n_pieces > LR_MOST_PIECES && plain)
+                share = s->own[at] + covers;
+            value[at] = (float)lr_clamp(share, 0.0, 1.0);
+        }
+    return true;
+}
+
 bool lr_box_brick(const lr_topology *mesh, const int32_t first[3], const uint32_t *list, uint32_t n,
-                  const uint64_t inside[8], const lr_watch *watch, float *value)
+                  const uint64_t inside[8], const lr_watch *watch, lr_crossed *room, float *value,
+                  bool *crosses)
 {
     sweep s;
     uint64_t any = 0;
     memset(&s, 0, sizeof s);
     for (uint32_t i = 0; i < n; i++) {
-        polygon triangle = {.n = 3};
+        polygon triangle;
         if (i % POLL == POLL - 1 && lr_stopped(watch))
             return false;
         if (!lr_counts(mesh, list[i]))
             continue;
-        lr_triangle(mesh, list[i], triangle.p);
-        for (int c = 0; c < 3; c++)
-            for (int a = 0; a < 3; a++) /* voxels reach half a step around their samples */
-                triangle.p[c][a] += 0.5 - first[a];
+        shift(mesh, first, list[i], &triangle);
         add_triangle(&triangle, mesh->side, &s);
     }
     for (int z = 0; z < 8; z++)
@@ -271,11 +334,15 @@ bool lr_box_brick(const lr_topology *mesh, const int32_t first[3], const uint32_
     if (any == 0)
         return true;
     sum_up(&s);
+    if (room != NULL)
+        return share_union(mesh, first, list, n, &s, watch, room, value);
     const double covers = covers_of_corner(&s, inside);
     for (int z = 0; z < 8; z++)
         for (uint64_t left = s.crossed[z]; left != 0; left &= left - 1) {
             const int at = 64 * z + __builtin_ctzll(left);
-            value[at] = (float)lr_clamp(s.own[at] + covers, 0.0, 1.0);
+            const double share = s.own[at] + covers;
+            *crosses = *crosses || share < -BEYOND || share > 1.0 + BEYOND;
+            value[at] = (float)lr_clamp(share, 0.0, 1.0);
         }
     return true;
 }

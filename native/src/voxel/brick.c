@@ -291,20 +291,35 @@ static bool flood(sides *side)
     return true;
 }
 
-static void count_faces(const sides *side, int8_t face[6])
+/* Two neighbours of which one is beyond the band lie on one side. */
+static bool sides_meet(const sides *side, const uint64_t in_band[8])
 {
-    int inside[6] = {0};
+    uint64_t far_outside[8], found = 0;
+    for (int z = 0; z < 8; z++)
+        far_outside[z] = side->outside[z] & ~in_band[z];
+    for (int z = 0; z < 8; z++)
+        found |= (side->inside[z] & neighbours(far_outside, z)) |
+                 (side->inside[z] & ~in_band[z] & neighbours(side->outside, z));
+    return found != 0;
+}
+
+/* The first column of a layer, side by side. */
+static uint64_t column(uint64_t layer)
+{
+    return (layer & COLUMN_0) * 0x0102040810204080u >> 56;
+}
+
+static void take_faces(const uint64_t layer[8], uint64_t face[6])
+{
+    memset(face, 0, 6 * sizeof *face);
     for (int z = 0; z < 8; z++) {
-        uint64_t w = side->inside[z];
-        inside[0] += __builtin_popcountll(w & COLUMN_0);
-        inside[1] += __builtin_popcountll(w & COLUMN_7);
-        inside[2] += __builtin_popcountll(w & 0xff);
-        inside[3] += __builtin_popcountll(w >> 56);
+        face[0] |= column(layer[z]) << (8 * z);
+        face[1] |= column(layer[z] >> 7) << (8 * z);
+        face[2] |= (layer[z] & 0xff) << (8 * z);
+        face[3] |= (layer[z] >> 56) << (8 * z);
     }
-    inside[4] = __builtin_popcountll(side->inside[0]);
-    inside[5] = __builtin_popcountll(side->inside[7]);
-    for (int i = 0; i < 6; i++)
-        face[i] = (int8_t)(2 * inside[i] - 64);
+    face[4] = layer[0];
+    face[5] = layer[7];
 }
 
 static void fill_rest(const sides *side, const uint64_t in_band[8], lr_brick *brick)
@@ -368,7 +383,6 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
     brick->state = LR_STATE_UNKNOWN;
     brick->dressed = false;
     memset(brick->touched, 0, sizeof brick->touched);
-    memset(brick->face, 0, sizeof brick->face);
     if (!lr_brick_distances(job, at, list, n, watch, scratch, distance, NULL))
         return false;
     if (scratch->labels != NULL)
@@ -396,10 +410,13 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
     if (!flood(&side))
         return true; /* unknown */
     fill_rest(&side, in_band, brick);
+    brick->contradicts = brick->contradicts || sides_meet(&side, in_band);
     if (job->filter == LR_FILTER_BOX &&
-        !lr_box_brick(job->mesh, first, list, n, side.inside, watch, brick->value))
+        !lr_box_brick(job->mesh, first, list, n, side.inside, watch, scratch->crossed, brick->value,
+                      &brick->contradicts))
         return false;
-    count_faces(&side, brick->face);
+    take_faces(side.inside, brick->faces.inside);
+    take_faces(in_band, brick->faces.in_band);
     brick->state = state_of(brick);
     return true;
 }

@@ -30,6 +30,12 @@ typedef enum lr_brick_state {
     LR_STATE_MIXED /* to be stored */
 } lr_brick_state;
 
+/* The samples on a brick's faces -x +x -y +y -z +z, a bit each: those inside, and those
+ * within the band. */
+typedef struct lr_faces {
+    uint64_t inside[6], in_band[6];
+} lr_faces;
+
 /* Sample x + 8 y + 64 z, cells as in volume/volume.h. */
 typedef struct lr_brick {
     lr_brick_state state;
@@ -37,9 +43,9 @@ typedef struct lr_brick {
     uint16_t
         id[LR_BRICK_SAMPLES]; /* of the nearest triangle; 0 beyond the band; of meshes with ids */
     uint64_t touched[8];      /* cells that a triangle of a sheet meets */
-    int8_t face[6];           /* -x +x -y +y -z +z: samples inside less samples outside */
-    bool contradicts;         /* neighbours differ by more than lies between them */
-    bool dressed;             /* the scratch's codes hold something */
+    lr_faces faces;
+    bool contradicts; /* neighbours differ by more than lies between them */
+    bool dressed;     /* the scratch's codes hold something */
 } lr_brick;
 
 /* Per-thread memory: the samples that each listed triangle won, as linked lists. */
@@ -50,7 +56,8 @@ typedef struct lr_scratch {
     const uint16_t *labels; /* [512]: of the brick; NULL: pseudonormals tell the side */
     const struct lr_component *components; /* by label */
     uint32_t *colors; /* [512]: the brick's codes, written where it is dressed; NULL: none wanted */
-    uint32_t *normals; /* likewise */
+    uint32_t *normals;          /* likewise */
+    struct lr_crossed *crossed; /* room of the box filter where shells cross, or NULL */
 } lr_scratch;
 
 /* Signed distances of the samples of a brick, infinity beyond the band; at is its place in

@@ -2,6 +2,7 @@
  * constant kept in blocks of the part's own until all go to the volume.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "voxel/crossed.h"
 #include "voxel/voxelizer.h"
 
 static void free_part(lr_part *p)
@@ -88,7 +89,7 @@ static bool make_bricks(lr_voxelizer *v, uint32_t first, uint32_t end, const lr_
             return false;
         v->verdicts[i].state = (uint8_t)brick.state;
         v->verdicts[i].contradicts = brick.contradicts;
-        memcpy(v->verdicts[i].face, brick.face, sizeof brick.face);
+        v->verdicts[i].faces = brick.faces;
         if (brick.state == LR_STATE_MIXED)
             keep(v, v->bins.brick[i], &brick, p);
     }
@@ -100,11 +101,17 @@ static lr_scratch *new_scratch(const lr_voxelizer *v)
 {
     lr_scratch *scratch = aligned_alloc(64, (sizeof *scratch + 63) / 64 * 64);
     int32_t *lists = malloc(((size_t)v->bins.longest + 1) * sizeof *lists);
-    if (scratch == NULL || lists == NULL) {
+    const bool unite = v->by_winding && v->job.filter == LR_FILTER_BOX;
+    lr_crossed *crossed = unite ? malloc(sizeof *crossed) : NULL;
+    if (scratch == NULL || lists == NULL || (unite && crossed == NULL)) {
         free(scratch);
         free(lists);
+        free(crossed);
         return NULL;
     }
+    if (unite)
+        crossed->winding = &v->winding;
+    scratch->crossed = crossed;
     for (uint32_t i = 0; i < v->bins.longest; i++)
         lists[i] = -1;
     scratch->first = lists;
@@ -115,8 +122,10 @@ static lr_scratch *new_scratch(const lr_voxelizer *v)
 
 static void free_scratch(lr_scratch *scratch)
 {
-    if (scratch != NULL)
+    if (scratch != NULL) {
         free(scratch->first);
+        free(scratch->crossed);
+    }
     free(scratch);
 }
 

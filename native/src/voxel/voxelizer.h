@@ -21,8 +21,8 @@ typedef struct lr_part {
 } lr_part;
 
 typedef struct lr_verdict {
-    uint8_t state;  /* lr_brick_state */
-    int8_t face[6]; /* as in lr_brick */
+    uint8_t state; /* lr_brick_state */
+    lr_faces faces;
     bool contradicts;
 } lr_verdict;
 
@@ -57,7 +57,7 @@ lr_status lr_parts_move(lr_voxelizer *voxelizer, const lr_watch *watch, lr_error
 void lr_parts_free(lr_voxelizer *voxelizer);
 
 /* Give the bricks that no triangle came near their side; *contradicts where what is
- * around them disagrees. */
+ * around them, or bricks side by side, disagree. */
 lr_status lr_between_decide(lr_voxelizer *voxelizer, const lr_watch *watch, bool *contradicts,
                             lr_error *error);
 
