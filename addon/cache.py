@@ -42,9 +42,12 @@ class Cache:
         entry = self._entries.get(key)
         return entry and entry.value
 
-    def put(self, key: tuple, value: Any, nbytes: int = 0) -> Any:
-        """Keep the value, and return it. nbytes: what it takes, where that is much."""
-        self._entries[key] = _Entry(value, nbytes, self._frame)
+    def put(self, key: tuple, value: Any, nbytes: int = 0, spare: bool = False) -> Any:
+        """Keep the value, and return it. nbytes: what it takes, where that is much.
+
+        spare: this frame does not use it, so it goes where room is needed.
+        """
+        self._entries[key] = _Entry(value, nbytes, self._frame - spare)
         return value
 
     def drop(self, key: tuple) -> None:

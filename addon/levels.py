@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import leapray
 from leapray.voxelization import SOLID_FILTERS, own_half_width, slope
 
-from . import bake, errors, model, probes
+from . import bake, errors, model, objects, probes
 from . import cache as caches
 from . import shelf as shelves
 from .parts import solids
@@ -160,9 +160,9 @@ class Levels:
         """Of solids that share the volume each is made by itself; then they are merged."""
         parts, left = [], max_nbytes
         for mesh in solids(work.mesh):
-            part = self._voxelize_one(work, mesh, voxel_size, left, kernel)
             if work.mesh.solids is None:
-                return part
+                return self._voxelize_one(work, mesh, voxel_size, left, kernel)
+            part = self._solid(work, mesh, voxel_size, left, kernel)
             parts.append(part)
             left -= part.info.nbytes
             if left <= 0:
@@ -171,9 +171,21 @@ class Levels:
                 raise error
         merged = leapray.merge(parts, watch=self.watch)
         merged.mesh_info = parts[0].mesh_info
-        nbytes = sum(part.info.nbytes for part in parts) + merged.info.nbytes
+        nbytes = merged.info.nbytes  # the parts are in the cache
         self.peak = max(self.peak, self.held() + nbytes + self.cache.unused())
         return merged
+
+    def _solid(
+        self, work: Work, mesh: model.Mesh, voxel_size: float, max_nbytes: int, kernel: str
+    ) -> leapray.Volume:
+        """One that shares the volume, kept for the next time as long as nothing else needs room."""
+        digests = objects.digest(mesh), bake.digest(mesh, work.outfit)
+        s, own = self.settings, mesh.modelling
+        key = "solid", *digests, voxel_size, work.with_ids, s.sample_type, kernel, s.half_width
+        part = self.cache.get((*key, own.kind))
+        if part is None or part.info.nbytes > max_nbytes:
+            part = self._voxelize_one(work, mesh, voxel_size, max_nbytes, kernel)
+        return self.cache.put((*key, own.kind), part, part.info.nbytes, spare=True)
 
     def _voxelize_one(
         self, work: Work, mesh: model.Mesh, voxel_size: float, max_nbytes: int, kernel: str
