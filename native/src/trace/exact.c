@@ -59,6 +59,8 @@ typedef struct scene {
     const lr_volume *v;
     const lr_ray *r;
     const lr_leaving *leaving;
+    const uint32_t *list; /* of the cell's triangles */
+    uint32_t n;
     double corner[8]; /* of the cell */
     int32_t c[3];
     gate in, out;
@@ -211,6 +213,43 @@ static bool after(scene *s, gate *g, int side, const met *m)
 
 /* ---- the cell ---------------------------------------------------------- */
 
+/* Does another triangle that the ray leaves, to its own side, hide this one at the start?
+ * So it does over a convex edge: nothing of this one rises over its plane. */
+static bool is_hidden(const scene *s, uint32_t triangle)
+{
+    const lr_exact *e = s->v->exact;
+    double start[3];
+    const double *p[3], *q[3];
+    point_at(s->r, s->leaving->t, start);
+    lr_exact_corners(e, triangle, p);
+    for (uint32_t i = 0; i < s->n; i++) {
+        double n[3], highest = -INFINITY;
+        lr_exact_normal(e, s->list[i], n);
+        if (s->list[i] == triangle || !(lr_dot(n, s->r->d) * s->leaving->side < 0.0) ||
+            distance2(e, s->list[i], start) > START_OFF * START_OFF)
+            continue;
+        lr_exact_corners(e, s->list[i], q);
+        for (int c = 0; c < 3; c++) {
+            const double from[3] = {p[c][0] - q[0][0], p[c][1] - q[0][1], p[c][2] - q[0][2]};
+            highest = fmax(highest, -s->leaving->side * lr_dot(n, from));
+        }
+        if (highest <= START_OFF * sqrt(lr_dot(n, n)))
+            return true;
+    }
+    return false;
+}
+
+/* Is this the triangle that the ray left, where the field stood for it? The field may be
+ * off, and so the ray may cross the triangle again, to the side on which it is already. */
+static bool is_left(const scene *s, const met *m)
+{
+    double start[3];
+    if (m->inward == (s->leaving->side < 0) || lr_is_exact(s->v, s->leaving->cell))
+        return false;
+    point_at(s->r, s->leaving->t, start);
+    return distance2(s->v->exact, m->triangle, start) <= LR_EXACT_NEAR * LR_EXACT_NEAR;
+}
+
 /* Is the triangle in front of the ray's start? Moves a hit that rounding has put
  * behind the start onto it. */
 static bool in_front(const scene *s, met *m)
@@ -218,9 +257,9 @@ static bool in_front(const scene *s, met *m)
     const double ahead = (m->t - s->leaving->t) / s->per_voxel;
     if (s->leaving->side == 0 || fabs(m->t - s->leaving->t) * m->per_t > START_OFF ||
         ahead < -START_NEAR)
-        return ahead >= 0.0;
+        return ahead >= 0.0 && (s->leaving->side == 0 || !is_left(s, m));
     m->t = ahead >= 0.0 ? m->t : s->leaving->t;
-    return m->inward == (s->leaving->side < 0);
+    return m->inward == (s->leaving->side < 0) && !is_hidden(s, m->triangle);
 }
 
 static bool accept(scene *s, met *m)
@@ -236,7 +275,7 @@ static bool accept(scene *s, met *m)
 
 /* A ray that left a triangle may find itself, by the field beside the cell, on the
  * wrong side of it; then the side goes with it. */
-static int hand_on(scene *s, const uint32_t *list, uint32_t n)
+static int hand_on(scene *s)
 {
     const int side = s->leaving->side;
     if (side == 0 || !s->out.open)
@@ -246,10 +285,10 @@ static int hand_on(scene *s, const uint32_t *list, uint32_t n)
         return 0;
     double start[3];
     point_at(s->r, s->leaving->t, start);
-    for (uint32_t i = 0; i < n; i++)
-        if (fabs(value) + gone * plane_speed(s, list[i]) <= OFF &&
-            distance2(s->v->exact, list[i], start) <= START_OFF * START_OFF &&
-            distance2(s->v->exact, list[i], s->out.p) <= LR_EXACT_NEAR * LR_EXACT_NEAR)
+    for (uint32_t i = 0; i < s->n; i++)
+        if (fabs(value) + gone * plane_speed(s, s->list[i]) <= OFF &&
+            distance2(s->v->exact, s->list[i], start) <= START_OFF * START_OFF &&
+            distance2(s->v->exact, s->list[i], s->out.p) <= LR_EXACT_NEAR * LR_EXACT_NEAR)
             return 2 * side;
     return 0;
 }
@@ -286,11 +325,10 @@ bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
     s.carried = abs(*side) > 1 ? *side : 0;
     const shear frame = shear_of(r);
     met best = {.t = INFINITY};
-    uint32_t n;
-    const uint32_t *list = lr_exact_list(v, s.c, &n);
-    for (uint32_t i = 0; i < n; i++) {
+    s.list = lr_exact_list(v, s.c, &s.n);
+    for (uint32_t i = 0; i < s.n; i++) {
         met m;
-        if (meet(v->exact, r, &frame, list[i], &m) && m.t < best.t && accept(&s, &m) &&
+        if (meet(v->exact, r, &frame, s.list[i], &m) && m.t < best.t && accept(&s, &m) &&
             m.t < best.t)
             best = m;
     }
@@ -309,7 +347,7 @@ bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
         found->object = LR_NO_OBJECT;
         return lr_hit_cell(v, r, LR_EVEN, u, 0, options, found, n_samples);
     }
-    *side = hand_on(&s, list, n);
+    *side = hand_on(&s);
     return false;
 }
 

@@ -10,8 +10,9 @@
 
 /* How a ray left a surface. */
 typedef struct lr_leaving {
-    double t;     /* where */
-    int32_t side; /* on which side, -1 or +1; 0: it left none, or nobody knows */
+    double t;        /* where */
+    int32_t side;    /* on which side, -1 or +1; 0: it left none, or nobody knows */
+    int32_t cell[3]; /* storage cell; where there is a side */
 } lr_leaving;
 
 /* Does the ray meet a triangle in the exact cell it stands on? *side: see lr_hit. */

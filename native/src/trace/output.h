@@ -135,7 +135,7 @@ LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t 
         const double side = lr_dot(central, field) < 0.0 ? -1.0 : 1.0;
         for (int a = 0; a < 3; a++)
             central[a] *= side;
-    } else if (normal_kind != LR_NORMAL_ANALYTIC) {
+    } else if (normal_kind != LR_NORMAL_ANALYTIC && !lr_near_doubt(v, c)) {
         if (normal_kind == LR_NORMAL_CENTRAL)
             lr_central_gradient(v, found->object, c, found->p, g);
         else

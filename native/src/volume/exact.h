@@ -56,6 +56,20 @@ LR_INLINE bool lr_is_trusted(const lr_volume *v, const int32_t c[3])
     return !(word >> lr_bit_of(c[0], c[1], c[2]) & 1);
 }
 
+/* Is one of the cells around c not trusted, or c itself? Then samples beyond c lie beyond
+ * a crease or a border, and differences across them tell nothing of the surface in c. */
+LR_INLINE bool lr_near_doubt(const lr_volume *v, const int32_t c[3])
+{
+    if (v->exact == NULL)
+        return false;
+    for (int32_t z = c[2] - 1; z <= c[2] + 1; z++)
+        for (int32_t y = c[1] - 1; y <= c[1] + 1; y++)
+            for (int32_t x = c[0] - 1; x <= c[0] + 1; x++)
+                if (!lr_is_trusted(v, (const int32_t[3]){x, y, z}))
+                    return true;
+    return false;
+}
+
 /* The list of an exact cell. */
 LR_INLINE const uint32_t *lr_exact_list(const lr_volume *v, const int32_t c[3], uint32_t *n)
 {
@@ -91,10 +105,10 @@ LR_INLINE void lr_exact_normal(const lr_exact *e, uint32_t triangle, double n[3]
 
 /* What some bricks of a volume to come hold, in the order of their exact cells. */
 typedef struct lr_exact_part {
-    uint32_t n;              /* bricks with such cells */
-    uint32_t *place;     /* [n]: in the volume's table */
-    uint64_t (*doubt)[8];    /* [n]: where the field is not trusted, */
-    uint64_t (*exact)[8];    /* [n]: of those, the exact cells */
+    uint32_t n;           /* bricks with such cells */
+    uint32_t *place;      /* [n]: in the volume's table */
+    uint64_t (*doubt)[8]; /* [n]: where the field is not trusted, */
+    uint64_t (*exact)[8]; /* [n]: of those, the exact cells */
     uint32_t n_cells;
     uint32_t *count; /* [n_cells]: lengths of the lists */
     uint32_t n_list;
@@ -106,9 +120,9 @@ typedef struct lr_exact_source {
     const int32_t *triangles; /* [n_triangles][3] */
     uint64_t n_triangles;
     uint64_t n_vertices;
-    const uint16_t *ids;                                      /* or NULL */
-    bool turned;                                              /* wound inside out */
-    double slope;             /* of the filter at the surface, per voxel */
+    const uint16_t *ids; /* or NULL */
+    bool turned;         /* wound inside out */
+    double slope;        /* of the filter at the surface, per voxel */
     void (*vertex)(const void *mesh, int64_t v, double p[3]); /* in storage space */
     const void *mesh;
 } lr_exact_source;

@@ -5,7 +5,8 @@
  *  1. ends near it: at a border, or at an edge of many triangles or of opposite
  *     winding;
  *  2. is not what the cell's samples are distances from: at one of the cell's corners
- *     they tell another distance than that from the triangle's plane;
+ *     they tell another distance than that from the triangle's plane; by little, where
+ *     the field goes another way there, since that is no bend but a crease;
  *  3. meets it where the field is off: not on its surface, or with another gradient;
  * and if rays can find anything in it: a triangle meets it, or its samples change
  * sides. 2 finds close pairs and flipped windings, 3 creases and thin walls.
@@ -24,6 +25,11 @@ enum { SIDE = 9, CORNERS = SIDE * SIDE * SIDE, POLL = 1 << 6, MOST_POLYGON = 9 }
  * down to BEND voxels of radius. */
 static const double SURFACE_OFF = 0.05, CORNER_OFF = 0.1, GRADIENT_OFF = 0.25, BEND = 4.0;
 
+/* Beside a crease of more than 20 degrees the surface is no better than the samples: rays
+ * that graze a plane see what it is off. In samples' steps, and in voxels. */
+static const double CREASE = 0.35, CREASE_STEPS = 4.0, CREASE_OFF = 1e-3;
+static const double ONE_WAY = 0.985; /* the cosine of half of them */
+
 /* A brick's samples and those beyond it, as distances (true ones near the surface, where
  * the filter is no ramp); positive inside. */
 typedef struct field {
@@ -36,6 +42,11 @@ typedef struct pair {
 
 typedef struct work {
     const lr_voxel_job *job;
+    const lr_volume *volume;
+    int32_t first[3];  /* sample of the brick */
+    double per_value;  /* voxels at the surface, of a stored value */
+    double crease_off; /* CREASE_OFF, or more where the samples are coarse; voxels */
+    bool one_way;      /* there is no crease in the brick */
     field field;
     uint64_t near[8], touched[8], bad[8];
     pair *pairs;
@@ -54,9 +65,14 @@ LR_INLINE uint32_t word_of(int cell)
 
 /* ---- samples ----------------------------------------------------------- */
 
-static void read_field(const lr_volume *v, const int32_t first[3], double slope, field *f)
+static bool has_sample(const lr_volume *v, const int32_t c[3])
 {
-    const double scale = 1.0 / (v->one * slope);
+    return c[0] >= 0 && c[0] >> 3 < v->table_size[0] && c[1] >= 0 && c[1] >> 3 < v->table_size[1] &&
+           c[2] >= 0 && c[2] >> 3 < v->table_size[2];
+}
+
+static void read_field(const lr_volume *v, const int32_t first[3], double scale, field *f)
+{
     const size_t own = lr_sample_at(v, first[0], first[1], first[2]);
     float *out = f->s;
     for (int z = 0; z < SIDE; z++)
@@ -66,11 +82,21 @@ static void read_field(const lr_volume *v, const int32_t first[3], double slope,
                 double g = 0.0;
                 if ((x | y | z) < 8)
                     g = lr_load(v, own + (size_t)(x + 8 * y + 64 * z));
-                else if (c[0] >> 3 < v->table_size[0] && c[1] >> 3 < v->table_size[1] &&
-                         c[2] >> 3 < v->table_size[2])
+                else if (has_sample(v, c))
                     g = lr_sample(v, c[0], c[1], c[2]);
                 *out++ = (float)((g - v->threshold) * scale);
             }
+}
+
+/* The same of one sample, which may lie beyond. */
+static double sample_at(const work *w, const int32_t at[3])
+{
+    const lr_volume *v = w->volume;
+    if (at[0] >= 0 && at[0] < SIDE && at[1] >= 0 && at[1] < SIDE && at[2] >= 0 && at[2] < SIDE)
+        return (double)w->field.s[at[0] + SIDE * (at[1] + SIDE * at[2])];
+    const int32_t c[3] = {w->first[0] + at[0], w->first[1] + at[1], w->first[2] + at[2]};
+    const double g = has_sample(v, c) ? lr_sample(v, c[0], c[1], c[2]) : 0.0;
+    return (g - v->threshold) * w->per_value;
 }
 
 static void cell_corners(const field *f, int cell, double corner[8])
@@ -98,7 +124,7 @@ typedef struct piece {
     double p[3][3], n[3]; /* unit, outward */
     double wound[3];      /* unit, by the winding */
     double lo[3], hi[3];
-    bool ends[3];         /* is the edge from that corner on a border of its kind? */
+    bool ends[3]; /* is the edge from that corner on a border of its kind? */
     uint32_t triangle;
 } piece;
 
@@ -129,6 +155,31 @@ static bool ends_near(const piece *t, const double cell[3])
     return false;
 }
 
+/* What samples tell at this distance from a plane. */
+LR_INLINE double told_at(const lr_voxel_job *job, double s)
+{
+    const double r = job->half_width;
+    return job->filter == LR_FILTER_RAMP
+               ? lr_clamp(s, -r, r)
+               : (lr_profile(job->filter, s, r) - 0.5) / lr_profile_slope(job->filter, r);
+}
+
+/* From a sample, which is `gap` off the triangle's plane at the distance s: does the field
+ * go another way than the plane does? */
+static bool goes_elsewhere(const work *w, const int32_t at[3], const double n[3], double s,
+                           double gap)
+{
+    for (int a = 0; a < 3; a++)
+        for (int step = -1; step <= 1; step += 2) {
+            int32_t beside[3] = {at[0], at[1], at[2]};
+            beside[a] += step;
+            const double off = sample_at(w, beside) - told_at(w->job, s - step * n[a]) - gap;
+            if (fabs(off) > CREASE)
+                return true;
+        }
+    return false;
+}
+
 /* Squared distance of a point from the part of the plane that the triangle covers, along
  * the plane. */
 static double beside2(const piece *t, const double q[3])
@@ -151,22 +202,23 @@ static double beside2(const piece *t, const double q[3])
     return in_face ? 0.0 : best;
 }
 
-static bool corners_off(const piece *t, const double cell[3], const double corner[8],
-                        const lr_voxel_job *job)
+/* crease: whether one may be near. */
+static bool corners_off(const work *w, const piece *t, const int32_t c[3], const double corner[8],
+                        bool crease)
 {
-    const double r = job->half_width, slope = lr_profile_slope(job->filter, r);
+    const double cell[3] = {c[0], c[1], c[2]};
     double from[3];
     lr_sub(cell, t->p[0], from);
     const double first = -lr_dot(t->n, from);
     for (int b = 0; b < 8; b++) {
         const double s = first - (b & 1) * t->n[0] - (b >> 1 & 1) * t->n[1] - (b >> 2) * t->n[2];
-        const double told = job->filter == LR_FILTER_RAMP
-                                ? lr_clamp(s, -r, r)
-                                : (lr_profile(job->filter, s, r) - 0.5) / slope;
-        const double off = fabs(corner[b] - told) - CORNER_OFF;
+        const double gap = corner[b] - told_at(w->job, s), off = fabs(gap) - CORNER_OFF;
+        const int32_t at[3] = {c[0] + (b & 1), c[1] + (b >> 1 & 1), c[2] + (b >> 2)};
+        if (crease && fabs(gap) > w->crease_off && goes_elsewhere(w, at, t->n, s, gap))
+            return true;
         if (off <= 0.0)
             continue;
-        const double q[3] = {cell[0] + (b & 1), cell[1] + (b >> 1 & 1), cell[2] + (b >> 2)};
+        const double q[3] = {at[0], at[1], at[2]};
         if (off > beside2(t, q) / (2.0 * BEND))
             return true;
     }
@@ -264,21 +316,39 @@ static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int
     if (!(w->bad[word] & bit)) {
         double corner[8];
         cell_corners(&w->field, at, corner);
-        if (ends_near(t, cell) || corners_off(t, cell, corner, w->job) ||
+        if (ends_near(t, cell) || corners_off(w, t, c, corner, touched && !w->one_way) ||
             (touched && surface_off(t, cell, corner)))
             w->bad[word] |= bit;
     }
     return add_pair(w, (uint32_t)at, t->triangle);
 }
 
-static bool judge_triangle(work *w, const int32_t first[3], uint32_t triangle)
+/* Do all of these triangles face about one way, so that no two of them make a crease? */
+static bool has_one_way(const work *w, const uint32_t *triangle, uint64_t n)
+{
+    double p[3][3], first[3], normal[3];
+    bool known = false;
+    for (uint64_t i = 0; i < n; i++) {
+        lr_triangle(w->job->mesh, triangle[i], p);
+        if (!lr_normal_of((const double (*)[3])p, normal))
+            continue;
+        if (known && lr_dot(first, normal) < ONE_WAY)
+            return false;
+        if (!known)
+            memcpy(first, normal, sizeof first);
+        known = true;
+    }
+    return true;
+}
+
+static bool judge_triangle(work *w, uint32_t triangle)
 {
     const lr_topology *mesh = w->job->mesh;
     piece t = {.triangle = triangle};
     lr_triangle(mesh, triangle, t.p);
     for (int c = 0; c < 3; c++)
         for (int a = 0; a < 3; a++)
-            t.p[c][a] -= first[a];
+            t.p[c][a] -= w->first[a];
     int32_t lo[3], hi[3];
     if (!lr_normal_of((const double (*)[3])t.p, t.wound) ||
         !lr_cell_range((const double (*)[3])t.p, LR_EXACT_NEAR, lo, hi))
@@ -372,24 +442,28 @@ static bool keep(const work *w, uint32_t place, lr_cells_part *part)
     return keep_lists(w, exact, e);
 }
 
-static bool judge_brick(work *w, const lr_volume *v, const lr_bins *bins, uint32_t active,
-                        const lr_watch *watch, lr_cells_part *part, bool *stopped)
+static bool judge_brick(work *w, const lr_bins *bins, uint32_t active, const lr_watch *watch,
+                        lr_cells_part *part, bool *stopped)
 {
     const uint32_t at = bins->brick[active];
+    const lr_volume *v = w->volume;
     const uint32_t nx = (uint32_t)v->table_size[0], ny = (uint32_t)v->table_size[1];
-    const int32_t first[3] = {8 * (int32_t)(at % nx), 8 * (int32_t)(at / nx % ny),
-                              8 * (int32_t)(at / nx / ny)};
+    w->first[0] = 8 * (int32_t)(at % nx);
+    w->first[1] = 8 * (int32_t)(at / nx % ny);
+    w->first[2] = 8 * (int32_t)(at / nx / ny);
     memset(w->near, 0, sizeof w->near);
     memset(w->touched, 0, sizeof w->touched);
     memset(w->bad, 0, sizeof w->bad);
     w->n_pairs = 0;
-    read_field(v, first, lr_profile_slope(w->job->filter, w->job->half_width), &w->field);
+    read_field(v, w->first, w->per_value, &w->field);
+    w->one_way = has_one_way(w, bins->list + bins->start[active],
+                             bins->start[active + 1] - bins->start[active]);
     for (uint64_t i = bins->start[active]; i < bins->start[active + 1]; i++) {
         if (i % POLL == 0 && lr_stopped(watch)) {
             *stopped = true;
             return false;
         }
-        if (!judge_triangle(w, first, bins->list[i]))
+        if (!judge_triangle(w, bins->list[i]))
             return false;
     }
     return keep(w, at, part);
@@ -405,13 +479,18 @@ lr_status lr_cells_make(const lr_voxel_job *job, const lr_volume *volume, const 
     part->exact.place = malloc(n * sizeof *part->exact.place);
     part->exact.doubt = malloc(n * sizeof *part->exact.doubt);
     part->exact.exact = malloc(n * sizeof *part->exact.exact);
-    work w = {.job = job};
+    const double per_value = 1.0 / (volume->one * lr_profile_slope(job->filter, job->half_width));
+    const double step = volume->desc.sample_type == LR_F32 ? 0.0 : per_value;
+    work w = {.job = job,
+              .volume = volume,
+              .per_value = per_value,
+              .crease_off = fmax(CREASE_OFF, CREASE_STEPS * step)};
     bool good = part->place != NULL && part->near != NULL && part->exact.place != NULL &&
                 part->exact.doubt != NULL && part->exact.exact != NULL;
     bool stopped = false;
     for (uint32_t i = first; i < end && good; i++) {
         lr_progress(watch, (double)(i - first) / (double)(end - first));
-        good = judge_brick(&w, volume, bins, i, watch, part, &stopped);
+        good = judge_brick(&w, bins, i, watch, part, &stopped);
     }
     free(w.pairs);
     if (good)

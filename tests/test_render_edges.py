@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sharp edges: cells that keep their triangles beside cells of the field, and no wrong pixel.
+
+A ray that leaves a convex body meets nothing; so in a white world every pixel is white, if
+no ray is scattered more often than the shape itself has it.
+"""
+
+from __future__ import annotations
+
+import meshes
+import numpy as np
+import pytest
+from stage import camera, one
+
+import leapray
+from leapray import Lobe, Material, World
+
+WHITE = (1.0, 1.0, 1.0)
+SIZE = (144, 96)
+EYES = ((0.3, -4, 0.2), (2.2, -2.6, 1.9), (-2.5, -2, 2.6))
+VOXEL = 0.06
+
+ONCE = {  # what shows the white world if, and only if, every ray meets what it should
+    "diffuse": (Lobe("diffuse", WHITE), dict(samples=16, diffuse_bounces=0)),
+    "mirror": (Lobe("glossy", WHITE, roughness=0.0), dict(glossy_bounces=0)),
+    "refraction": (Lobe("refraction", WHITE, ior=1.0), dict(transmission_bounces=1)),
+    "transparent": (Lobe("transparent", WHITE), dict(transparent_bounces=1)),
+}
+
+
+def wedge(angle, half=0.6):
+    """A prism along z over a triangle with this angle in degrees."""
+    a = np.radians(angle)
+    ring = [(-0.7, 0.0), (-0.7 + 1.4 * np.cos(a), 0.0), (-0.7 + 1.4 * np.cos(a), 1.4 * np.sin(a))]
+    vertices = np.array([(*p, z) for z in (-half, half) for p in ring])
+    sides = [(i, (i + 1) % 3, (i + 1) % 3 + 3) for i in range(3)]
+    sides += [(i, (i + 1) % 3 + 3, i + 3) for i in range(3)]
+    return vertices, np.array([(0, 2, 1), (3, 4, 5), *sides], np.int32)
+
+
+BODIES = {
+    "cube": meshes.box((-0.6,) * 3, (0.6,) * 3),
+    "wedge of 20 degrees": wedge(20),
+    "wedge of 45 degrees": wedge(45),
+    "plate of 1.7 voxels": meshes.box((-0.7, -0.7, -0.05), (0.7, 0.7, 0.05)),
+}
+POSES = {  # seed of the rotation, shift
+    "in the lattice": (None, (0.0, 0.0, 0.0)),
+    "off the lattice": (None, (0.0131, 0.0272, 0.0389)),
+    "turned": (4, (0.0, 0.0, 0.0)),
+    "turned more": (7, (0.01, 0.02, 0.03)),
+}
+
+
+def posed(mesh, pose):
+    seed, shift = POSES[pose]
+    turn = np.eye(3)
+    if seed is not None:
+        turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+        turn *= np.sign(np.linalg.det(turn))
+    return mesh[0] @ turn.T + np.array(shift), mesh[1]
+
+
+def n_wrong(structure, lobe, setting, *, scale=1.0, at=(0.0, 0.0, 0.0)):
+    """Pixels of three views that are not white."""
+    matrix = np.diag([scale] * 3 + [1.0])
+    matrix[:3, 3] = at
+    wrong = 0
+    for eye in EYES:
+        cam = camera(np.array(eye) * scale + at, at, size=SIZE, width=0.5)
+        things = [one(structure, matrix)]
+        scene = leapray.Scene(cam, things, (), [Material([lobe])], [0], World(WHITE))
+        got = scene.render_tile(0, 0, *SIZE, **({"samples": 4} | setting))
+        assert 0.05 < (got["Depth"] < 1e9).mean() < 0.9
+        wrong += int((np.abs(got["Combined"][..., :3] - 1) > 1e-6).any(-1).sum())
+    return wrong
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("body", BODIES)
+def test_a_body_with_sharp_edges_has_no_wrong_pixel(body, pose):
+    volume = leapray.voxelize(*posed(BODIES[body], pose), VOXEL, kind="solid", exact="all")
+    assert 0 < volume.info.n_exact_cells < volume.info.n_surface_cells
+    structure = leapray.build(volume)
+    wrong = {name: n_wrong(structure, *thing) for name, thing in ONCE.items()}
+    assert wrong == dict.fromkeys(ONCE, 0)
