@@ -177,9 +177,7 @@ class _Reader:
             self._add("diffuse", weight, **self._color(out, name))
 
     def _diffuse(self, out: Place, weight: float) -> None:
-        if self._number(out, "Roughness") > 0:
-            self.strange["Diffuse Roughness"] = None
-        self._add("diffuse", weight, **self._color(out, "Color"))
+        self._add("diffuse", weight, roughness=self._roughness(out), **self._color(out, "Color"))
 
     def _glossy(self, out: Place, weight: float) -> None:
         more = {"roughness": self._roughness(out), "multiscatter": _multiscatter(out)}

@@ -112,7 +112,9 @@ def test_single_shaders_are_single_lobes(scene):
         (got,) = understood(made).lobes
         return got
 
-    assert lobe("BsdfDiffuse", Color=red) == model.Lobe("diffuse", red, roughness=0.0)
+    for rough in (0.0, 0.25):
+        got = lobe("BsdfDiffuse", Color=red, Roughness=rough)
+        assert got == model.Lobe("diffuse", red, roughness=rough)
     got = lobe("BsdfGlossy", Color=red, Roughness=0.25)
     assert got == model.Lobe("glossy", red, roughness=0.25, multiscatter=got.multiscatter)
     got = lobe("BsdfGlass", Color=red, Roughness=0.5, IOR=1.25)

@@ -51,6 +51,8 @@ def surfaces():
                Lobe("principled", ior=1.8, metallic=0.3, transmission=0.4, alpha=0.8,
                     specular=0.8, specular_tint=(1, 0.5, 0.2), emission=(0.2, 0.1, 0.05), **lobe),
                False)  # fmt: skip
+        yield (f"diffuse {rough}", "ShaderNodeBsdfDiffuse", {"Color": (*COLOR, 1)} | r, "",
+               Lobe("diffuse", **lobe), False)  # fmt: skip
         for many in (True, False):
             words = {"Color": (*COLOR, 1)} | r
             name = "MULTI_GGX" if many else "GGX"

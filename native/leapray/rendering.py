@@ -130,7 +130,7 @@ class Lobe:
     kind: str  # of LOBES
     color: ArrayLike = (0.8, 0.8, 0.8)  # (3,) emission: radiance
     weight: float = 1.0  # share in a mix
-    roughness: float = 0.0  # as perceived: GGX's alpha is its square
+    roughness: float = 0.0  # as perceived: GGX's alpha is its square; diffuse: as in Cycles' node
     ior: float = 1.5
     multiscatter: bool = True  # light between microfacets is not lost
     textured: bool = False  # the volume's colours multiply color

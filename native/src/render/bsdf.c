@@ -16,6 +16,7 @@
 
 #include "render/albedo.h"
 #include "render/ggx.h"
+#include "render/matte.h"
 
 /* How facets reflect. */
 enum {
@@ -206,10 +207,12 @@ static void give_back(const lr_bsdf *bsdf, lr_closure *c, const double tint[3])
         c->weight[a] *= between(e, e_mean, tint[a]);
 }
 
-static void add_diffuse(lr_bsdf *bsdf, const double weight[3])
+static void add_diffuse(lr_bsdf *bsdf, const double weight[3], double rough, const double tint[3])
 {
-    lr_closure c = {.kind = LR_RAY_DIFFUSE, .alpha = 1, .n = 1};
+    lr_closure c = {.kind = LR_RAY_DIFFUSE, .alpha = 1, .n = rough};
     memcpy(c.weight, weight, sizeof c.weight);
+    for (int a = 0; a < 3; a++)
+        c.f0[a] = lr_matte_again(rough, bsdf->view[2], tint[a]);
     enlist(bsdf, &c);
 }
 
@@ -334,7 +337,7 @@ static void add_principled(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const d
         add_coat(bsdf, lobe, &rest);
     for (int a = 0; a < 3; a++)
         w[a] = rest * color[a];
-    add_diffuse(bsdf, w);
+    add_diffuse(bsdf, w, 0, w);
 }
 
 static void add(lr_bsdf *bsdf, const lr_lobe *lobe, const lr_material *material,
@@ -354,7 +357,7 @@ static void add(lr_bsdf *bsdf, const lr_lobe *lobe, const lr_material *material,
     static const double white[3] = {1, 1, 1};
     switch (lobe->kind) {
     case LR_LOBE_DIFFUSE:
-        add_diffuse(bsdf, weight);
+        add_diffuse(bsdf, weight, lobe->roughness, tint);
         break;
     case LR_LOBE_GLOSSY:
         add_glossy(bsdf, lobe, weight, tint);
@@ -426,7 +429,7 @@ static bool respond(const lr_closure *c, const double view[3], const double ligh
     if (c->kind == LR_RAY_DIFFUSE) {
         r->pdf = light[2] / LR_PI;
         for (int a = 0; a < 3; a++)
-            r->f_cos[a] = c->weight[a] * r->pdf;
+            r->f_cos[a] = c->weight[a] * r->pdf * lr_matte(c->n, c->f0[a], view, light);
         return true;
     }
     const double n = through ? c->n : 1;
@@ -527,7 +530,8 @@ static bool follow(const lr_closure *c, const double view[3], const double u[2],
         light[0] = r * cos(2 * LR_PI * u[1]);
         light[1] = r * sin(2 * LR_PI * u[1]);
         light[2] = sqrt(1 - u[0]);
-        memcpy(weight, c->weight, sizeof c->weight);
+        for (int a = 0; a < 3; a++)
+            weight[a] = c->weight[a] * lr_matte(c->n, c->f0[a], view, light);
         return light[2] > 0;
     }
     double h[3] = {0, 0, 1}, scale = 1;

@@ -51,9 +51,10 @@ typedef struct lr_closure {
     int32_t kind;    /* lr_ray_kind of its rays */
     int32_t fresnel; /* how facets reflect: see bsdf.c */
     double weight[3];
-    double alpha;  /* of GGX; 0: a single direction */
-    double n;      /* index of the far side over that of the near side */
-    double f0[3];  /* reflectance at normal incidence */
+    double alpha; /* of GGX; 0: a single direction */
+    double n; /* index of the far side over that of the near side; of diffuse ones the roughness */
+    double f0[3];  /* reflectance at normal incidence; of diffuse ones what comes back by several
+                      bounces, as Fujii's model has it */
     double dip[3]; /* what the conductor lacks of Schlick's curve near 82 degrees */
     double share;  /* of its group's rays */
     double guide;  /* mean of what facets send on, where they are chosen by it; else 0 */
