@@ -58,7 +58,7 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
                 half_width=settings.half_width or None,
                 ids=mesh.slots,
                 dtype=settings.sample_type,
-                exact="none",  # a file holds no triangles
+                exact="none",  # an exported file holds no triangles
                 threads=settings.threads,
                 max_nbytes=settings.memory_mb * plan.MB,
             )

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from leapray import LeapRayError, MeshInfo, Volume, VolumeBuilder
 
 BLOCK = 64  # samples along a block that is read at a time; a multiple of a brick
+LEAST = -1  # block: bricks start two samples before the lattice
 COPIED = 32  # along a block that is written at a time; a multiple of OpenVDB's leaves
 DENSITY, ID, SURFACE, META = "density", "id", "surface", "leapray"
 ONE = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}  # the stored value of occupancy 1
@@ -237,7 +238,7 @@ def _density(openvdb, volume: Volume):
     one = ONE[volume.info.dtype]
 
     def read(origin, size):
-        return volume.read(origin, size).astype(np.float64) / one
+        return np.divide(volume.read(origin, size), np.float32(one), dtype=np.float32)
 
     return _grid_of_bricks(grid, DENSITY, volume, read, np.float32)
 
@@ -248,7 +249,10 @@ def _grid_of_bricks(grid, name: str, volume: Volume, read, dtype):
     grid.creator = "LeapRay"
     origins, n_stored = volume.bricks()
     corners = np.stack(np.meshgrid(*[(0, 7)] * 3), -1).reshape(-1, 1, 3) + origins[:n_stored]
-    blocks = np.unique(corners.reshape(-1, 3) // COPIED, axis=0)
+    found = corners.reshape(-1, 3) // COPIED - LEAST  # none is below
+    sizes = tuple(found.max(axis=0, initial=0) + 1)
+    numbers = np.unique(np.ravel_multi_index(tuple(found.T), sizes))
+    blocks = np.stack(np.unravel_index(numbers, sizes), -1) + LEAST
     for origin in (COPIED * blocks).tolist():
         block = np.ascontiguousarray(read(origin, (COPIED,) * 3).T, dtype=dtype)
         if block.any():
