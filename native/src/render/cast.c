@@ -38,13 +38,18 @@ static uint32_t walk(const lr_caster *c, uint32_t i)
 {
     const lr_wave *wave = &c->w->wave;
     const lr_hierarchy *hierarchy = &c->scene->hierarchy;
+    lr_branch *stack = wave->stack + (size_t)i * hierarchy->height;
+    uint32_t *n = &wave->stacked[i];
+    while (*n > 0 && stack[*n - 1].t > wave->t[i]) /* so most walks end */
+        --*n;
+    if (*n == 0)
+        return LR_NOWHERE;
     double o[3], d[3];
     lr_get_ray(&wave->ray, i, o, d);
     const lr_slabs ray = lr_slabs_of(o, d);
-    lr_branch *stack = wave->stack + (size_t)i * hierarchy->height;
     for (;;) {
-        const uint32_t instance = lr_hierarchy_next(hierarchy, &ray, c->options->t_min, wave->t[i],
-                                                    stack, &wave->stacked[i]);
+        const uint32_t instance =
+            lr_hierarchy_next(hierarchy, &ray, c->options->t_min, wave->t[i], stack, n);
         if (instance == LR_NOWHERE || meets(c, i, instance))
             return instance;
     }

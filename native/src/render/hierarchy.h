@@ -11,6 +11,8 @@
 #ifndef LR_HIERARCHY_H
 #define LR_HIERARCHY_H
 
+#include <emmintrin.h>
+
 #include "base.h"
 
 #define LR_NOWHERE UINT32_MAX
@@ -59,20 +61,25 @@ LR_INLINE lr_slabs lr_slabs_of(const double o[3], const double d[3])
     return r;
 }
 
+/* One number for each of the two children. */
+typedef __m128d lr_both;
+
+LR_INLINE lr_both lr_both_bounds(const float bound[2])
+{
+    return _mm_cvtps_pd(_mm_castpd_ps(_mm_load_sd((const double *)(const void *)bound)));
+}
+
 /* Clip the intervals of both children to their slabs along one axis. Where d is
  * 0 and the ray runs in a face, 0 * infinity gives NaN, which no comparison takes
- * as a reason to narrow. */
-LR_INLINE void lr_clip_to_slabs(const lr_node *node, const lr_slabs *r, int a, double t_min[2],
-                                double t_max[2])
+ * as a reason to narrow: of NaN and a bound, the processor takes the bound. */
+LR_INLINE void lr_clip_to_slabs(const lr_node *node, const lr_slabs *r, int a, lr_both *t_min,
+                                lr_both *t_max)
 {
-    const float *near = node->bound[r->backward[a]][a];
-    const float *far = node->bound[1 - r->backward[a]][a];
-    for (int c = 0; c < 2; c++) {
-        const double t_in = (near[c] - r->o[a]) * r->inv[a];
-        const double t_out = (far[c] - r->o[a]) * r->inv[a];
-        t_min[c] = t_in > t_min[c] ? t_in : t_min[c];
-        t_max[c] = t_out < t_max[c] ? t_out : t_max[c];
-    }
+    const lr_both near = lr_both_bounds(node->bound[r->backward[a]][a]);
+    const lr_both far = lr_both_bounds(node->bound[1 - r->backward[a]][a]);
+    const lr_both o = _mm_set1_pd(r->o[a]), inv = _mm_set1_pd(r->inv[a]);
+    *t_min = _mm_max_pd(_mm_mul_pd(_mm_sub_pd(near, o), inv), *t_min);
+    *t_max = _mm_min_pd(_mm_mul_pd(_mm_sub_pd(far, o), inv), *t_max);
 }
 
 /* The child of a node to go on with, or LR_NOWHERE; where the ray crosses both,
@@ -80,17 +87,19 @@ LR_INLINE void lr_clip_to_slabs(const lr_node *node, const lr_slabs *r, int a, d
 LR_INLINE uint32_t lr_node_descend(const lr_node *node, const lr_slabs *ray, double t_min,
                                    double t_max, lr_branch *stack, uint32_t *n)
 {
-    double t_in[2] = {t_min, t_min}, t_out[2] = {t_max, t_max};
-    lr_clip_to_slabs(node, ray, 0, t_in, t_out);
-    lr_clip_to_slabs(node, ray, 1, t_in, t_out);
-    lr_clip_to_slabs(node, ray, 2, t_in, t_out);
-    const bool left = t_in[0] <= t_out[0], right = t_in[1] <= t_out[1];
-    if (left && right) {
+    lr_both in = _mm_set1_pd(t_min), out = _mm_set1_pd(t_max);
+    lr_clip_to_slabs(node, ray, 0, &in, &out);
+    lr_clip_to_slabs(node, ray, 1, &in, &out);
+    lr_clip_to_slabs(node, ray, 2, &in, &out);
+    const int crossed = _mm_movemask_pd(_mm_cmple_pd(in, out));
+    if (crossed == 3) {
+        double t_in[2];
+        _mm_storeu_pd(t_in, in);
         const int near = t_in[1] < t_in[0];
         stack[(*n)++] = (lr_branch){t_in[1 - near], node->child[1 - near]};
         return node->child[near];
     }
-    return left ? node->child[0] : right ? node->child[1] : LR_NOWHERE;
+    return crossed != 0 ? node->child[crossed - 1] : LR_NOWHERE;
 }
 
 /* The next instance that the ray may meet at t <= t_max, or LR_NOWHERE. The
