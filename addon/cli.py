@@ -23,7 +23,6 @@ from pathlib import Path
 
 import leapray
 from leapray import LeapRayError
-from leapray.arrays import SAMPLE_TYPES
 from leapray.voxelization import FILTERS
 
 from . import model
@@ -193,7 +192,7 @@ def add_settings(verb: argparse.ArgumentParser) -> None:
         "--half-width", type=float, metavar="X", help="of that filter, voxels; 0: as suits"
     )
     verb.add_argument("--exact", choices=list(model.EXACT), help="whose cells keep their triangles")
-    verb.add_argument("--sample-type", choices=list(SAMPLE_TYPES), help="of the volumes")
+    verb.add_argument("--sample-type", choices=list(model.SAMPLE_TYPES), help="of the volumes")
     verb.add_argument("--memory-mb", type=count(1), metavar="N", help="for all volumes")
     verb.add_argument(
         "--cache-folder",

@@ -26,6 +26,8 @@ from leapray.voxelization import own_half_width, slope
 
 from .probes import Probes, Weights
 
+ONES = {"u8": 255, "u16": 65535, "f32": 1 << 24}  # steps of a sample's type between 0 and 1
+TURN_OF_U8 = math.radians(0.12)  # mean over faces askew of the lattice, where nothing says better
 SATURATED = 2.5  # voxels: where the ramp ends, more cannot be measured
 LEAST_SLOPE = 0.25  # of the filter's: at creases the gradient can vanish though f is right
 INSIDE = (0.25, 0.5, 1.0, 2.0)  # voxels behind a point that is not lost, f reaches T somewhere
@@ -48,6 +50,9 @@ class Measure:
     """What is known of a mesh at one voxel size; errors are object-space lengths at its probes."""
 
     voxel_size: float
+    dtype: str  # of the samples
+    step: float  # most that rounding to it moves the surface
+    turn: float  # of normals by it, the mean in radians
     surface: NDArray[np.float32]
     lost: NDArray[np.bool_]
     crease: NDArray[np.float32]
@@ -90,6 +95,7 @@ class Errors:
     """Of one volume in one view; lengths in footprints."""
 
     surface: float  # the quantile, without what is lost
+    steps: float  # the part of it that the samples' type explains
     lost: float  # share of the pixels
     voxel: float  # the mean over the surface
     crease: float  # the mean along outlines
@@ -105,6 +111,10 @@ class Errors:
         """Against the bars of creases and crowded cells; at most 1 is good enough."""
         crowded = min(self.crowd / CROWD, self.voxel / CREASE_VOXEL)
         return max(self.crease / CREASE_ERROR, self.blur / CREASE_VOXEL, crowded)
+
+    def enough(self, pixel_error: float) -> bool:
+        """Whether everything is as good as asked for."""
+        return max(self.of_surface(pixel_error), self.of_color(), self.of_edges()) <= 1
 
     def of_color(self) -> float:
         """Against the bar of colours; at most 1 is good enough."""
@@ -154,30 +164,34 @@ class Errors:
 
 
 def measure(
-    structure: leapray.Structure,
+    volume: leapray.Volume,
     probes: Probes,
     voxel_size: float,
     color: NDArray[np.float32] | None = None,
     rise: float | None = None,
     exact: str = "sheets",
     ids: NDArray[np.uint16] | None = None,
+    gain: float = 0.0,
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
     color: what bake.color_errors measured there. rise: of occupancy per voxel
-    across a plane; None: that of the ramp. exact: as it was voxelized. ids: of the
+    across a plane, before gain; None: that of the ramp. exact: as it was voxelized. ids: of the
     mesh's triangles, where several solids share the volume: each is held against
-    its own field.
+    its own field. gain above 0: as `volume.narrow(gain)` would leave it. The structure's
+    bytes are the caller's to add.
     """
-    volume = structure.volume
     info, mesh = volume.info, volume.mesh_info
     sheet = info.kind == "sheet"
     normals = None if sheet else probes.surface_normals * (-1.0 if mesh.inverted else 1.0)
     own, beside = None, None
     if info.n_objects:
         own, beside = ids[probes.surface_triangles], ids[probes.crease_triangles]
-    surface, lost = measure_surface(volume, probes.surface, normals, voxel_size, rise, own)
-    crease, _ = measure_surface(volume, probes.creases, None, voxel_size, rise, beside)
+    rise = (rise or _rise(volume)) * (gain or 1.0)
+    at = voxel_size, rise
+    surface, lost = measure_surface(volume, probes.surface, normals, *at, own, gain)
+    crease, _ = measure_surface(volume, probes.creases, None, *at, beside, gain)
+    dtype = "u8" if gain else info.dtype
     why = ""
     if sheet and mesh.n_border_edges:
         why = f"open: {mesh.n_border_edges} border edges"
@@ -187,6 +201,9 @@ def measure(
         why = mesh.why
     return Measure(
         voxel_size=voxel_size,
+        dtype=dtype,
+        step=0.5 / ONES[dtype] / rise * voxel_size,
+        turn=TURN_OF_U8 if dtype == "u8" else 0.0,
         surface=surface,
         lost=lost,
         crease=crease,
@@ -202,8 +219,13 @@ def measure(
         why=why,
         doubtful=not (mesh.obvious or mesh.closed or (sheet and mesh.n_border_edges)),
         volume_nbytes=info.nbytes,
-        structure_nbytes=structure.nbytes,
+        structure_nbytes=0,
     )
+
+
+def _rise(volume: leapray.Volume) -> float:
+    """Of occupancy per voxel across a plane, as the ramp has it."""
+    return slope("ramp", own_half_width("ramp", volume.info.dtype))
 
 
 def measure_surface(
@@ -213,19 +235,18 @@ def measure_surface(
     voxel_size: float,
     rise: float | None = None,
     ids: NDArray[np.uint16] | None = None,
+    gain: float = 0.0,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Distance of the field's surface from points of the mesh, and which points are lost.
 
     points: (n, 3). normals: (n, 3) outward, or None where nothing can be lost.
     Distances are in object space, at most SATURATED voxels.
     """
-    value, gradient = volume.sample(points, ids)
+    value, gradient = volume.sample(points, ids, gain)
     threshold = volume.info.threshold
     most = SATURATED * voxel_size
     steep = np.linalg.norm(gradient, axis=1)
-    if rise is None:
-        rise = slope("ramp", own_half_width("ramp", volume.info.dtype))
-    least = LEAST_SLOPE * rise / voxel_size
+    least = LEAST_SLOPE * (rise or _rise(volume)) / voxel_size
     error = np.minimum(np.abs(value - threshold) / np.maximum(steep, least), most)
     exact = volume.exact_at(points)
     error[exact] = 0.0
@@ -235,7 +256,7 @@ def measure_surface(
         for depth in INSIDE:
             behind = points[lost] - depth * voxel_size * normals[lost]
             whose = None if ids is None else ids[lost]
-            lost[lost] = volume.sample(behind, whose)[0] < threshold
+            lost[lost] = volume.sample(behind, whose, gain)[0] < threshold
     return error.astype(np.float32), lost
 
 
@@ -244,12 +265,15 @@ def seen(measure: Measure, weights: Weights) -> Errors:
     m, w = measure, weights
     pixels = w.surface_pixels / w.surface_pixels.sum()
     found = ~m.lost
-    surface = 0.0
+    surface, steps = 0.0, 0.0
     turn = m.voxel_size * (CARRIED if m.normals else 1.0)
     if found.any():
-        surface = quantile(m.surface[found] / w.surface_footprint[found], pixels[found], QUANTILE)
+        shown = w.surface_footprint[found], pixels[found], QUANTILE
+        surface = quantile(m.surface[found] / shown[0], *shown[1:])
+        steps = quantile(m.step / shown[0], *shown[1:])
     return Errors(
         surface=MARGIN * surface,
+        steps=MARGIN * min(steps, surface),
         lost=float(pixels[m.lost].sum()),
         voxel=float((m.voxel_size / w.surface_footprint * pixels).sum()),
         crease=mean(m.crease / w.outline_footprint, 1 / w.outline_footprint),

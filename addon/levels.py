@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 import leapray
 from leapray.voxelization import SOLID_FILTERS, own_half_width, slope
 
-from . import bake, errors, model, objects, probes
+from . import bake, errors, model, objects, probes, steps
 from . import cache as caches
 from . import shelf as shelves
 from .parts import solids
@@ -21,6 +23,7 @@ from .parts import solids
 FINER = 6  # levels beyond the one asked for on which a volume may still be at hand
 MB = 1 << 20
 NO_END = 1 << 62  # bytes
+KEPT = "volume", "structure"  # what the cache holds of a level, beside what was measured
 
 
 @dataclass
@@ -37,12 +40,14 @@ class Work:
     with_ids: bool
     outfit: bake.Outfit = field(default_factory=bake.Outfit)
     carries: str = ""  # a digest of what the outfit takes from the mesh; "": nothing
+    turn: float = steps.TURN  # of normals, that its materials do not show
     weights: probes.Weights | None = None
     measure: errors.Measure | None = None
     errors: errors.Errors | None = None
     structure: leapray.Structure | None = None
     stuck: str = ""  # why it is no finer, where it should be
     exact: str = "sheets"  # whose cells keep their triangles, see leapray.voxelize
+    dtype: str = ""  # of its samples; "": u16, or u8 where that is enough
     history: list[float] = field(default_factory=list)
 
     @property
@@ -80,9 +85,9 @@ class Levels:
         if self.watch.stopped:
             raise leapray.Stopped("The planning was stopped.")
 
-    def _key(self, work: Work, what: str, voxel_size: float, exact: str = "") -> tuple:
+    def _key(self, work: Work, what: str, voxel_size: float, dtype: str, exact: str = "") -> tuple:
         s = self.settings
-        made = what, work.digest, voxel_size, work.with_ids, work.carries, s.sample_type
+        made = what, work.digest, voxel_size, work.with_ids, work.carries, dtype
         made = *made, self._filter(work.mesh), s.half_width, exact or work.exact
         made = *made, work.mesh.modelling.kind
         return made if what == "volume" else (*made, s.traverser)
@@ -95,31 +100,44 @@ class Levels:
         return sum(w.measure.nbytes for w in self.works if w.measure)
 
     def structure(
-        self, work: Work, voxel_size: float, room: float, volume_room: float = math.inf
+        self,
+        work: Work,
+        voxel_size: float,
+        types: tuple[str, ...],
+        room: float,
+        volume_room: float = math.inf,
+        settle: Callable[[leapray.Volume, bool], None] = lambda volume, fresh: None,
     ) -> leapray.Structure:
         """The structure of a level, which holds its volume.
 
+        types: of samples that will do if there are some, the last where there are none.
         room: bytes for both, volume_room: for the volume alone; OutOfMemory where
         they do not suffice. The structure's share is foreseen from the level before.
+        settle: called with a volume before its structure is built, and whether nobody
+        else has it.
         """
-        key = self._key(work, "structure", voxel_size)
-        structure = self.cache.get(key)
-        if structure is not None:
-            self.cache.get(self._key(work, "volume", voxel_size))
-            return structure
+        for dtype in types:
+            structure = self.cache.get(self._key(work, "structure", voxel_size, dtype))
+            if structure is not None:
+                self.cache.get(self._key(work, "volume", voxel_size, dtype))
+                settle(structure.volume, False)
+                return structure
         measure, share = work.measure, 1.0
         if measure is not None:
             share = measure.volume_nbytes / measure.nbytes
             foreseen = measure.nbytes * (measure.voxel_size / voxel_size) ** 2
             self.cache.trim(int(self.budget - self.held() - foreseen))
         began = time.perf_counter()
-        volume = self._volume(work, voxel_size, max(1, int(min(room * share, volume_room, NO_END))))
+        most = max(1, int(min(room * share, volume_room, NO_END)))
+        volume, fresh = self._volume(work, voxel_size, types, most)
         middle = time.perf_counter()
+        settle(volume, fresh)
+        settled = time.perf_counter()
         structure = leapray.build(
             volume, self.settings.traverser or None, threads=self.threads, watch=self.watch
         )
         self.seconds["voxelize"] += middle - began
-        self.seconds["structure"] += time.perf_counter() - middle
+        self.seconds["structure"] += time.perf_counter() - settled
         nbytes = volume.info.nbytes + structure.nbytes
         self.cache.trim(self.budget - self.held() - nbytes)
         self.peak = max(self.peak, self.held() + nbytes + self.cache.unused())
@@ -127,42 +145,50 @@ class Levels:
             raise leapray.OutOfMemory(
                 f"the level needs {nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
             )
-        self.cache.put(self._key(work, "volume", voxel_size), volume, volume.info.nbytes)
-        return self.cache.put(key, structure, structure.nbytes)
+        keys = [self._key(work, what, voxel_size, volume.info.dtype) for what in KEPT]
+        self.cache.put(keys[0], volume, volume.info.nbytes)
+        return self.cache.put(keys[1], structure, structure.nbytes)
 
-    def _volume(self, work: Work, voxel_size: float, max_nbytes: int) -> leapray.Volume:
-        """The volume of a level: from the cache, from the folder, or made of the mesh."""
-        key = self._key(work, "volume", voxel_size)
-        volume = self.cache.get(key) or self.shelf.volume(key, max_nbytes, self.watch)
-        if volume is not None:
+    def _volume(
+        self, work: Work, voxel_size: float, types: tuple[str, ...], max_nbytes: int
+    ) -> tuple[leapray.Volume, bool]:
+        """The volume of a level: from the cache, from the folder, or made of the mesh.
+
+        Then whether it was made.
+        """
+        for dtype in types:
+            key = self._key(work, "volume", voxel_size, dtype)
+            volume = self.cache.get(key) or self.shelf.volume(key, max_nbytes, self.watch)
+            if volume is None:
+                continue
             if volume.info.nbytes <= max_nbytes:
-                return volume
+                return volume, False
             error = leapray.OutOfMemory("the level's volume is larger than its room")
             error.nbytes = volume.info.nbytes
             raise error
         kernel = self._filter(work.mesh)
         try:
-            return self._voxelize(work, voxel_size, max_nbytes, kernel)
+            return self._voxelize(work, voxel_size, dtype, max_nbytes, kernel), True
         except (leapray.Stopped, leapray.OutOfMemory):
             raise
         except leapray.LeapRayError:
             if kernel not in SOLID_FILTERS:
                 raise
-        volume = self._voxelize(work, voxel_size, max_nbytes, "ramp")
+        volume = self._voxelize(work, voxel_size, dtype, max_nbytes, "ramp")
         why = f"{work.name!r} has no inside for the filter {kernel}: ramp instead."
         if why not in self.warnings:
             self.warnings.append(why)
-        return volume
+        return volume, True
 
     def _voxelize(
-        self, work: Work, voxel_size: float, max_nbytes: int, kernel: str
+        self, work: Work, voxel_size: float, dtype: str, max_nbytes: int, kernel: str
     ) -> leapray.Volume:
         """Of solids that share the volume each is made by itself; then they are merged."""
         parts, left = [], max_nbytes
         for mesh in solids(work.mesh):
             if work.mesh.solids is None:
-                return self._voxelize_one(work, mesh, voxel_size, left, kernel)
-            part = self._solid(work, mesh, voxel_size, left, kernel)
+                return self._voxelize_one(work, mesh, voxel_size, dtype, left, kernel)
+            part = self._solid(work, mesh, voxel_size, dtype, left, kernel)
             parts.append(part)
             left -= part.info.nbytes
             if left <= 0:
@@ -176,19 +202,31 @@ class Levels:
         return merged
 
     def _solid(
-        self, work: Work, mesh: model.Mesh, voxel_size: float, max_nbytes: int, kernel: str
+        self,
+        work: Work,
+        mesh: model.Mesh,
+        voxel_size: float,
+        dtype: str,
+        max_nbytes: int,
+        kernel: str,
     ) -> leapray.Volume:
         """One that shares the volume, kept for the next time as long as nothing else needs room."""
         digests = objects.digest(mesh), bake.digest(mesh, work.outfit)
         s, own = self.settings, mesh.modelling
-        key = "solid", *digests, voxel_size, work.with_ids, s.sample_type, kernel, s.half_width
+        key = "solid", *digests, voxel_size, work.with_ids, dtype, kernel, s.half_width
         part = self.cache.get((*key, own.kind))
         if part is None or part.info.nbytes > max_nbytes:
-            part = self._voxelize_one(work, mesh, voxel_size, max_nbytes, kernel)
+            part = self._voxelize_one(work, mesh, voxel_size, dtype, max_nbytes, kernel)
         return self.cache.put((*key, own.kind), part, part.info.nbytes, spare=True)
 
     def _voxelize_one(
-        self, work: Work, mesh: model.Mesh, voxel_size: float, max_nbytes: int, kernel: str
+        self,
+        work: Work,
+        mesh: model.Mesh,
+        voxel_size: float,
+        dtype: str,
+        max_nbytes: int,
+        kernel: str,
     ) -> leapray.Volume:
         own = kernel == self.settings.filter
         return leapray.voxelize(
@@ -200,7 +238,7 @@ class Levels:
             half_width=self.settings.half_width or None if own else None,
             ids=mesh.slots if work.with_ids else None,
             attributes=self._attributes(work, mesh, voxel_size),
-            dtype=self.settings.sample_type,
+            dtype=dtype,
             exact=work.exact if work.mesh.solids is None else "none",
             threads=self.threads,
             watch=self.watch,
@@ -219,19 +257,18 @@ class Levels:
                 self.cache.put(key, widest)
         return self.wardrobe.attributes(mesh, work.outfit, voxel_size < widest)
 
-    def _rise(self, mesh: model.Mesh, volume: leapray.Volume) -> float:
-        """Of occupancy per voxel across a plane."""
+    def _kernel(self, mesh: model.Mesh, volume: leapray.Volume) -> tuple[str, float]:
+        """The filter that the volume was made with, and its half width; 0: its own."""
         s, kernel = self.settings, self._filter(mesh)
         if volume.info.kind == "sheet" and kernel in SOLID_FILTERS:
             kernel = "ramp"
-        width = s.half_width if kernel == s.filter else 0.0
-        return slope(kernel, width or own_half_width(kernel, s.sample_type))
+        return kernel, s.half_width if kernel == s.filter else 0.0
 
     def drop(self, work: Work) -> None:
         """Forget the volume of a level that is left; what was measured on it stays."""
-        if work.measure is not None:
-            for what in ("structure", "volume"):
-                self.cache.drop(self._key(work, what, work.measure.voxel_size, work.measure.exact))
+        m = work.measure
+        for what in KEPT if m is not None else ():
+            self.cache.drop(self._key(work, what, m.voxel_size, m.dtype, m.exact))
         work.structure = None
 
     def _probes(self, work: Work) -> probes.Probes:
@@ -243,19 +280,17 @@ class Levels:
         self, work: Work, voxel_size: float, room: float, volume_room: float = math.inf
     ) -> None:
         """Put the mesh on a level; OutOfMemory, and nothing changed, where it does not fit."""
-        key = self._key(work, "measure", voxel_size)
-        measure, structure = self.cache.get(key) or self._measured_before(work, key), None
+        measure, structure = self._known(work, voxel_size), None
         if measure is None:
-            structure = self.structure(work, voxel_size, room, volume_room)
-            measure = errors.measure(
-                structure,
-                self._probes(work),
-                voxel_size,
-                self._color_errors(work, structure),
-                self._rise(work.mesh, structure.volume),
-                work.exact,
-                work.mesh.slots,
-            )
+            found: list[errors.Measure] = []
+
+            def settle(volume: leapray.Volume, fresh: bool) -> None:
+                found.append(self._settle(work, volume, voxel_size, fresh))
+
+            types = self._types(work)
+            structure = self.structure(work, voxel_size, types, room, volume_room, settle)
+            measure = dataclasses.replace(found[0], structure_nbytes=structure.nbytes)
+            key = self._key(work, "measure", voxel_size, measure.dtype)
             self.cache.put(key, measure)
             self.shelf.keep_record(key, measure)
         elif measure.nbytes > room or measure.volume_nbytes > volume_room:
@@ -264,23 +299,67 @@ class Levels:
             )
         self.drop(work)
         work.measure, work.structure, work.stuck = measure, structure, ""
-        if work.weights is None:
-            work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)
-        work.errors = errors.seen(measure, work.weights)
+        work.errors = self._seen(work, measure)
         work.history.append(work.errors.progress(self.settings.pixel_error))
 
-    def _measured_before(self, work: Work, key: tuple) -> errors.Measure | None:
+    def _seen(self, work: Work, measure: errors.Measure) -> errors.Errors:
+        if work.weights is None:
+            work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)
+        return errors.seen(measure, work.weights)
+
+    def _known(self, work: Work, voxel_size: float) -> errors.Measure | None:
+        """What was measured on a level; where u8 and u16 were, u8 if that is enough."""
+        keys = (self._key(work, "measure", voxel_size, t) for t in self._types(work))
+        known = [m for key in keys if (m := self.cache.get(key) or self._kept(work, key))]
+        for measure in known:
+            if self._enough(work, measure):
+                return measure
+        if not work.dtype and any(measure.turn > work.turn for measure in known):
+            work.dtype = "u16"  # on other levels normals turn as much
+            return self._known(work, voxel_size)
+        return known[-1] if known else None
+
+    def _kept(self, work: Work, key: tuple) -> errors.Measure | None:
         """What is known from the folder."""
         measure = self.shelf.record(key, errors.Measure)
         if measure is None or not measure.fits(self._probes(work)):
             return None
         return self.cache.put(key, measure)
 
-    def _color_errors(self, work: Work, structure: leapray.Structure):
-        volume, at = structure.volume, self._probes(work)
+    def _types(self, work: Work) -> tuple[str, ...]:
+        """Of the samples that the work may have, the smallest first."""
+        return (work.dtype,) if work.dtype else ("u8", "u16")
+
+    def _enough(self, work: Work, measure: errors.Measure) -> bool:
+        enough = self._seen(work, measure).enough(self.settings.pixel_error)
+        return enough and measure.turn <= work.turn
+
+    def _settle(
+        self, work: Work, volume: leapray.Volume, voxel_size: float, fresh: bool
+    ) -> errors.Measure:
+        """Measure a level's volume, and make a fresh one u8 where that is enough."""
+        at, ids = self._probes(work), work.mesh.slots
+        kernel, width = self._kernel(work.mesh, volume)
+        rise = slope(kernel, width or own_half_width(kernel, volume.info.dtype))
+        known = at, voxel_size, self._color_errors(work, volume), rise, work.exact, ids
+        measure = errors.measure(volume, *known)
+        if not fresh or work.dtype or not self._enough(work, measure):
+            return measure
+        gain = steps.gain(kernel, width)
+        narrow = errors.measure(volume, *known, gain)
+        if not self._enough(work, dataclasses.replace(narrow, turn=0.0)):
+            return measure
+        whose = ids[at.surface_triangles] if volume.info.n_objects else None
+        turn = steps.turn(volume, at.surface, voxel_size, gain, whose)
+        if turn > work.turn:
+            return measure
+        volume.narrow(gain, watch=self.watch)
+        return dataclasses.replace(narrow, turn=turn, volume_nbytes=volume.info.nbytes)
+
+    def _color_errors(self, work: Work, volume: leapray.Volume):
         if not volume.info.has_colors:
             return None
-        size = volume.info.object_from_index[0, 0]
+        at, size = self._probes(work), volume.info.object_from_index[0, 0]
         attributes = self._attributes(work, work.mesh, size)
         where = at.surface, at.surface_triangles, at.surface_weights
         return bake.color_errors(volume, work.mesh, attributes, *where, size)
@@ -288,13 +367,18 @@ class Levels:
     def share_finest(self) -> None:
         """Volumes of equal contents become one, on the finest level that one of them is on.
 
-        So the levels are the same whatever lies in cache and folder.
+        There the widest samples. So the levels are the same whatever lies in cache and folder.
         """
+
+        def fineness(work: Work) -> tuple[float, int]:
+            return -work.measure.voxel_size, errors.ONES[work.measure.dtype]
+
         finest: dict[tuple, Work] = {}
         sharing = [work for work in self.works if not (work.fixed or self.settings.resolution)]
-        for work in sorted(sharing, key=lambda w: w.measure.voxel_size):
-            best = finest.setdefault(self._key(work, "volume", 0.0), work)
-            if best.measure.voxel_size < work.measure.voxel_size:
+        for work in sorted(sharing, key=fineness, reverse=True):
+            key = self._key(work, "volume", 0.0, work.mesh.modelling.sample_type)
+            best = finest.setdefault(key, work)
+            if fineness(best) > fineness(work):
                 self.drop(work)
                 work.measure, work.structure = best.measure, best.structure
                 work.errors = errors.seen(best.measure, work.weights)
@@ -302,13 +386,15 @@ class Levels:
     def take_finer(self, work: Work) -> bool:
         """Take an earlier frame's volume that is finer than asked for, where there is room."""
         room = self.budget - self.held() + work.measure.nbytes
-        size = work.measure.voxel_size
-        for finer in (size, *(size / 2**n for n in range(1, FINER))):
-            measure = self.cache.peek(self._key(work, "measure", finer))
-            structure = self.cache.peek(self._key(work, "structure", finer))
+        size, types = work.measure.voxel_size, self._types(work)
+        levels = [(size, work.measure.dtype)]
+        levels += [(size / 2**n, dtype) for n in range(1, FINER) for dtype in types]
+        for level in levels:
+            measure = self.cache.peek(self._key(work, "measure", *level))
+            structure = self.cache.peek(self._key(work, "structure", *level))
             if measure is not None and structure is not None and measure.nbytes <= room:
-                for what in ("measure", "structure", "volume"):
-                    self.cache.get(self._key(work, what, finer))  # is used
+                for what in ("measure", *KEPT):
+                    self.cache.get(self._key(work, what, *level))  # is used
                 work.measure, work.structure = measure, structure
                 work.errors = errors.seen(measure, work.weights)
                 return True
@@ -317,7 +403,7 @@ class Levels:
     def keep_on_disk(self) -> None:
         """Put the volumes into the folder, where there is one."""
         for work in self.works:
-            key = self._key(work, "volume", work.measure.voxel_size)
+            key = self._key(work, "volume", work.measure.voxel_size, work.measure.dtype)
             self.shelf.keep_volume(key, work.structure.volume, self.watch)
         if self.shelf.trouble:
             self.warnings.append(self.shelf.trouble)

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 Color = tuple[float, float, float]  # linear RGB
 
 
+SAMPLE_TYPES = ("auto", "u8", "u16", "f32")  # auto: the least that a volume's error permits
+
+
 @dataclass(frozen=True)
 class Modelling:
     """How a mesh becomes a volume, where its object says more than the scene."""
@@ -18,6 +21,7 @@ class Modelling:
     kind: str = "auto"  # "auto" | "solid" | "sheet"
     resolution: int = 0  # samples along its volume's longest side; 0: as the scene
     filter: str = ""  # of the voxelization; "": the scene's
+    sample_type: str = ""  # one of SAMPLE_TYPES; "": the scene's
 
 
 @dataclass(frozen=True)
@@ -183,7 +187,7 @@ class Settings:
     resolution: int = 0  # samples along the longest side of each volume; 0: the plan decides
     pixel_error: float = 0.25  # of a pixel's footprint
     memory_mb: int = 1024  # for volumes and structures together
-    sample_type: str = "u16"
+    sample_type: str = "auto"  # one of SAMPLE_TYPES
     filter: str = "ramp"  # how occupancy falls across the surface, see leapray.voxelize
     half_width: float = 0.0  # of the filter, in voxels; 0: its own
     exact: str = "auto"  # whose cells keep their triangles: one of EXACT

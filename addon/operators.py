@@ -49,6 +49,7 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
         try:
             settings, own = properties.settings(context.scene), properties.modelling(ob)
             mesh = scene.read_object_mesh(ob)
+            dtype = own.sample_type or settings.sample_type
             volume = leapray.voxelize(
                 mesh.vertices,
                 mesh.triangles,
@@ -57,7 +58,7 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
                 filter=own.filter or settings.filter,
                 half_width=settings.half_width or None,
                 ids=mesh.slots,
-                dtype=settings.sample_type,
+                dtype="u16" if dtype == "auto" else dtype,
                 exact="none",  # an exported file holds no triangles
                 threads=settings.threads,
                 max_nbytes=settings.memory_mb * plan.MB,

@@ -21,7 +21,6 @@ import numpy as np
 
 import leapray
 from leapray._abi import lr_counters
-from leapray.arrays import SAMPLE_TYPES
 from leapray.threads import cores
 from leapray.voxelization import FILTERS
 
@@ -111,7 +110,7 @@ def check(settings: model.Settings) -> None:
         raise leapray.LeapRayError(
             f"half_width must lie in 0..{WIDEST:g} voxels, it is {settings.half_width}"
         )
-    known_names = {"layout": model.LAYOUTS, "sample_type": SAMPLE_TYPES, "filter": FILTERS}
+    known_names = {"layout": model.LAYOUTS, "sample_type": model.SAMPLE_TYPES, "filter": FILTERS}
     known_names["exact"] = model.EXACT
     for name, known in known_names.items():
         value = getattr(settings, name)

@@ -27,7 +27,7 @@ import numpy as np
 
 import leapray
 
-from . import bake, errors, model, objects, parts, reach
+from . import bake, errors, model, objects, parts, reach, steps
 from . import cache as caches
 from . import shelf as shelves
 from .levels import MB, Levels, Work
@@ -36,6 +36,7 @@ from .objects import SceneError
 COARSEST = 16  # voxels along the longest side at the start
 # Shares of the memory, counted without structures, so that traversers see the same volumes:
 EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' sake
+STEPS_SEEN = 1 / 5  # of the permitted error: less is no reason for wider samples
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
 SHARP_SHARE = 1 / 100  # for finer edges than asked for, of all volumes together
 
@@ -93,6 +94,7 @@ class Planner(Levels):
             matrices = np.array([u.world_from_object for u in users], np.float64)
             shown = np.array([u.visible_camera for u in users])
             several = any(len(u.materials) > 1 for u in users)
+            used = {m for user in users for m in user.materials}
             try:
                 split, torn = self._split(self.scene.meshes[index])
             except leapray.Stopped:
@@ -109,6 +111,8 @@ class Planner(Levels):
                 ids = several and mesh.slots is not None
                 work = Work(index, part, users[0].name, mesh, name, matrices, shown, ids, outfit)
                 work.carries = bake.digest(mesh, outfit)
+                work.dtype = self._asked_type(mesh)
+                work.turn = steps.permitted_turn(self.scene.materials[m] for m in used)
                 work.exact = "sheets" if self.settings.exact == "auto" else self.settings.exact
                 self._start_one(work)
             self.advance(0.3 * (done + 1) / len(by_mesh))
@@ -137,6 +141,12 @@ class Planner(Levels):
         named = [(f"{name}/{k}", part) for k, part in enumerate(split)]
         return named or [(name, mesh)], torn and mesh.modelling.kind == "auto"
 
+    def _asked_type(self, mesh: model.Mesh) -> str:
+        """Of the samples; "": what the errors ask for, u16 where the resolution is fixed."""
+        asked = mesh.modelling.sample_type or self.settings.sample_type
+        fixed = mesh.modelling.resolution or self.settings.resolution
+        return ("u16" if fixed else "") if asked == "auto" else asked
+
     def first_size(self, work: Work) -> float:
         """The voxel size to start with, in object space."""
         n = work.mesh.modelling.resolution or self.settings.resolution
@@ -146,7 +156,13 @@ class Planner(Levels):
         size = self.first_size(work)
         room = self.budget - self.held()
         try:
-            self.enter(work, size, room)
+            try:
+                self.enter(work, size, room)
+            except leapray.OutOfMemory:
+                if work.dtype:
+                    raise
+                work.dtype = "u8"
+                self.enter(work, size, room)
         except leapray.OutOfMemory as error:
             needs = self.held() + (getattr(error, "nbytes", None) or 0)
             raise SceneError(
@@ -183,11 +199,27 @@ class Planner(Levels):
         while queue and queue[0][:3] < (-1.0, -1.0, -1.0):
             *_, n = heapq.heappop(queue)
             work = self.works[n]
-            if self._keep_triangles(work) or self._refine_one(work):
+            if self._widen(work) or self._keep_triangles(work) or self._refine_one(work):
                 heapq.heappush(queue, ticket(n))
             left = sum(math.log2(-t[0] * t[1] * t[2]) for t in queue)
             total = max(total, left)
             self.advance(0.3 + 0.7 * (1.0 - left / total))
+
+    def _widen(self, work: Work, volume_room: float = math.inf) -> bool:
+        """Give a volume f32 where the steps of u16 are what its error is made of, if that helps."""
+        before = work.errors.surface
+        if work.dtype or work.errors.steps < steps.PART * before:
+            return False
+        measure, work.dtype = work.measure, "f32"
+        if self._refused(work, 0, volume_room):
+            work.dtype = ""
+            return False
+        if work.errors.surface < steps.PART * before:
+            return True
+        work.dtype = ""
+        self.enter(work, measure.voxel_size, math.inf)
+        del work.history[-2:]  # as if nothing had been tried
+        return False
 
     def _keep_triangles(self, work: Work) -> bool:
         """Let a solid's cells keep their triangles at creases and thin walls, if that helps.
@@ -232,6 +264,11 @@ class Planner(Levels):
             work.stuck = self._refused(work, levels, volume_room)
             if not work.stuck:
                 return True
+        if not work.dtype and work.turn > 0:  # a level finer for half the bytes
+            work.dtype = "u8"
+            if not self._refused(work, 1, volume_room):
+                return True
+            work.dtype = ""
         if volume_room < room:
             work.stuck = f"for edges a volume gets 1/{round(1 / EDGE_SHARE)} of the memory budget"
         return False
@@ -250,10 +287,12 @@ class Planner(Levels):
         return ""
 
     def sharpen(self) -> None:
-        """Spend a little memory on edges that are good enough, the cheapest first."""
+        """Spend a little memory on edges and steps that are good enough, the cheapest first."""
         left = self.budget * SHARP_SHARE
         for work in sorted(self.works, key=lambda w: w.measure.nbytes):
             before = work.measure.volume_nbytes
+            if work.errors.surface > STEPS_SEEN * self.settings.pixel_error:
+                self._widen(work, left + before)
             wanted = 0 if work.stuck or work.fixed else math.ceil(math.log2(work.errors.softness()))
             for levels in range(wanted, 0, -1):
                 if not self._refused(work, levels, left + before):
@@ -266,7 +305,8 @@ class Planner(Levels):
         for work in self.works:
             if work.structure is None and not self.take_finer(work):
                 others = self.held() - work.measure.nbytes
-                work.structure = self.structure(work, work.measure.voxel_size, self.budget - others)
+                size, types = work.measure.voxel_size, (work.measure.dtype,)
+                work.structure = self.structure(work, size, types, self.budget - others)
         self.keep_on_disk()
         self.cache.end()
         self.peak = max(self.peak, self.held() + self.cache.unused())
@@ -329,6 +369,7 @@ class Planner(Levels):
             "why": m.why,
             "size": list(m.shape),
             "voxel_size": m.voxel_size,
+            "sample_type": m.dtype,
             "error_footprints": round(e.surface, 4),
             "lost": round(e.lost, 4),
             "voxel_footprints": round(e.voxel, 4),

@@ -13,7 +13,6 @@ from dataclasses import fields
 import bpy
 
 import leapray
-from leapray.arrays import SAMPLE_TYPES
 from leapray.voxelization import FILTERS, KINDS
 
 from . import model
@@ -88,6 +87,10 @@ AS_SCENE = ("scene", "As Scene", "What the scene's settings say", 0)
 EXACT_ABOUT = {
     **ABOUT,
     "auto": "Those of open surfaces, and of solids where creases or thin walls are worth it",
+}
+SAMPLE_TYPE_ABOUT = {
+    **ABOUT,
+    "auto": "What a volume's error permits: 8 bit where nobody sees it, 32 where 16 are too few",
 }
 VOXEL_FILTER_ABOUT = {**ABOUT, "box": "The exact share of the voxel that is inside"}
 
@@ -263,7 +266,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
     sample_type: bpy.props.EnumProperty(
         name="Sample Type",
         description="How the samples of volumes are stored",
-        items=menu(SAMPLE_TYPES),
+        items=menu(model.SAMPLE_TYPES, SAMPLE_TYPE_ABOUT),
         default=DEFAULTS.sample_type,
     )
     filter: bpy.props.EnumProperty(
@@ -335,6 +338,12 @@ class LeapRayObject(bpy.types.PropertyGroup):
         items=[AS_SCENE, *menu(FILTERS, VOXEL_FILTER_ABOUT)],
         default="scene",
     )
+    sample_type: bpy.props.EnumProperty(
+        name="Sample Type",
+        description="How the samples of the object's volume are stored",
+        items=[AS_SCENE, *menu(model.SAMPLE_TYPES, SAMPLE_TYPE_ABOUT)],
+        default="scene",
+    )
 
 
 class LeapRayViewLayer(bpy.types.PropertyGroup):
@@ -358,8 +367,8 @@ class LeapRayViewLayer(bpy.types.PropertyGroup):
 def modelling(ob) -> model.Modelling:
     """How the object wants to be modelled, as plain values; unknown choices are the scene's."""
     own = ob.leapray
-    filter_name = "" if own.filter == "scene" else own.filter
-    return model.Modelling(own.kind or "auto", own.resolution, filter_name)
+    names = ("" if name == "scene" else name for name in (own.filter, own.sample_type))
+    return model.Modelling(own.kind or "auto", own.resolution, *names)
 
 
 def settings(scene) -> model.Settings:

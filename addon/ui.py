@@ -253,7 +253,7 @@ class OBJECT_PT_leapray(_Panel, bpy.types.Panel):
 
     def draw(self, context) -> None:
         column, ob = self.columns(), context.object
-        for name in ("kind", "resolution", "filter"):
+        for name in ("kind", "resolution", "filter", "sample_type"):
             column.prop(ob.leapray, name)
         column.operator("object.leapray_export_vdb", icon="EXPORT")
 

@@ -42,7 +42,7 @@ LAYERS = {
     "addon": [
         "model",
         "objects bake tiles probes reach volumes",
-        "cache errors parts shelf",
+        "cache errors parts shelf steps",
         "levels",
         "plan",
         "pipeline",

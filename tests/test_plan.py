@@ -202,7 +202,8 @@ def test_creases_ask_for_finer_voxels_than_their_faces(monkeypatch):
     monkeypatch.setattr(errors, "CREASE_VOXEL", np.inf)  # for their shape, not their look
     monkeypatch.setattr(errors, "SHARP_VOXEL", np.inf)
     turned, straight = (
-        make(scenes.scene([scenes.box(turn=a)], exact="sheets")).volumes[0] for a in (0.4, 0.0)
+        make(scenes.scene([scenes.box(turn=a)], exact="sheets", sample_type="u16")).volumes[0]
+        for a in (0.4, 0.0)
     )
     assert turned["voxel_size"] < straight["voxel_size"]
     assert straight["crease_footprints"] < 0.01  # lattice planes hold its faces
@@ -325,7 +326,7 @@ def test_two_view_layers_share_the_cache(calls):
 def test_the_oldest_volumes_make_room_and_what_was_measured_on_them_goes_too():
     cache = Cache()
     radii = 1.0 + 0.05 * np.arange(8)
-    given = {"memory_mb": 1, "pixel_error": 0.05}
+    given = {"memory_mb": 1, "pixel_error": 0.05, "sample_type": "u16"}
     spheres = [scenes.scene([scenes.sphere(r, n=32)], **given) for r in radii]
     peaks = [make(scene, cache).peak_nbytes for scene in spheres]
     assert max(peaks) <= 1 << 20

@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 18 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 19 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -147,10 +147,18 @@ LR_API lr_status lr_volume_unpack(const uint8_t *bytes, uint64_t nbytes, const l
 /* Value and gradient of the trilinear field at n points in object space:
  * points[n][3], value[n] (0..1), gradient[n][3] (per unit of object space);
  * either output may be NULL. Outside the lattice the field is 0. ids: of a merged
- * volume, whose object's own field; NULL: of the largest samples. */
+ * volume, whose object's own field; NULL: of the largest samples. gain: 0, or what
+ * lr_volume_narrow were to be called with: the field that it would leave. */
 LR_API lr_status lr_volume_sample(const lr_volume *volume, const double *points,
-                                  const uint16_t *ids, uint64_t n, double *value,
+                                  const uint16_t *ids, uint64_t n, double gain, double *value,
                                   double *gradient, lr_error *error);
+
+/* Make the samples u8, in place, and occupancy gain times as steep at the threshold, as
+ * far as 0..1 reaches. No sample changes sides, so that cells stay what they are. Before
+ * a structure is built. LR_E_ARGUMENT for a volume that is u8 or not finished; one that
+ * was stopped may only be freed. */
+LR_API lr_status lr_volume_narrow(lr_volume *volume, double gain, const lr_watch *watch,
+                                  lr_error *error);
 
 /* Colours and shading normals at n points near the surface, in object space, as hits
  * of the given ids see them (NULL: 0): points[n][3], colors[n][3] (linear RGB),

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 18
+LR_ABI = 19
 
 
 class lr_status(IntEnum):
@@ -635,8 +635,15 @@ PROTOTYPES = {
         ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(ctypes.c_uint16),
         ctypes.c_uint64,
+        ctypes.c_double,
         ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_narrow": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.c_double,
+        ctypes.POINTER(lr_watch),
         ctypes.POINTER(lr_error),
     )),
     "lr_volume_attributes": (ctypes.c_int, (
