@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the engine keeps from frame to frame: what has not changed is not voxelized again."""
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
-from blender_scenes import diffuse, fresh, light, mesh, nodes_of, plane, put
+from blender_scenes import diffuse, exr, fresh, light, mesh, nodes_of, plane, put
 
 import leapray
 from addon import engine, session
 
+SAMPLES = Path(__file__).parents[1] / "blend_samples"
 N_FRAMES = 10
 
 
@@ -185,3 +188,23 @@ def test_volumes_go_with_the_setting(scene, made):
     assert len(engine._volumes) > 0
     scene.render.use_persistent_data = False
     assert again(scene, made) and len(engine._volumes) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["gallery", "textured", "cad", "thin", "cornell", "still"])
+def test_a_second_run_of_a_sample_makes_nothing_and_shows_the_same(name, made, tmp_path):
+    scene = session.open_scene(SAMPLES / f"{name}.blend")
+    scene.render.use_persistent_data = False
+    scene.render.resolution_percentage, scene.leapray.samples = 20, 1
+    pictures, told = [], []
+    for folder in ("", str(tmp_path / "folder"), str(tmp_path / "folder")):
+        scene.leapray.cache_folder = folder
+        picture = tmp_path / f"{len(pictures)}.exr"
+        session.set_format(scene, picture)
+        told.append(again(scene, made))
+        pictures.append(exr(picture))
+    bare, first, second = pictures
+    assert told[0] == told[1] and told[0] and told[2] == []
+    for channel, values in bare.items():
+        for other in (first, second):
+            assert np.array_equal(other[channel].view("u4"), values.view("u4")), channel
