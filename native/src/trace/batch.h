@@ -70,7 +70,7 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
     const double t_min = rays->t_min != NULL ? rays->t_min[i] : 0.0;
     const lr_start *start = rays->start != NULL ? &rays->start[i] : NULL;
     int side = start != NULL ? start->side : 0;
-    lr_leaving leaving = {.t = t_min, .side = side};
+    const lr_leaving leaving = lr_leaving_of(start, t_min);
     bool hit = false, first = true;
     lr_put_miss(hits, i);
     if (!lr_ray_setup(&r, v, o, d, rays->t_max != NULL ? rays->t_max[i] : INFINITY) ||
@@ -84,8 +84,6 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
     if (!(side != 0 ? lr_leave(v, &r, &u, start, t_min)
                     : lr_enter(&r, spacing, &u, v->surface_lo, v->surface_hi, t_min)))
         goto end;
-    if (side != 0)
-        memcpy(leaving.cell, u.c, sizeof leaving.cell);
     LR_START(data, v, &r, spacing, &u, &state);
     while (LR_WALK(data, v, &r, spacing, &u, &state, first, counted ? &tally : NULL)) {
         if (options->mode == LR_MODE_BINARY) {

@@ -15,6 +15,16 @@ typedef struct lr_leaving {
     int32_t cell[3]; /* storage cell; where there is a side */
 } lr_leaving;
 
+/* start: NULL where rays leave nothing. Where its cell is none, the ray is given up
+ * before it meets anything. */
+LR_INLINE lr_leaving lr_leaving_of(const lr_start *start, double t_min)
+{
+    lr_leaving leaving = {.t = t_min, .side = start != NULL ? start->side : 0};
+    for (int a = 0; a < 3 && leaving.side != 0; a++)
+        leaving.cell[a] = (int32_t)((uint32_t)start->cell[a] + LR_PAD);
+    return leaving;
+}
+
 /* Does the ray meet a triangle in the exact cell it stands on? *side: see lr_hit. */
 bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
                   const lr_leaving *leaving, const lr_trace_options *options, int *side,
