@@ -331,12 +331,8 @@ static bool test(lr_flock *k, const lr_ray *r, const lr_cursor *u, int *side, ui
     lr_found found;
     uint64_t n_samples = 0;
     const lr_start *start = k->rays->start != NULL ? &k->rays->start[i] : NULL;
-    lr_leaving leaving = {.t = k->rays->t_min != NULL ? k->rays->t_min[i] : 0.0};
-    if (start != NULL && start->side != 0) {
-        leaving.side = start->side;
-        for (int a = 0; a < 3; a++)
-            leaving.cell[a] = start->cell[a] + LR_PAD;
-    }
+    const lr_leaving leaving =
+        lr_leaving_of(start, k->rays->t_min != NULL ? k->rays->t_min[i] : 0.0);
     const bool hit = lr_hit(k->v, r, LR_EVEN, u, &leaving, side, k->options, &found, &n_samples);
     if (k->counters != NULL) {
         k->counters->samples += n_samples;
