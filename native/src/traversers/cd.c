@@ -14,6 +14,7 @@
 
 #include "cpu.h"
 #include "distance/near.h"
+#include "volume/exact.h"
 
 typedef lr_cd_distances distances;
 
@@ -25,6 +26,13 @@ void lr_cd_free(void *data)
     free(f->bricks);
     free(f->near);
     free(f);
+}
+
+/* Do few of the surface cells keep triangles? Those are tested ray by ray, so that lanes
+ * only cost time where most do. */
+static bool mostly_field(const lr_volume *v)
+{
+    return v->exact == NULL || 2 * (uint64_t)v->exact->n_cells < v->n_surface_cells;
 }
 
 /* The distance of a cell is the number of growths that cover it. */
@@ -60,7 +68,7 @@ lr_status lr_cd_build(const lr_volume *v, const int32_t *choices, const lr_watch
     distances *f = calloc(1, sizeof *f);
     if (f == NULL)
         return lr_fail_memory(error, sizeof *f, "distances");
-    f->eight = choices[0] == 0 && lr_cpu_simd() == LR_SIMD_AVX512;
+    f->eight = choices[0] == 0 && mostly_field(v) && lr_cpu_simd() == LR_SIMD_AVX512;
     lr_status status = lr_near_bricks(v, &f->bricks, &n_near, watch, error);
     if (status == LR_OK) {
         f->near = malloc((n_near + (size_t)1) * sizeof *f->near);
