@@ -277,7 +277,7 @@ LR_INLINE __mmask8 passes(const lr_volume *v, const lr_eight *e, __mmask8 m, __m
                           __m256i axis_out)
 {
     __m512d s[8], p[3], q[3];
-    __m256i entry;
+    __m256i entry = _mm256_setzero_si256();
     corners_of(v, e, m, s, &entry);
     for (int a = 0; a < 3; a++) {
         const __mmask8 in = _mm256_cmpeq_epi32_mask(e->axis, all_of(a));
