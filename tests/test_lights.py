@@ -98,6 +98,24 @@ def test_a_rectangle_brings_what_its_edges_say():
     assert not behind.any()
 
 
+@pytest.mark.parametrize("height", [1e-3, 0.05, 0.5, 5.0, 300.0])
+def test_a_rectangle_is_sampled_evenly_as_it_is_seen(height):
+    """Whatever its distance a few samples tell its light, and all lie on it."""
+    u, v = np.array([1.2, 0.3, 0]), np.array([-0.15, 0.6, 0])
+    light = Light("area", (1, 1, 1), (0, 0, height), (0, 0, -1), u, v,
+                  angle=np.pi, shape="rectangle")  # fmt: skip
+    for p in (np.zeros(3), np.array([0.9, 0.2, 0]), np.array([-0.2, 3.0, 0])):
+        rays = sample_light(light, p, U)
+        at = (p + rays["distance"][:, None] * rays["direction"] - (0, 0, height)) @ np.array(
+            [u, v]
+        ).T
+        assert np.abs(at / [u @ u, v @ v]).max() < 0.5 + 1e-9
+        assert (rays["pdf"] > 0).all()
+        each = rays["color"][:, 0] / rays["pdf"]  # as a surface sees it that faces all directions
+        far = each.mean() < 1e-4  # there the area will do
+        assert each.std() < (0.25 if far else 0.02) * each.mean()
+
+
 def test_a_narrow_spread_keeps_the_power():
     angles = (np.arange(2000) + 0.5) / 2000 * np.pi / 2
     below = np.stack([np.sin(angles), 0 * angles, -np.cos(angles)], -1)

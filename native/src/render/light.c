@@ -5,8 +5,12 @@
  * pi radius^2. Area lights obey Lambert's law; a narrower spread is that of a grid
  * of slats before them, brightened so that as much light leaves as without it.
  *
+ * Rectangles are sampled evenly by the solid angle in which they are seen, all other
+ * surfaces by their area.
+ *
  * Source: the lights of Blender's manual; their units and fading were measured in
- * Cycles (tests/test_shading_cycles.py).
+ * Cycles (tests/test_shading_cycles.py). Urena, Fajardo, King, An area-preserving
+ * parametrization for spherical rectangles, 2013.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/light.h"
@@ -228,9 +232,88 @@ static bool sample_bulb(const lr_light *light, const double p[3], const double u
     return shine(light, ray->direction, 1 / (PI * r * r), ray->color);
 }
 
+/* A rectangle as seen from the origin of a frame along its sides, its plane below. */
+typedef struct lr_seen_rectangle {
+    double axis[3][3], x0, x1, y0, y1, z;
+    double b0, b1, k, angle; /* names of the source; angle: solid */
+} lr_seen_rectangle;
+
+/* Below it the excess of the angles is inexact, and a rectangle is as good as flat. */
+static const double ANGLE_MIN = 1e-4;
+
+/* The cosine of a plane through the origin and a side at that height. */
+static double tilt(double side, double z)
+{
+    return side / sqrt(side * side + z * z);
+}
+
+/* False where the area light is no rectangle, or is seen as too small. */
+static bool see_rectangle(const lr_light *light, const double p[3], lr_seen_rectangle *r)
+{
+    const double *u = light->axis_u, *v = light->axis_v;
+    const double length_u = sqrt(lr_dot(u, u)), length_v = sqrt(lr_dot(v, v));
+    if (light->shape != LR_LIGHT_FULL || fabs(lr_dot(u, v)) > 1e-6 * length_u * length_v)
+        return false;
+    double to[3];
+    for (int a = 0; a < 3; a++) {
+        r->axis[0][a] = u[a] / length_u;
+        r->axis[1][a] = v[a] / length_v;
+        to[a] = light->position[a] - p[a];
+    }
+    const double *x = r->axis[0], *y = r->axis[1];
+    const double n[3] = {x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2],
+                         x[0] * y[1] - x[1] * y[0]};
+    const double height = lr_dot(to, n);
+    for (int a = 0; a < 3; a++)
+        r->axis[2][a] = height > 0 ? -n[a] : n[a];
+    r->z = -fabs(height);
+    if (r->z == 0)
+        return false;
+    r->x0 = lr_dot(to, x) - 0.5 * length_u;
+    r->x1 = r->x0 + length_u;
+    r->y0 = lr_dot(to, y) - 0.5 * length_v;
+    r->y1 = r->y0 + length_v;
+    const double n0 = -tilt(r->y0, r->z), n1 = tilt(r->x1, r->z);
+    const double n2 = tilt(r->y1, r->z), n3 = -tilt(r->x0, r->z);
+    r->b0 = n0;
+    r->b1 = n2;
+    r->k = 2 * PI - acos(-n2 * n3) - acos(-n3 * n0);
+    r->angle = acos(-n0 * n1) + acos(-n1 * n2) - r->k;
+    return r->angle > ANGLE_MIN;
+}
+
+/* The point of the rectangle for u, from the origin of its frame. */
+static void point_of(const lr_seen_rectangle *r, const double u[2], double to[3])
+{
+    const double a = u[0] * r->angle + r->k;
+    const double f = (cos(a) * r->b0 - r->b1) / sin(a);
+    const double c = lr_clamp(copysign(1 / sqrt(f * f + r->b0 * r->b0), f), -1, 1);
+    const double x = lr_clamp(-c * r->z / sqrt(fmax(1 - c * c, 1e-300)), r->x0, r->x1);
+    const double d = sqrt(x * x + r->z * r->z);
+    const double h0 = tilt(r->y0, d), h1 = tilt(r->y1, d), h = h0 + u[1] * (h1 - h0);
+    const double y = lr_clamp(h * d / sqrt(fmax(1 - h * h, 1e-300)), r->y0, r->y1);
+    for (int k = 0; k < 3; k++)
+        to[k] = x * r->axis[0][k] + y * r->axis[1][k] + r->z * r->axis[2][k];
+}
+
+static bool sample_rectangle(const lr_light *light, const lr_seen_rectangle *seen,
+                             const double u[2], lr_light_ray *ray)
+{
+    double to[3];
+    point_of(seen, u, to);
+    ray->distance = sqrt(lr_dot(to, to));
+    ray->pdf = 1 / seen->angle;
+    for (int a = 0; a < 3; a++)
+        ray->direction[a] = to[a] / ray->distance;
+    return shine(light, ray->direction, 1, ray->color);
+}
+
 static bool sample_area(const lr_light *light, const double p[3], const double u[2],
                         lr_light_ray *ray)
 {
+    lr_seen_rectangle seen;
+    if (see_rectangle(light, p, &seen))
+        return sample_rectangle(light, &seen, u, ray);
     double x = u[0] - 0.5, y = u[1] - 0.5, q[3];
     if (light->shape == LR_LIGHT_ROUND) {
         const double r = 0.5 * sqrt(u[0]);
@@ -320,8 +403,11 @@ static bool hit_area(const lr_light *light, const double o[3], const double d[3]
     const double x = (qu * vv - qv * uv) / det, y = (qv * uu - qu * uv) / det;
     const bool inside =
         light->shape == LR_LIGHT_ROUND ? x * x + y * y <= 0.25 : fabs(x) <= 0.5 && fabs(y) <= 0.5;
-    *pdf = *t * *t / (area_of(light) * cosine);
-    return *t > 0 && inside && shine(light, d, 1, color);
+    if (!(*t > 0) || !inside)
+        return false;
+    lr_seen_rectangle seen;
+    *pdf = see_rectangle(light, o, &seen) ? 1 / seen.angle : *t * *t / (area_of(light) * cosine);
+    return shine(light, d, 1, color);
 }
 
 bool lr_light_hit(const lr_light *light, const double o[3], const double d[3], double t_max,
