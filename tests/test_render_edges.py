@@ -10,10 +10,10 @@ from __future__ import annotations
 import meshes
 import numpy as np
 import pytest
-from stage import camera, one
+from stage import camera, one, unit
 
 import leapray
-from leapray import Lobe, Material, World
+from leapray import Light, Lobe, Material, World
 
 WHITE = (1.0, 1.0, 1.0)
 SIZE = (144, 96)
@@ -36,6 +36,14 @@ def wedge(angle, half=0.6):
     sides = [(i, (i + 1) % 3, (i + 1) % 3 + 3) for i in range(3)]
     sides += [(i, (i + 1) % 3 + 3, i + 3) for i in range(3)]
     return vertices, np.array([(0, 2, 1), (3, 4, 5), *sides], np.int32)
+
+
+def hollow(wall, inner=0.6):
+    """A closed room whose walls are so thick."""
+    room = meshes.box((-inner,) * 3, (inner,) * 3)
+    return meshes.joined(
+        meshes.box((-inner - wall,) * 3, (inner + wall,) * 3), (room[0], room[1][:, ::-1])
+    )
 
 
 BODIES = {
@@ -84,3 +92,34 @@ def test_a_body_with_sharp_edges_has_no_wrong_pixel(body, pose):
     structure = leapray.build(volume)
     wrong = {name: n_wrong(structure, *thing) for name, thing in ONCE.items()}
     assert wrong == dict.fromkeys(ONCE, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (1000.0, -700.0, 300.0)])
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_edges_have_no_wrong_pixel_at_any_unit_and_far_away(scale, at):
+    cube = posed(BODIES["cube"], "turned more")
+    structure = leapray.build(leapray.voxelize(*cube, VOXEL, kind="solid", exact="all"))
+    wrong = {
+        name: n_wrong(structure, *t, scale=scale, at=np.array(at) * scale)
+        for name, t in ONCE.items()
+    }
+    assert wrong == dict.fromkeys(ONCE, 0)
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("wall", [0.3, 1.0, 3.0])
+def test_no_light_comes_through_walls_that_keep_their_triangles(wall, pose):
+    """Walls from a third of a voxel on, in glaring light, seen from within."""
+    volume = leapray.voxelize(*posed(hollow(wall * VOXEL), pose), VOXEL, exact="all")
+    lights = [
+        Light("sun", (1e3,) * 3, direction=unit(0.3, 0.5, 0.7), angle=0.2),
+        Light("point", (1e3,) * 3, position=(2.0, 2.0, 2.0)),
+    ]
+    cam = camera((0.3, -0.4, 0.2), size=SIZE, width=1.6)
+    white = Material([Lobe("diffuse", (0.8, 0.8, 0.8))])
+    room = [one(leapray.build(volume))]
+    scene = leapray.Scene(cam, room, lights, [white], [0], World((10.0, 10.0, 10.0)))
+    got = scene.render_tile(0, 0, *SIZE, samples=4, diffuse_bounces=4, branches=4)
+    assert (got["Depth"] < 1e9).all()
+    assert not got["Combined"][..., :3].any()
