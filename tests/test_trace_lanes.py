@@ -19,6 +19,25 @@ def noise(rng):
     return leapray.Volume((65535 * np.clip(fine / 1.2, 0, 1)).astype(np.uint16))
 
 
+def bytes_(rng):
+    return leapray.Volume(rng.integers(0, 256, (20, 21, 23)).astype(np.uint8))
+
+
+def one_brick(rng):
+    return leapray.Volume(rng.integers(0, 256, (4, 4, 4)).astype(np.uint8))
+
+
+def floats(rng):
+    coarse = np.kron(rng.random((6, 6, 6)), np.ones((4, 4, 4)))
+    return leapray.Volume((coarse + 0.2 * rng.random(coarse.shape)).astype(np.float32))
+
+
+def without_bounds(rng):
+    """Floats of either sign and many magnitudes, as measured fields have them."""
+    samples = rng.normal(size=(20, 20, 20)) * 10.0 ** rng.integers(-3, 30, (20, 20, 20))
+    return leapray.Volume(samples.astype(np.float32), threshold=0.01)
+
+
 def far_apart(rng):
     """Small things with empty bricks between them, placed askew."""
     samples = np.zeros((70, 90, 120), np.uint16)
@@ -49,7 +68,9 @@ def rays_at(rng, volume, n):
 
 
 @pytest.mark.parametrize("hit_test", ["extrema", "faces"])
-@pytest.mark.parametrize("make", [noise, far_apart, sheet, box])
+@pytest.mark.parametrize(
+    "make", [noise, far_apart, sheet, box, bytes_, one_brick, floats, without_bounds]
+)
 def test_rays_side_by_side_find_what_each_finds_alone(make, hit_test):
     rng = np.random.default_rng(5)
     volume = make(rng)

@@ -16,9 +16,8 @@ typedef struct lr_cd_distances {
 LR_INLINE bool lr_cd_fits_eight(const lr_volume *v, const lr_cd_distances *f,
                                 const lr_trace_options *options)
 {
-    return f->eight && v->desc.sample_type == LR_U16 && v->planes[0] == NULL &&
-           v->objects == NULL && options->mode == LR_MODE_SURFACE &&
-           options->hit_test != LR_HIT_UNIFORM;
+    return f->eight && v->planes[0] == NULL && v->objects == NULL &&
+           options->mode == LR_MODE_SURFACE && options->hit_test != LR_HIT_UNIFORM;
 }
 
 /* Rays first..end-1 of the batch, by AVX-512; counters may be NULL where no one counts. */

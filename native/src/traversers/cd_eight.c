@@ -31,7 +31,7 @@ enum {
     FREE = 2      /* lanes that must be free to be refilled */
 };
 
-/* By how much the hull must stay clear of T, as a share of occupancy 1: sums of a dozen
+/* By how much the hull must stay clear of T, as a share of the samples: sums of a dozen
  * rounded products of samples are 2^-48 off at most; and by how much a start on the
  * surface may lie on the wrong side of it. */
 static const double CLEAR = 0x1p-30, ASIDE = 0x1p-40;
@@ -196,10 +196,34 @@ LR_INLINE __m256i gather_entries(const lr_volume *v, __mmask8 m, __m256i at)
     return _mm256_mmask_i32gather_epi32(_mm256_setzero_si256(), m, at, v->table, 4);
 }
 
-/* Two samples side by side, the first in the low half. */
-LR_INLINE __m256i gather_pairs(const lr_volume *v, __mmask8 m, __m512i at)
+/* Two samples side by side, as they are stored. back: lanes that have two samples before
+ * them in their row, so that four bytes of u8 never reach beyond the last brick. */
+LR_INLINE void gather_pairs(const lr_volume *v, __mmask8 m, __m512i at, __mmask8 back,
+                            __m256i *first, __m256i *second)
 {
-    return _mm512_mask_i64gather_epi32(_mm256_setzero_si256(), m, at, v->samples, 2);
+    const __m256i none = _mm256_setzero_si256();
+    if (v->desc.sample_type == LR_U16) {
+        const __m256i pair = _mm512_mask_i64gather_epi32(none, m, at, v->samples, 2);
+        *first = low_bits(pair, 0xffff, 0);
+        *second = _mm256_srli_epi32(pair, 16);
+    } else if (v->desc.sample_type == LR_U8) {
+        at = _mm512_mask_sub_epi64(at, back, at, _mm512_set1_epi64(2));
+        const __m256i four = _mm512_mask_i64gather_epi32(none, m, at, v->samples, 1);
+        const __m256i pair = _mm256_mask_srli_epi32(four, back, four, 16);
+        *first = low_bits(pair, 0xff, 0);
+        *second = low_bits(_mm256_srli_epi32(pair, 8), 0xff, 0);
+    } else {
+        const __m512i pair =
+            _mm512_mask_i64gather_epi64(_mm512_setzero_si512(), m, at, v->samples, 4);
+        *first = _mm512_cvtepi64_epi32(pair);
+        *second = _mm512_cvtepi64_epi32(_mm512_srli_epi64(pair, 32));
+    }
+}
+
+LR_INLINE __m512d values_of(const lr_volume *v, __m256i stored)
+{
+    return v->desc.sample_type == LR_F32 ? _mm512_cvtps_pd(_mm256_castsi256_ps(stored))
+                                         : _mm512_cvtepi32_pd(stored);
 }
 
 /* The corners of the lanes' cells, as lr_corners; *entry: the cells' own. */
@@ -215,25 +239,38 @@ LR_INLINE void corners_of(const lr_volume *v, const lr_eight *e, __mmask8 m, __m
     const __m256i z_in[2] = {low_bits(e->c[2], 7, 6), low_bits(upper[1], 7, 6)};
     const __mmask8 apart = _mm256_mask_cmpeq_epi32_mask(m, x, all_of(7)); /* in two bricks */
     const __m256i from = _mm256_mask_sub_epi32(x, apart, x, one);
+    const __mmask8 back = _mm256_mask_cmpge_epi32_mask(m, from, all_of(2));
     for (int n = 0; n < 4; n++) {
         const int j = n & 1, l = n >> 1;
         const __m256i at = _mm256_add_epi32(_mm256_add_epi32(first, y[j]), z[l]);
         const __m256i row = _mm256_add_epi32(y_in[j], z_in[l]);
         const __m256i of = gather_entries(v, m, at);
-        const __m256i pair = gather_pairs(v, m, sample_of(of, _mm256_add_epi32(from, row)));
-        const __m256i second = _mm256_srli_epi32(pair, 16);
-        __m256i low = low_bits(pair, 0xffff, 0), high = second;
+        __m256i low, high;
+        gather_pairs(v, m, sample_of(of, _mm256_add_epi32(from, row)), back, &low, &high);
         if (apart != 0) {
             const __m256i next = gather_entries(v, apart, _mm256_add_epi32(at, one));
-            low = _mm256_mask_mov_epi32(low, apart, second);
-            high = _mm256_mask_and_epi32(high, apart, gather_pairs(v, apart, sample_of(next, row)),
-                                         all_of(0xffff));
+            __m256i beyond, unused;
+            gather_pairs(v, apart, sample_of(next, row), 0, &beyond, &unused);
+            low = _mm256_mask_mov_epi32(low, apart, high);
+            high = _mm256_mask_mov_epi32(high, apart, beyond);
         }
-        s[2 * n] = _mm512_cvtepi32_pd(low);
-        s[2 * n + 1] = _mm512_cvtepi32_pd(high);
+        s[2 * n] = values_of(v, low);
+        s[2 * n + 1] = values_of(v, high);
         if (n == 0)
             *entry = of;
     }
+}
+
+/* What rounding is a share of: occupancy 1, or the largest of samples without bounds. */
+LR_INLINE __m512d scale_of(const lr_volume *v, const __m512d s[8])
+{
+    __m512d scale = _mm512_set1_pd(v->one);
+    if (v->desc.sample_type == LR_F32) {
+        scale = _mm512_abs_pd(_mm512_set1_pd(v->threshold));
+        for (int n = 0; n < 8; n++)
+            scale = _mm512_max_pd(scale, _mm512_abs_pd(s[n]));
+    }
+    return scale;
 }
 
 /* Lanes whose field is not trusted in their cell. */
@@ -316,8 +353,8 @@ LR_INLINE __mmask8 passes(const lr_volume *v, const lr_eight *e, __mmask8 m, __m
     const __m512d high = _mm512_max_pd(_mm512_max_pd(b1, b2), b3);
     const __m512d rest = _mm512_mask_sub_pd(low, below, zero, high);
     const __m512d begin = _mm512_mask_sub_pd(start, below, zero, start);
-    const __m512d clear = _mm512_set1_pd(CLEAR * v->one);
-    const __m512d least = _mm512_mask_mov_pd(clear, leaves, _mm512_set1_pd(-ASIDE * v->one));
+    const __m512d scale = scale_of(v, s), clear = _mm512_mul_pd(_mm512_set1_pd(CLEAR), scale);
+    const __m512d least = _mm512_mask_mul_pd(clear, leaves, _mm512_set1_pd(-ASIDE), scale);
     __mmask8 through = _mm512_mask_cmp_pd_mask(m, rest, clear, _CMP_GT_OQ);
     through = _mm512_mask_cmp_pd_mask(through, begin, least, _CMP_GT_OQ) & (__mmask8)~handed_on;
     if (v->exact != NULL && through != 0)
