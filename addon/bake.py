@@ -102,7 +102,9 @@ class Wardrobe:
     def _digest(self, image: model.Image) -> str:
         if id(image.pixels) not in self._digests:
             name = hashlib.blake2b(
-                repr((image.interpolation, image.extension, image.pixels.shape)).encode(),
+                repr(
+                    (image.interpolation, image.extension, image.pixels.shape, image.pixels.dtype)
+                ).encode(),
                 digest_size=16,
             )
             name.update(np.ascontiguousarray(image.pixels).view(np.uint8))
@@ -142,7 +144,7 @@ class Wardrobe:
             color_sources=sources,
             colors=mesh.corner_colors if VERTEX in wanted else None,
             uvs=mesh.corner_uvs if wanted - {VERTEX, WHITE} else None,
-            textures=self.textures(outfit),
+            textures=() if sources is None else self.textures(outfit),
         )
 
 
@@ -280,10 +282,10 @@ def color_errors(
     ids = None
     if volume.info.has_ids and mesh.slots is not None:
         ids = mesh.slots[triangles]
-    baked, _ = volume.attributes(points, ids)
-    baked = np.nan_to_num(baked, nan=1.0) ** ROOT
     columns = []
     for k in range(SHARPER):
+        baked, _ = volume.attributes(points, ids, 1 / 2**k)
+        baked = np.nan_to_num(baked, nan=1.0) ** ROOT
         true = true_colors(mesh, attributes, triangles, weights, voxel_size / 2**k) ** ROOT
         columns.append(np.sqrt(np.mean((baked - true) ** 2, axis=1)))
     return np.stack(columns, axis=1).astype(np.float32)
@@ -309,10 +311,26 @@ def true_colors(
             continue
         corners = attributes.uvs[triangles[chosen]].astype(np.float64)
         uv = np.einsum("nk,nkc->nc", weights[chosen], corners)
-        edges = (corners[:, 1:] - corners[:, :1]) * texture.pixels.shape[1::-1]
-        in_texels = np.abs(np.linalg.det(edges))
         p = mesh.vertices[mesh.triangles[triangles[chosen]]].astype(np.float64)
-        area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
-        texels = width * np.sqrt(in_texels / np.maximum(area, np.finfo(np.float64).tiny))
-        colors[chosen] = texture.sample(uv, np.minimum(texels, 1e9))
+        size = texture.pixels.shape[1::-1]
+        colors[chosen] = texture.sample(uv, footprints(p, corners * size, width))
     return np.clip(colors, 0.0, None)
+
+
+def footprints(
+    p: NDArray[np.float64], texels: NDArray[np.float64], width: float
+) -> NDArray[np.float64]:
+    """(n, 3): what a width of triangles (n, 3, 3) covers of an image, as Texture.sample takes it.
+
+    texels: (n, 3, 2), where their corners lie. Nothing of triangles without area.
+    """
+    sides, moves = p[:, 1:] - p[:, :1], texels[:, 1:] - texels[:, :1]
+    metric = np.einsum("nka,nla->nkl", sides, sides)
+    flat = ~(np.linalg.det(metric) > 0)
+    metric[flat] = np.eye(2)
+    squares = np.einsum("nki,nkl,nlj->nij", moves, np.linalg.inv(metric), moves)
+    values, axes = np.linalg.eigh(np.nan_to_num(squares))
+    lengths = width * np.sqrt(np.maximum(values, 0.0))
+    made = np.concatenate([lengths[:, 1:] * axes[:, :, 1], lengths[:, :1]], axis=1)
+    made[flat] = 0.0
+    return np.minimum(made, 1e9)

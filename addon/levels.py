@@ -158,7 +158,7 @@ class Levels:
         """
         for dtype in types:
             key = self._key(work, "volume", voxel_size, dtype)
-            volume = self.cache.get(key) or self.shelf.volume(key, max_nbytes, self.watch)
+            volume = self.cache.get(key) or self._shelved(work, key, max_nbytes)
             if volume is None:
                 continue
             if volume.info.nbytes <= max_nbytes:
@@ -179,6 +179,17 @@ class Levels:
         if why not in self.warnings:
             self.warnings.append(why)
         return volume, True
+
+    def _shelved(self, work: Work, key: tuple, max_nbytes: int) -> leapray.Volume | None:
+        """The volume from the folder, with its textures, or None."""
+        volume = self.shelf.volume(key, max_nbytes, self.watch)
+        if volume is None or not volume.info.has_colors:
+            return volume
+        try:
+            volume.bind(self.wardrobe.textures(work.outfit))
+        except leapray.LeapRayError:  # it was joined of parts with textures of their own
+            return None
+        return volume
 
     def _voxelize(
         self, work: Work, voxel_size: float, dtype: str, max_nbytes: int, kernel: str

@@ -208,5 +208,5 @@ class _Sky:
                 raise Unfolded(f"{title(node)} (Vector)")
             self.rotation, self._seen = rotation, (node, out.groups)
             pixels = pixels_of(node.image, self.notes)
-            self._pixels = np.array(MISSING) if pixels is None else pixels[..., :3]
+            self._pixels = np.array(MISSING) if pixels is None else pixels.linear[..., :3]
         return self._pixels

@@ -302,12 +302,9 @@ class _Reader:
             return {"color": tuple(np.maximum(values, 0.0).tolist())}
         self.texture = leaves.texture(lambda table: _recolor(place, table))
         if leaves.image is not None:
-            pixels = values  # not a copy where nothing follows the texture
-            if values.dtype != np.float32 or values.min() < 0:
-                pixels = np.maximum(values, 0.0).astype(np.float32)
             self.image = model.Image(
                 leaves.image.name,
-                pixels,
+                leaves.pixels.textured(values),
                 interpolation="closest" if leaves.node.interpolation == "Closest" else "linear",
                 extension=EXTENSIONS[leaves.node.extension],
             )
@@ -340,7 +337,7 @@ class _Leaves:
 
     def __init__(self, notes, images: dict) -> None:
         self.notes, self.images = notes, images
-        self.node, self.image, self._pixels = None, None, None
+        self.node, self.image, self.pixels = None, None, None
         self._groups: tuple = ()
 
     def table(self, out: Place) -> NDArray:
@@ -359,15 +356,15 @@ class _Leaves:
             raise Unfolded(f"{title(node)} ({node.projection.capitalize()})")
         if node.image is None:
             return np.zeros(()) if out.socket.type == "VALUE" else np.zeros(3)  # black, as Cycles
-        if self._pixels is None:
+        if self.pixels is None:
             key = node.image.name_full, node.outputs["Alpha"].is_linked
             if key not in self.images:
                 self.images[key] = pixels_of(node.image, self.notes, straight=key[1])
-            self._pixels = self.images[key]
-        if self._pixels is None:
+            self.pixels = self.images[key]
+        if self.pixels is None:
             return np.ones(()) if out.socket.type == "VALUE" else np.array(MISSING)
         self.image = node.image
-        return _output(out, self._pixels)
+        return _output(out, self.pixels.linear)
 
     def texture(self, apply: Callable) -> Texture:
         if self.image is None:

@@ -45,7 +45,8 @@ class Image:
     """A texture. A texel's centre lies at u = (x + 0.5) / width, v = (y + 0.5) / height."""
 
     name: str
-    pixels: NDArray[np.float32]  # (height, width, 3) linear RGB, rows from below
+    pixels: NDArray[np.float32] | NDArray[np.uint8]  # (height, width, 3) RGB, rows from below:
+    # linear, or in sRGB, which is interpolated as such
     interpolation: str = "linear"  # "linear" | "closest"
     extension: str = "repeat"  # "repeat" | "extend" | "clip" (black outside) | "mirror"
 

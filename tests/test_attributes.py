@@ -141,7 +141,7 @@ def test_lookups_agree_with_the_plain_way(extension, interpolation):
 def test_every_level_of_the_pyramid_keeps_the_mean():
     pixels = np.random.default_rng(3).random((37, 53, 3)).astype(np.float32)
     texture = Texture(pixels)
-    whole = texture.sample([[0.3, 0.6]], widths=[1e3])
+    whole = texture.sample([[0.3, 0.6]], [[0, 0, 1e3]])
     assert_allclose(whole[0], pixels.mean(axis=(0, 1)), rtol=1e-5)
 
 
@@ -149,7 +149,7 @@ def test_a_texture_finer_than_the_voxel_does_not_alias():
     board = (np.add.outer(np.arange(256), np.arange(256)) % 2).astype(np.float32)
     texture = Texture(np.repeat(board[..., None], 3, axis=2))
     points, _ = on_plane(300, margin=0.1)
-    got, _ = textured(texture, 1 / 32).attributes(points)
+    got, _ = textured(texture, 1 / 32).attributes(points, width=1)
     assert_allclose(got, 0.5, atol=0.02)  # point samples would be anything from 0 to 1
 
 
@@ -163,17 +163,45 @@ def test_a_texture_seen_obliquely_keeps_its_stripes():
     assert_allclose(got[middle, 0], want[middle], atol=0.02)
 
 
-def test_the_error_of_a_smooth_texture_falls_with_the_voxel():
-    y, x = np.mgrid[0:64, 0:64] / 64
-    pixels = np.stack([0.5 + 0.4 * np.sin(6 * x), 0.5 + 0.4 * np.cos(9 * y), x * y], axis=-1)
+@pytest.mark.parametrize("n", [4, 16, 64])
+def test_a_texture_is_as_sharp_as_on_the_mesh_whatever_the_voxel(n):
+    pixels = np.random.default_rng(8).random((64, 64, 3)).astype(np.float32)
     texture = Texture(pixels, extension="extend")
     points, uv = on_plane(1000)
-    errors = []
-    for n in (16, 32, 64):
-        got, _ = textured(texture, 1 / n).attributes(points)
-        errors.append(np.sqrt(np.mean((got - texture.sample(uv)) ** 2)))
-    assert errors[0] > 3 * errors[1] > 9 * errors[2]
-    assert errors[2] < 1 / 255
+    got, _ = textured(texture, 1 / n).attributes(points)
+    assert_allclose(got, texture.sample(uv), atol=1e-3)  # corners are f32 in units of voxels
+
+
+def test_a_seam_of_the_uvs_stays_where_the_mesh_has_it():
+    """Left of it the image runs one way, right of it the other, and far off."""
+    v, t = plane(8)
+    right = v[t][..., 0].mean(axis=1) > 0
+    uvs = np.where(right[:, None, None], (-1.0, 1.0) * v[t][..., :2] + 7.25, v[t][..., :2] + 0.5)
+    texture = Texture(np.random.default_rng(9).random((16, 16, 3)).astype(np.float32))
+    attributes = Attributes(uvs=uvs, color_sources=np.zeros(len(t), int), textures=(texture,))
+    volume = leapray.voxelize(v, t, 1 / 20, attributes=attributes)
+    points, _ = on_plane(3000)
+    side = points[:, 0] > 0
+    uv = np.where(side[:, None], (-1.0, 1.0) * points[:, :2] + 7.25, points[:, :2] + 0.5)
+    want = texture.sample(uv)
+    off = np.abs(volume.attributes(points)[0] - want).max(axis=1)
+    assert off[np.abs(points[:, 0]) > 1 / 20].max() < 1e-3
+    assert (off > 1e-3).mean() < 0.02  # where no corner of the cell names the right triangle
+
+
+def test_bytes_are_interpolated_before_they_are_made_linear():
+    texture = Texture(np.uint8([[[0] * 3, [255] * 3]]), extension="extend")
+    got = texture.sample([[0.25, 0.5], [0.5, 0.5], [0.75, 0.5]])[:, 0]
+    assert_allclose(got, [0.0, 0.21404, 1.0], atol=1e-5)  # of sRGB 1/2, as Cycles shows it
+
+
+def test_a_texture_of_bytes_is_as_bright_from_afar():
+    pixels = np.random.default_rng(10).integers(0, 256, (32, 32, 3), dtype=np.uint8)
+    texture = Texture(pixels)
+    uv = np.random.default_rng(11).random((200_000, 2))
+    near = texture.sample(uv).mean(axis=0)
+    far = texture.sample([[0.5, 0.5]], [[0, 0, 32]])[0]
+    assert_allclose(far, near, rtol=0.03)  # the mean of linear texels is a third brighter
 
 
 # ---- normals -------------------------------------------------------------------
@@ -292,7 +320,7 @@ def test_threads_change_no_attribute():
         (lambda: Texture(np.zeros((0, 4, 3))), "1 to 65536 texels per side; it is 4 x 0"),
         (lambda: Texture(np.zeros((4, 4, 3)), "cubic"), "unknown interpolation 'cubic'"),
         (lambda: Texture(np.zeros((4, 4, 3)), extension="wrap"), "unknown extension 'wrap'"),
-        (lambda: Texture(np.zeros((4, 4, 3))).sample([[0, 0]], [-1]), "widths must be 0 or more"),
+        (lambda: Texture(np.zeros((4, 4, 3))).sample([[0, 0]], [[0, 0, -1]]), "of a width of 0"),
         (lambda: bake(normals=np.zeros((3, 3))), r"normals must have the shape \(12, 3, 3\)"),
         (lambda: bake(color_sources=np.zeros(12, int)), "from texture 0; there are 0"),
         (lambda: bake(color_sources=np.full(12, VERTEX)), "vertex colours, but there are none"),

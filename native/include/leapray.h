@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 19 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 20 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -136,7 +136,7 @@ LR_API lr_status lr_volume_get_bricks(const lr_volume *volume, int32_t *origins,
 
 /* All that a finished volume holds as bytes, for files: lr_volume_pack writes the
  * lr_volume_packed_nbytes of them (0: rectilinear volumes have none), lr_volume_unpack makes
- * a volume that is the same to the bit. Bytes of any origin are safe: LR_E_ARGUMENT or
+ * a volume that is the same to the bit, without textures. Bytes of any origin are safe: LR_E_ARGUMENT or
  * LR_E_SIZE for those that lr_volume_pack of this version cannot have written. Little-endian. */
 LR_API uint64_t lr_volume_packed_nbytes(const lr_volume *volume);
 LR_API lr_status lr_volume_pack(const lr_volume *volume, uint8_t *bytes, uint64_t nbytes,
@@ -162,10 +162,11 @@ LR_API lr_status lr_volume_narrow(lr_volume *volume, double gain, const lr_watch
 
 /* Colours and shading normals at n points near the surface, in object space, as hits
  * of the given ids see them (NULL: 0): points[n][3], colors[n][3] (linear RGB),
- * normals[n][3] (unit); NaN where the volume carries none. Either output may be NULL. */
+ * normals[n][3] (unit); NaN where the volume carries none. Either output may be NULL.
+ * Textures are averaged over `width` of the surface, in voxels; 0: not at all. */
 LR_API lr_status lr_volume_attributes(const lr_volume *volume, const double *points,
-                                      const uint16_t *ids, uint64_t n, double *colors,
-                                      double *normals, lr_error *error);
+                                      const uint16_t *ids, uint64_t n, double width,
+                                      double *colors, double *normals, lr_error *error);
 
 /* One volume of n solids, which keep their ids, none in two of them; the number of a
  * part is its object. Their voxels agree, their lattices are a whole number of voxels
@@ -190,19 +191,25 @@ typedef enum lr_extension { /* what lies outside 0..1 */
 
 typedef struct lr_texture lr_texture;
 
-/* An image with its smaller versions. pixels[height][width][3], linear RGB, rows from
- * below, must live longer. Texel (x, y) has its centre at u = (x + 1/2) / width,
- * v = (y + 1/2) / height. */
-LR_API lr_status lr_texture_new(const float *pixels, int32_t width, int32_t height,
-                                int32_t interpolation, int32_t extension, const lr_watch *watch,
-                                lr_texture **texture, lr_error *error);
+/* An image with its smaller versions. pixels[height][width][3], rows from below, must live
+ * longer; of LR_F32 they are linear RGB, of LR_U8 sRGB, and interpolated as such. Texel
+ * (x, y) has its centre at u = (x + 1/2) / width, v = (y + 1/2) / height. */
+LR_API lr_status lr_texture_new(const void *pixels, int32_t sample_type, int32_t width,
+                                int32_t height, int32_t interpolation, int32_t extension,
+                                const lr_watch *watch, lr_texture **texture, lr_error *error);
 LR_API void lr_texture_free(lr_texture *texture); /* NULL is fine */
 LR_API uint64_t lr_texture_nbytes(const lr_texture *texture); /* without the pixels */
 
-/* colors[n][3] at uvs[n][2], averaged over about widths[n] texels (NULL: 0, a point). */
+/* colors[n][3] at uvs[n][2], averaged over footprints[n][3]: the long axis of an ellipse and
+ * its width across, in texels (NULL: at points). */
 LR_API lr_status lr_texture_sample(const lr_texture *texture, const float *uvs,
-                                   const float *widths, uint64_t n, float *colors,
+                                   const float *footprints, uint64_t n, float *colors,
                                    lr_error *error);
+
+/* Give an unpacked volume its textures, which its surface is white without; they must
+ * live as long, and be as many, in the order in which it was made of them. */
+LR_API lr_status lr_volume_bind(lr_volume *volume, const lr_texture *const *textures, uint64_t n,
+                                lr_error *error);
 
 /* exact[i] is 1 where point i of points[n][3], in object space, lies in an exact cell. */
 LR_API lr_status lr_volume_exact_at(const lr_volume *volume, const double *points, uint64_t n,
@@ -216,8 +223,9 @@ typedef enum lr_color_source {
 } lr_color_source;
 
 /* What the corners of a mesh's triangles carry into the volume; every array may be
- * NULL. A sample at the surface takes it from the closest point of the nearest
- * triangle; textures are averaged over a voxel. Colours need color_sources. */
+ * NULL. Samples at the surface name their nearest triangles, which the volume keeps: a
+ * hit takes what its own one carries. Colours need color_sources; textures must live as
+ * long as the volume. */
 typedef struct lr_attributes {
     const float *corner_normals;  /* [n_triangles][3][3], outward as the mesh is wound */
     const float *corner_colors;   /* [n_triangles][3][3], linear RGB */

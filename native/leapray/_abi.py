@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 19
+LR_ABI = 20
 
 
 class lr_status(IntEnum):
@@ -651,6 +651,7 @@ PROTOTYPES = {
         ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(ctypes.c_uint16),
         ctypes.c_uint64,
+        ctypes.c_double,
         ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(lr_error),
@@ -663,7 +664,8 @@ PROTOTYPES = {
         ctypes.POINTER(lr_error),
     )),
     "lr_texture_new": (ctypes.c_int, (
-        ctypes.POINTER(ctypes.c_float),
+        ctypes.c_void_p,
+        ctypes.c_int32,
         ctypes.c_int32,
         ctypes.c_int32,
         ctypes.c_int32,
@@ -684,6 +686,12 @@ PROTOTYPES = {
         ctypes.POINTER(ctypes.c_float),
         ctypes.c_uint64,
         ctypes.POINTER(ctypes.c_float),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_bind": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(ctypes.POINTER(lr_texture)),
+        ctypes.c_uint64,
         ctypes.POINTER(lr_error),
     )),
     "lr_volume_exact_at": (ctypes.c_int, (

@@ -30,8 +30,9 @@ WHITE, VERTEX = _abi.LR_COLOR_NONE, _abi.LR_COLOR_VERTEX
 class Texture:
     """An image with its smaller versions; any number of voxelizations may share it.
 
-    pixels: (height, width, 3), linear RGB, rows from below; what is not finite is
-    black. The centre of texel (x, y) lies at u = (x + 0.5) / width, v likewise.
+    pixels: (height, width, 3), rows from below: uint8 in sRGB, which is interpolated as
+    such, as Cycles does, or linear RGB; what is not finite is black. The centre of texel
+    (x, y) lies at u = (x + 0.5) / width, v likewise.
     interpolation: "linear" or "closest"; extension, what lies outside 0..1:
     "repeat", "extend" (the colour of the edge), "clip" (black) or "mirror".
     Raises LeapRayError, Stopped.
@@ -46,14 +47,16 @@ class Texture:
         *,
         watch: Watch | None = None,
     ) -> None:
-        self.pixels = np.ascontiguousarray(pixels, dtype=np.float32)
+        coded = getattr(pixels, "dtype", None) == np.uint8
+        self.pixels = np.ascontiguousarray(pixels, dtype=np.uint8 if coded else np.float32)
         if self.pixels.ndim != 3 or self.pixels.shape[2] != 3:
             raise LeapRayError(f"pixels must have the shape (h, w, 3); it is {self.pixels.shape}")
         height, width, _ = self.pixels.shape
         self.handle = ctypes.POINTER(_abi.lr_texture)()
         call(
             lib.lr_texture_new,
-            pointer(self.pixels, ctypes.c_float),
+            self.pixels.ctypes.data_as(ctypes.c_void_p),
+            _abi.LR_U8 if coded else _abi.LR_F32,
             width,
             height,
             choice(INTERPOLATIONS, interpolation, "interpolation"),
@@ -64,18 +67,19 @@ class Texture:
         weakref.finalize(self, lib.lr_texture_free, self.handle)
         self.nbytes = self.pixels.nbytes + lib.lr_texture_nbytes(self.handle)
 
-    def sample(self, uvs: ArrayLike, widths: ArrayLike | None = None) -> NDArray[np.float32]:
-        """Colours (n, 3) at uvs (n, 2), averaged over some widths (n,) texels (None: at points)."""
+    def sample(self, uvs: ArrayLike, footprints: ArrayLike | None = None) -> NDArray[np.float32]:
+        """Colours (n, 3) at uvs (n, 2), averaged over footprints (n, 3); None: at points.
+
+        A footprint is the long axis (x, y) of an ellipse and its width across it, in texels.
+        """
         where = np.ascontiguousarray(uvs, dtype=np.float32)
         if where.ndim != 2 or where.shape[1] != 2:
             raise LeapRayError(f"uvs must have the shape (n, 2); it is {where.shape}")
-        if widths is not None:
-            widths = np.ascontiguousarray(
-                np.broadcast_to(np.asarray(widths, np.float32), (len(where),))
-            )
+        if footprints is not None:
+            footprints = _floats(footprints, (len(where), 3), "footprints")
         colors = np.empty((len(where), 3), np.float32)
         error = _abi.lr_error()
-        arrays = (pointer(a, ctypes.c_float) for a in (where, widths))
+        arrays = (pointer(a, ctypes.c_float) for a in (where, footprints))
         status = lib.lr_texture_sample(
             self.handle,
             *arrays,

@@ -88,15 +88,20 @@ class Volume:
         self._adopt(builder.release(), None, placed)
 
     @classmethod
-    def from_handle(cls, handle, mesh_info=None) -> Volume:
-        """A finished volume that the core made; owns the handle from now on."""
+    def from_handle(cls, handle, mesh_info=None, textures: tuple = ()) -> Volume:
+        """A finished volume that the core made; owns the handle from now on.
+
+        textures: those that its faces look up, kept as long as the volume.
+        """
         volume = cls.__new__(cls)
         volume._adopt(handle, mesh_info)
+        volume.textures = textures
         return volume
 
     @classmethod
     def unpack(cls, data: bytes | NDArray[np.uint8], *, watch: Watch | None = None) -> Volume:
-        """The volume that `pack` made these bytes of, the same to the bit; without mesh_info.
+        """The volume that `pack` made these bytes of, the same to the bit; without mesh_info
+        and textures, see `bind`.
 
         Raises LeapRayError for bytes that this version cannot have made, whatever they
         are; OutOfMemory, Stopped.
@@ -106,6 +111,16 @@ class Volume:
         where = pointer(held, ctypes.c_uint8)
         call(lib.lr_volume_unpack, where, held.size, watch=watch, outputs=(handle,))
         return cls.from_handle(handle)
+
+    def bind(self, textures: tuple) -> None:
+        """Give an unpacked volume the textures that it was made with. Raises LeapRayError."""
+        handles = (ctypes.POINTER(_abi.lr_texture) * max(len(textures), 1))(
+            *(texture.handle for texture in textures)
+        )
+        error = _abi.lr_error()
+        status = lib.lr_volume_bind(self.handle, handles, len(textures), ctypes.byref(error))
+        check(status, error)
+        self.textures = tuple(textures)
 
     def pack(self, *, watch: Watch | None = None) -> NDArray[np.uint8]:
         """All that the volume holds, as bytes for a file, but for mesh_info.
@@ -119,6 +134,7 @@ class Volume:
     def _adopt(self, handle, mesh_info, planes=None) -> None:
         self.handle = handle
         self.mesh_info = mesh_info  # of the mesh it was voxelized from, else None
+        self.textures: tuple = ()
         weakref.finalize(self, lib.lr_volume_free, handle)
         self.info = self._read_info(planes)
 
@@ -239,11 +255,12 @@ class Volume:
         return value, gradient
 
     def attributes(
-        self, points: ArrayLike, ids: ArrayLike | None = None
+        self, points: ArrayLike, ids: ArrayLike | None = None, width: float = 0.0
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Colours (n, 3), linear RGB, and unit shading normals (n, 3) near the surface.
 
         points: (n, 3), object space; ids: (n,), those of the hits that ask (None: 0).
+        width: of the surface, in voxels, that textures are averaged over.
         NaN where the volume carries none.
         """
         where = _points(points)
@@ -255,6 +272,7 @@ class Volume:
             pointer(where),
             pointer(ids, ctypes.c_uint16),
             len(where),
+            width,
             pointer(colors),
             pointer(normals),
             ctypes.byref(error),
@@ -293,7 +311,9 @@ def merge(volumes: Sequence[Volume], *, watch: Watch | None = None) -> Volume:
     )
     merged = ctypes.POINTER(_abi.lr_volume)()
     call(lib.lr_volume_merge, handles, len(volumes), watch=watch, outputs=(merged,))
-    return Volume.from_handle(merged)
+    return Volume.from_handle(
+        merged, None, tuple(dict.fromkeys(t for v in volumes for t in v.textures))
+    )
 
 
 class VolumeBuilder:

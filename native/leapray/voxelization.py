@@ -106,9 +106,9 @@ def voxelize(
     vertices: (n, 3), finite, in object space; triangles: (m, 3) vertex numbers,
     counter-clockwise from outside; ids: one per triangle, 0..65535, or None;
     samples near the surface take that of the nearest triangle. attributes: colours
-    and smooth normals that samples near the surface take from the closest point,
-    textures averaged over a voxel; hits have their normals. filter: "ramp",
-    linear in the signed distance, over half_width voxels to either side (default
+    and smooth normals that hits take from the triangles they lie on, which the volume
+    keeps, as long as samples at the surface name them; textures stay as sharp as they are.
+    filter: "ramp", linear in the signed distance, over half_width voxels to either side (default
     2.5, for u8 1.8); "cone", a hypercone of radius half_width (3); "gauss", a
     Gaussian with sigma half_width (1); "box", the exactly covered share of the
     voxel; "binary", 1 inside and 0 outside. The last two are for solids only. Where
@@ -158,7 +158,9 @@ def voxelize(
     )
     if attributes is not None:
         mesh.attributes = ctypes.pointer(attributes.pack(len(corners)))
-    return _run(mesh, chosen, threads, _Progress(watch or Watch()), max_nbytes)
+    volume = _run(mesh, chosen, threads, _Progress(watch or Watch()), max_nbytes)
+    volume.textures = () if attributes is None else tuple(attributes.textures)
+    return volume
 
 
 def _run(mesh, chosen, threads: int, progress: _Progress, max_nbytes: int | None) -> Volume:

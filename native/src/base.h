@@ -38,6 +38,19 @@ LR_INLINE double lr_dot(const double a[3], const double b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
+LR_INLINE void lr_sub(const double a[3], const double b[3], double out[3])
+{
+    for (int i = 0; i < 3; i++)
+        out[i] = a[i] - b[i];
+}
+
+LR_INLINE void lr_cross_product(const double a[3], const double b[3], double out[3])
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
 LR_INLINE bool lr_all_finite(const double *x, size_t n)
 {
     for (size_t i = 0; i < n; i++)

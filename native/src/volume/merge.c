@@ -10,7 +10,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "error.h"
 #include "volume/affine.h"
-#include "volume/attributes.h"
+#include "volume/facets.h"
 #include "volume/objects.h"
 
 /* How far two lattices may be apart, in voxels, and still count as one. */
@@ -21,6 +21,7 @@ typedef struct part {
     int32_t shift[3]; /* its storage coordinates are those of the whole less this */
     uint16_t id;      /* of its samples far from the surface, which have none of their own */
     uint8_t *own;     /* [65536]: is the id one of the part's? */
+    uint32_t first_face; /* its face f is first_face + f of the whole */
 } part;
 
 typedef struct merger {
@@ -40,7 +41,7 @@ typedef struct brick {
     uint64_t cells[8];
     bool at_surface;  /* a surface cell has a corner here */
     uint64_t lost[8]; /* as cells: samples that a third part had */
-    uint32_t colors[LR_BRICK_SAMPLES], normals[LR_BRICK_SAMPLES];
+    uint32_t named[LR_BRICK_SAMPLES];
 } brick;
 
 void lr_objects_free(lr_objects *o)
@@ -256,7 +257,7 @@ static void add_part(merger *m, uint32_t i, const int32_t first[3], brick *b)
             }
 }
 
-/* The attributes of a sample's first object, in the whole's own scale. */
+/* The face that a sample of its first object names. */
 static void dress(const merger *m, const int32_t first[3], int s, brick *b)
 {
     const part *p = &m->parts[b->from[0][s]];
@@ -267,15 +268,8 @@ static void dress(const merger *m, const int32_t first[3], int s, brick *b)
     const size_t own = lr_entry(p->v, x, y, z) >> 8;
     const size_t block = p->v->block_of[8 * own + lr_sub_of(x, y, z)];
     const size_t at = block * LR_BLOCK_SAMPLES + lr_bit_of(x, y, z);
-    if (block == 0)
-        return;
-    if (p->v->normals != NULL)
-        b->normals[s] = p->v->normals[at];
-    if (p->v->colors != NULL && p->v->colors[at] != 0) {
-        double rgb[3];
-        lr_color_decode(p->v->colors[at], p->v->color_scale, rgb);
-        b->colors[s] = lr_color_encode(rgb, m->whole->color_scale);
-    }
+    if (block != 0 && p->v->named[at] != 0)
+        b->named[s] = p->first_face + p->v->named[at];
 }
 
 static void store(lr_volume *v, size_t at, double value)
@@ -358,7 +352,7 @@ static lr_status put_brick(merger *m, size_t at, const int32_t first[3], brick *
     v->table[at] = where << 8 | sub;
     put_seconds(v, where, b);
     if (v->block_of != NULL)
-        lr_volume_put_codes(v, where, b->colors, b->normals);
+        lr_volume_name(v, where, b->named);
     return LR_OK;
 }
 
@@ -424,24 +418,37 @@ static lr_status begin(merger *m, const lr_volume *const *volumes, lr_error *err
     return lr_volume_begin(&desc, &m->whole, error);
 }
 
+static lr_status join_faces(merger *m, lr_error *error)
+{
+    lr_facets_part *parts = calloc(m->n, sizeof *parts);
+    if (parts == NULL)
+        return lr_fail_memory(error, m->n * sizeof *parts, "a list of volumes");
+    for (uint32_t i = 0; i < m->n; i++) {
+        parts[i].faces = m->parts[i].v->faces;
+        memcpy(parts[i].shift, m->parts[i].shift, sizeof parts[i].shift);
+    }
+    lr_status status = lr_facets_join(parts, m->n, &m->whole->faces, error);
+    for (uint32_t i = 0; i < m->n; i++)
+        m->parts[i].first_face = parts[i].first_face;
+    free(parts);
+    return status;
+}
+
 static lr_status make_room(merger *m, lr_error *error)
 {
     lr_volume *v = m->whole;
     const size_t n = lr_table_count(v);
     uint64_t n_bricks = 0;
-    bool colors = false, normals = false;
-    double scale = 1.0;
+    bool named = false;
     for (size_t at = 0; at < n; at++)
         n_bricks += m->start[at] < m->start[at + 1];
-    for (uint32_t i = 0; i < m->n; i++) {
-        const lr_volume *p = m->parts[i].v;
-        colors = colors || p->colors != NULL;
-        normals = normals || p->normals != NULL;
-        scale = p->colors != NULL && p->color_scale > scale ? p->color_scale : scale;
-    }
+    for (uint32_t i = 0; i < m->n; i++)
+        named = named || m->parts[i].v->named != NULL;
     lr_status status = lr_volume_reserve(v, n_bricks, error);
-    if (status == LR_OK && (colors || normals))
-        status = lr_volume_carry(v, colors, normals, scale, n_bricks, error);
+    if (status == LR_OK && named)
+        status = lr_volume_carry(v, n_bricks, error);
+    if (status == LR_OK && named)
+        status = join_faces(m, error);
     if (status != LR_OK)
         return status;
     v->objects->n_blocks = 1;

@@ -9,16 +9,17 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "error.h"
 #include "volume/exact.h"
+#include "volume/facets.h"
 #include "volume/objects.h"
 
 /* Raised whenever the bytes or their meaning change. What is added to one of these
  * structures goes through arrays_of() or the head, too. */
-#define FORMAT 1
-_Static_assert(sizeof(void *) != 8 || (sizeof(struct lr_volume) == 616 && sizeof(lr_exact) == 80 &&
-                                       sizeof(lr_objects) == 131152),
+#define FORMAT 2
+_Static_assert(sizeof(void *) != 8 || (sizeof(struct lr_volume) == 608 && sizeof(lr_exact) == 80 &&
+                                       sizeof(lr_objects) == 131152 && sizeof(lr_facets) == 64),
                "a structure has changed: pack what is new, and raise FORMAT");
 
-enum { MOST_ARRAYS = 24, CHUNK = 1 << 24 };
+enum { MOST_ARRAYS = 32, CHUNK = 1 << 24 };
 static const char magic[] = {'L', 'R', 'V', 'O', 'L', 'U', 'M', 'E'};
 
 typedef struct head {
@@ -26,8 +27,9 @@ typedef struct head {
     uint32_t format;
     uint32_t n_bricks; /* with the two constant ones */
     lr_volume_desc desc;
-    uint32_t has_colors, has_normals, has_exact, has_exact_ids;
-    double color_scale;
+    uint32_t has_exact, has_exact_ids;
+    uint32_t has_normals, has_sources, has_colors, has_uvs; /* of faces */
+    uint32_t n_faces, n_textures;                           /* 0: there are none */
     uint32_t n_blocks;
     uint32_t n_objects; /* 0: not merged */
     uint32_t n_exact_cells, n_list, n_triangles, n_vertices;
@@ -48,10 +50,13 @@ static head head_of(const lr_volume *v)
 {
     head h = {.format = FORMAT, .n_bricks = v->n_bricks, .desc = v->desc};
     memcpy(h.magic, magic, sizeof h.magic);
-    if (v->block_of != NULL) {
-        h.has_colors = v->colors != NULL;
-        h.has_normals = v->normals != NULL;
-        h.color_scale = v->color_scale;
+    if (v->faces != NULL) {
+        h.has_normals = v->faces->normal != NULL;
+        h.has_sources = v->faces->source != NULL;
+        h.has_colors = v->faces->color != NULL;
+        h.has_uvs = v->faces->uv != NULL;
+        h.n_faces = v->faces->n;
+        h.n_textures = v->faces->n_textures;
         h.n_blocks = v->n_blocks;
     }
     if (v->exact != NULL) {
@@ -81,12 +86,12 @@ static int arrays_of(const head *h, const lr_volume *v, array arrays[MOST_ARRAYS
     const uint64_t n_bricks = h->n_bricks, stored = n_bricks - LR_FIRST_STORED;
     const uint64_t skip = (uint64_t)LR_FIRST_STORED * LR_BRICK_SAMPLES;
     const uint64_t sample = lr_sample_nbytes(h->desc.sample_type);
-    const bool has_blocks = h->has_colors != 0 || h->has_normals != 0;
-    const uint64_t blocks = has_blocks ? h->n_blocks - 1ull : 0;
+    const uint64_t faces = h->n_faces, blocks = faces > 0 ? h->n_blocks - 1ull : 0;
     const uint64_t seconds = h->n_objects > 0 ? h->n_second_blocks - 1ull : 0;
     const uint64_t exact = h->has_exact != 0, objects = h->n_objects > 0;
     const lr_exact *e = v != NULL ? v->exact : NULL;
     const lr_objects *o = v != NULL ? v->objects : NULL;
+    const lr_facets *f = v != NULL ? v->faces : NULL;
     int count = 0;
 #define ARRAY(owner, member, skipped, n_items, item_nbytes)                                        \
     arrays[count++] = (array){(owner) != NULL && (owner)->member != NULL                           \
@@ -97,11 +102,13 @@ static int arrays_of(const head *h, const lr_volume *v, array arrays[MOST_ARRAYS
     ARRAY(v, samples, skip, stored * LR_BRICK_SAMPLES, sample);
     ARRAY(v, ids, skip, h->desc.has_ids ? stored * LR_BRICK_SAMPLES : 0, sizeof(uint16_t));
     ARRAY(v, cells, LR_FIRST_STORED, stored, 8 * sizeof(uint64_t));
-    ARRAY(v, block_of, 8 * LR_FIRST_STORED, has_blocks ? 8 * stored : 0, sizeof(uint32_t));
-    ARRAY(v, colors, LR_BLOCK_SAMPLES, h->has_colors ? blocks * LR_BLOCK_SAMPLES : 0,
-          sizeof(uint32_t));
-    ARRAY(v, normals, LR_BLOCK_SAMPLES, h->has_normals ? blocks * LR_BLOCK_SAMPLES : 0,
-          sizeof(uint32_t));
+    ARRAY(v, block_of, 8 * LR_FIRST_STORED, faces > 0 ? 8 * stored : 0, sizeof(uint32_t));
+    ARRAY(v, named, LR_BLOCK_SAMPLES, blocks * LR_BLOCK_SAMPLES, sizeof(uint32_t));
+    ARRAY(f, corner, 0, faces, sizeof *f->corner);
+    ARRAY(f, normal, 0, h->has_normals ? faces : 0, sizeof *f->normal);
+    ARRAY(f, source, 0, h->has_sources ? faces : 0, sizeof *f->source);
+    ARRAY(f, color, 0, h->has_colors ? faces : 0, sizeof *f->color);
+    ARRAY(f, uv, 0, h->has_uvs ? faces : 0, sizeof *f->uv);
     ARRAY(e, doubt, 0, exact * n_bricks, 8 * sizeof(uint64_t));
     ARRAY(e, first, 0, exact * n_bricks, sizeof(uint32_t));
     ARRAY(e, start, 0, exact * (h->n_exact_cells + 1ull), sizeof(uint32_t));
@@ -183,8 +190,9 @@ static const char *wrong_head(const head *h)
         return "they are of another version";
     if (h->n_bricks < LR_FIRST_STORED || h->n_bricks > LR_MAX_BRICKS)
         return "the number of bricks";
-    if ((h->has_colors != 0 || h->has_normals != 0) &&
-        !(h->n_blocks >= 1 && isfinite(h->color_scale) && h->color_scale >= 0.0))
+    if (h->n_faces > 0 ? !(h->n_blocks >= 1 && h->n_textures <= UINT16_MAX)
+                       : (h->n_blocks | h->n_textures | h->has_normals | h->has_sources |
+                          h->has_colors | h->has_uvs) != 0)
         return "the head of the attributes";
     if (h->has_exact != 0 && !(isfinite(h->voxels_per_value) && h->n_exact_cells < UINT32_MAX))
         return "the head of the triangles";
@@ -203,9 +211,9 @@ static bool all_below(const uint32_t *numbers, uint64_t n, uint32_t limit)
     return below;
 }
 
-static bool floats_finite(const unsigned char *samples, uint64_t n)
+static bool floats_finite(const void *floats, uint64_t n)
 {
-    const float *x = (const float *)(const void *)samples;
+    const float *x = floats;
     bool finite = true;
     for (uint64_t i = 0; i < n; i++)
         finite = finite && isfinite(x[i]);
@@ -251,6 +259,23 @@ static const char *wrong_bricks(lr_volume *v, const lr_watch *watch)
     return wrong;
 }
 
+static const char *wrong_faces(const lr_volume *v)
+{
+    const lr_facets *f = v->faces;
+    bool right = all_below(v->block_of, 8 * (uint64_t)v->n_bricks, v->n_blocks);
+    right = right && all_below(v->named + LR_BLOCK_SAMPLES,
+                               (v->n_blocks - 1ull) * LR_BLOCK_SAMPLES, f->n);
+    for (uint32_t i = 1; i < f->n && f->source != NULL; i++)
+        right = right && f->source[i] >= LR_COLOR_NONE &&
+                f->source[i] < (int32_t)f->n_textures &&
+                (f->source[i] != LR_COLOR_VERTEX || f->color != NULL) &&
+                (f->source[i] < 0 || f->uv != NULL);
+    right = right && floats_finite(&f->corner[0][0][0], 9 * (uint64_t)f->n);
+    right = right && (f->color == NULL || floats_finite(&f->color[0][0][0], 9 * (uint64_t)f->n));
+    right = right && (f->uv == NULL || floats_finite(&f->uv[0][0][0], 6 * (uint64_t)f->n));
+    return right ? NULL : "the attributes";
+}
+
 static const char *wrong_exact(const lr_volume *v, const lr_watch *watch)
 {
     const lr_exact *e = v->exact;
@@ -293,9 +318,8 @@ static const char *wrong_with(lr_volume *v, const lr_watch *watch)
     if (wrong == NULL && v->desc.sample_type == LR_F32 &&
         !floats_finite(v->samples, (uint64_t)v->n_bricks * LR_BRICK_SAMPLES))
         wrong = "samples that are not finite";
-    if (wrong == NULL && v->block_of != NULL &&
-        !all_below(v->block_of, 8 * (uint64_t)v->n_bricks, v->n_blocks))
-        wrong = "the attributes";
+    if (wrong == NULL && v->faces != NULL && !lr_stopped(watch))
+        wrong = wrong_faces(v);
     if (wrong == NULL && v->exact != NULL && !lr_stopped(watch))
         wrong = wrong_exact(v, watch);
     if (wrong == NULL && v->objects != NULL && !lr_stopped(watch))
@@ -363,12 +387,15 @@ static lr_status allocate(const head *h, lr_volume **volume, lr_error *error)
     if (status != LR_OK)
         return status;
     (*volume)->n_bricks = h->n_bricks;
-    if (h->has_colors || h->has_normals) {
+    if (h->n_faces > 0) {
         /* room for whole bricks: of blocks there may be fewer */
-        status = lr_volume_carry(*volume, h->has_colors != 0, h->has_normals != 0, h->color_scale,
-                                 (h->n_blocks + 6ull) / 8, error);
+        status = lr_volume_carry(*volume, (h->n_blocks + 6ull) / 8, error);
         (*volume)->n_blocks = h->n_blocks;
     }
+    if (status == LR_OK && h->n_faces > 0)
+        status = lr_facets_new(h->n_faces, h->has_normals != 0, h->has_sources != 0,
+                              h->has_colors != 0, h->has_uvs != 0, h->n_textures,
+                              &(*volume)->faces, error);
     if (status == LR_OK && h->has_exact)
         status = allocate_exact(*volume, h, error);
     if (status == LR_OK && h->n_objects > 0)

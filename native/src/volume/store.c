@@ -5,6 +5,7 @@
 #include "volume/access.h"
 #include "volume/affine.h"
 #include "volume/exact.h"
+#include "volume/facets.h"
 #include "volume/objects.h"
 
 enum { MAX_SIDE = 1 << 20 }; /* samples per axis: storage coordinates stay far inside int32 */
@@ -170,8 +171,8 @@ void lr_volume_free(lr_volume *v)
     free(v->ids);
     free(v->cells);
     free(v->block_of);
-    free(v->colors);
-    free(v->normals);
+    free(v->named);
+    lr_facets_free(v->faces);
     lr_exact_free(v->exact);
     lr_objects_free(v->objects);
     free(v);
@@ -419,11 +420,11 @@ void lr_volume_get_info(const lr_volume *v, lr_volume_info *info)
     info->n_exact_cells = v->exact != NULL ? v->exact->n_cells : 0;
     info->n_exact_triangles = v->exact != NULL ? v->exact->start[v->exact->n_cells] : 0;
     info->exact_nbytes = lr_exact_nbytes(v->exact);
-    info->has_colors = v->colors != NULL;
-    info->has_normals = v->normals != NULL;
+    info->has_colors = v->faces != NULL && v->faces->source != NULL;
+    info->has_normals = v->faces != NULL && v->faces->normal != NULL;
     if (v->block_of != NULL)
         info->nbytes += (uint64_t)v->capacity * 8 * sizeof *v->block_of +
-                        v->n_blocks * lr_volume_block_nbytes(info->has_colors, info->has_normals);
+                        v->n_blocks * lr_volume_block_nbytes() + lr_facets_nbytes(v->faces);
     for (int a = 0; a < 3; a++) {
         info->surface_lo[a] = v->surface_lo[a] - LR_PAD;
         info->surface_hi[a] = v->surface_hi[a] - LR_PAD;

@@ -29,6 +29,7 @@ enum {
 };
 
 struct lr_exact;   /* volume/exact.h */
+struct lr_facets;   /* volume/facets.h */
 struct lr_objects; /* volume/objects.h */
 
 /* What is added here goes through pack.c, too. */
@@ -51,9 +52,8 @@ struct lr_volume {
                                cells of a sheet */
     uint32_t *block_of;     /* [capacity][8]: attribute blocks of sub-bricks, 0: none; or NULL */
     uint32_t n_blocks;      /* with block 0, which is never read */
-    uint32_t *colors;       /* [n_blocks][64] codes as in volume/attributes.h, or NULL */
-    uint32_t *normals;      /* likewise */
-    double color_scale;     /* the largest channel of a colour */
+    uint32_t *named;        /* [n_blocks][64]: faces that are nearest, 0: none; or NULL */
+    struct lr_facets *faces; /* NULL: the surface carries nothing */
     struct lr_exact *exact; /* cells with triangles of their own; NULL: there are none */
     struct lr_objects *objects; /* what tells objects apart; NULL: nothing does */
     uint64_t n_surface_cells;
@@ -112,18 +112,16 @@ lr_status lr_volume_open_brick(lr_volume *volume, size_t at, uint32_t *brick, lr
 /* Room for so many stored bricks, so that filling them does not copy. */
 lr_status lr_volume_reserve(lr_volume *volume, uint64_t n_stored, lr_error *error);
 
-/* Attributes (volume/attributes.c): after lr_volume_reserve make room for those of so
- * many bricks, give a brick its 512 codes (NULL: none of that kind), drop the blocks
- * that no hit can read. */
-lr_status lr_volume_carry(lr_volume *volume, bool colors, bool normals, double color_scale,
-                          uint64_t n_bricks, lr_error *error);
-void lr_volume_put_codes(lr_volume *volume, uint32_t brick, const uint32_t *colors,
-                         const uint32_t *normals);
+/* Attributes (volume/facets.c): after lr_volume_reserve make room for those of so
+ * many bricks, give a brick the numbers of its 512 samples' faces, drop the blocks that no
+ * hit can read. */
+lr_status lr_volume_carry(lr_volume *volume, uint64_t n_bricks, lr_error *error);
+void lr_volume_name(lr_volume *volume, uint32_t brick, const uint32_t *named);
 lr_status lr_volume_trim_blocks(lr_volume *volume, const lr_watch *watch, lr_error *error);
 
 /* Bytes of the table for a lattice of n samples, and of one stored brick. */
 uint64_t lr_volume_table_nbytes(const int32_t n[3]);
 uint64_t lr_volume_brick_nbytes(int32_t sample_type, bool has_ids);
-uint64_t lr_volume_block_nbytes(bool colors, bool normals);
+uint64_t lr_volume_block_nbytes(void);
 
 #endif

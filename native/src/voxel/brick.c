@@ -189,7 +189,7 @@ static void set_profile(const lr_voxel_job *job, const float *distance, lr_brick
             brick->value[i] = (float)lr_profile(job->filter, distance[i], job->half_width);
 }
 
-/* Attributes of the samples that can be corners of surface cells. */
+/* Let the samples that can be corners of surface cells name their triangles. */
 static void dress(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list, uint32_t n,
                   lr_scratch *scratch, lr_brick *brick)
 {
@@ -201,27 +201,16 @@ static void dress(const lr_voxel_job *job, const int32_t first[3], const uint32_
                 nearest = fminf(nearest, scratch->nearest.d2[tile][lane]);
     if (!(nearest <= reach))
         return;
-    if (scratch->colors != NULL)
-        memset(scratch->colors, 0, LR_BRICK_SAMPLES * sizeof *scratch->colors);
-    if (scratch->normals != NULL)
-        memset(scratch->normals, 0, LR_BRICK_SAMPLES * sizeof *scratch->normals);
+    memset(scratch->named, 0, LR_BRICK_SAMPLES * sizeof *scratch->named);
     brick->dressed = true;
     group(&scratch->nearest, reach, scratch);
     for (uint32_t i = 0; i < n; i++) {
         int32_t sample = scratch->first[i];
         scratch->first[i] = -1;
         lr_frame frame;
-        lr_dress d;
         frame_of(job->mesh, first, list[i], &frame);
-        if (sample < 0 || !lr_frame_make(&frame))
-            continue;
-        lr_dress_triangle(&job->bake, list[i], job->mesh->side, &frame, &d);
-        for (; sample >= 0; sample = scratch->next[sample]) {
-            const double p[3] = {sample & 7, sample >> 3 & 7, sample >> 6};
-            lr_dress_sample(&job->bake, &d, p,
-                            scratch->colors != NULL ? scratch->colors + sample : NULL,
-                            scratch->normals != NULL ? scratch->normals + sample : NULL);
-        }
+        for (; sample >= 0 && lr_frame_make(&frame); sample = scratch->next[sample])
+            scratch->named[sample] = list[i] + 1;
     }
 }
 
@@ -395,7 +384,7 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
         memset(brick->id, 0, sizeof brick->id);
         take_ids(job, list, &scratch->nearest, distance, brick);
     }
-    if (scratch->colors != NULL || scratch->normals != NULL)
+    if (scratch->named != NULL)
         dress(job, first, list, n, scratch, brick);
     clear_outside(job, first, &side, brick);
     if (job->sheet) {

@@ -68,19 +68,6 @@ LR_INLINE bool lr_counts(const lr_topology *m, uint64_t t)
     return m->twin == NULL || m->twin[t] == t;
 }
 
-LR_INLINE void lr_sub(const double a[3], const double b[3], double out[3])
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = a[i] - b[i];
-}
-
-LR_INLINE void lr_cross_product(const double a[3], const double b[3], double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 /* A triangle whose height is below this share of its longest side has no area:
  * its cross product is then rounding (2^-51 of the sides' product) to within one
  * part in 10^6, and at 4096 voxels it is thinner than 10^-5 voxel. */

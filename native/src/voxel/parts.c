@@ -12,8 +12,7 @@ static void free_part(lr_part *p)
     free(p->ids);
     free(p->touched);
     free(p->block_of);
-    free(p->colors);
-    free(p->normals);
+    free(p->named);
     *p = (lr_part){0};
 }
 
@@ -26,26 +25,21 @@ static bool has_room(const lr_voxelizer *v, lr_part *p, size_t n)
         p->ids = malloc(n * LR_BRICK_SAMPLES * sizeof *p->ids);
     if (v->job.sheet)
         p->touched = malloc(n * sizeof *p->touched);
-    const lr_bake *bake = &v->job.bake;
-    if (bake->colors || bake->normals)
+    if (v->job.bake.wanted) {
         p->block_of = malloc(n * sizeof *p->block_of);
-    if (bake->colors)
-        p->colors = malloc(n * LR_BRICK_SAMPLES * sizeof *p->colors);
-    if (bake->normals)
-        p->normals = malloc(n * LR_BRICK_SAMPLES * sizeof *p->normals);
+        p->named = malloc(n * LR_BRICK_SAMPLES * sizeof *p->named);
+    }
     return p->brick != NULL && p->samples != NULL &&
            (v->mesh.source.ids == NULL || p->ids != NULL) &&
            (!v->job.sheet || p->touched != NULL) &&
-           ((!bake->colors && !bake->normals) || p->block_of != NULL) &&
-           (!bake->colors || p->colors != NULL) && (!bake->normals || p->normals != NULL);
+           (!v->job.bake.wanted || (p->block_of != NULL && p->named != NULL));
 }
 
-/* Where the next brick's attributes go. */
+/* Where the names of the next brick's samples go. */
 static void offer_block(const lr_part *p, lr_scratch *scratch)
 {
     size_t at = (size_t)p->n_blocks * LR_BRICK_SAMPLES;
-    scratch->colors = p->colors != NULL ? p->colors + at : NULL;
-    scratch->normals = p->normals != NULL ? p->normals + at : NULL;
+    scratch->named = p->named != NULL ? p->named + at : NULL;
 }
 
 static void keep(const lr_voxelizer *v, uint32_t at, const lr_brick *brick, lr_part *p)
@@ -116,7 +110,7 @@ static lr_scratch *new_scratch(const lr_voxelizer *v)
         lists[i] = -1;
     scratch->first = lists;
     scratch->labels = NULL;
-    scratch->colors = scratch->normals = NULL;
+    scratch->named = NULL;
     return scratch;
 }
 
@@ -175,11 +169,8 @@ static lr_status move_part(lr_voxelizer *v, lr_part *p, lr_error *error)
                    p->ids + (size_t)i * LR_BRICK_SAMPLES, LR_BRICK_SAMPLES * sizeof *p->ids);
         if (p->touched != NULL)
             memcpy(out->cells[brick], p->touched[i], sizeof out->cells[brick]);
-        if (p->block_of != NULL && p->block_of[i] != 0) {
-            size_t at = (size_t)(p->block_of[i] - 1) * LR_BRICK_SAMPLES;
-            lr_volume_put_codes(out, brick, p->colors != NULL ? p->colors + at : NULL,
-                                p->normals != NULL ? p->normals + at : NULL);
-        }
+        if (p->block_of != NULL && p->block_of[i] != 0)
+            lr_volume_name(out, brick, p->named + (size_t)(p->block_of[i] - 1) * LR_BRICK_SAMPLES);
     }
     free_part(p);
     return LR_OK;
@@ -192,11 +183,9 @@ lr_status lr_parts_move(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
         n += v->parts[i].n;
         n_blocks += v->parts[i].n_blocks;
     }
-    const lr_bake *bake = &v->job.bake;
     lr_status status = lr_volume_reserve(v->volume, n, error);
-    if (status == LR_OK && (bake->colors || bake->normals))
-        status = lr_volume_carry(v->volume, bake->colors, bake->normals, bake->color_scale,
-                                 n_blocks, error);
+    if (status == LR_OK && v->job.bake.wanted)
+        status = lr_volume_carry(v->volume, n_blocks, error);
     for (uint32_t i = 0; i < v->bins.n_parts && status == LR_OK; i++) {
         if (lr_stopped(watch))
             return lr_fail_stopped(error);

@@ -11,6 +11,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "cpu.h"
+#include "volume/facets.h"
 #include "voxel/profile.h"
 #include "voxel/voxelizer.h"
 
@@ -152,13 +153,16 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
 {
     const lr_volume_desc *d = &v->desc;
     const int32_t n[3] = {d->nx, d->ny, d->nz};
-    const uint64_t brick_nbytes =
-        lr_volume_brick_nbytes(d->sample_type, d->has_ids) +
-        8 * lr_volume_block_nbytes(v->job.bake.colors, v->job.bake.normals);
+    const lr_bake *bake = &v->job.bake;
+    const uint64_t brick_nbytes = lr_volume_brick_nbytes(d->sample_type, d->has_ids) +
+                                  bake->wanted * 8 * lr_volume_block_nbytes();
+    const uint64_t n_faces = bake->wanted ? v->mesh.source.n_triangles : 0;
+    const uint64_t faces_nbytes =
+        n_faces * lr_face_nbytes(bake->normals, bake->sources, bake->colors, bake->uvs);
     *info = (lr_voxelizer_info){
         .desc = *d,
         .nbytes = v->stage > LR_STAGE_SET_UP
-                      ? lr_volume_table_nbytes(n) + (uint64_t)v->bins.n_active * brick_nbytes
+                      ? lr_volume_table_nbytes(n) + (uint64_t)v->bins.n_active * brick_nbytes + faces_nbytes
                       : 0,
         .n_border_edges = v->mesh.n_border_edges,
         .n_bad_edges = v->mesh.n_bad_edges,
@@ -432,6 +436,8 @@ lr_status lr_voxelize_end(lr_voxelizer *v, const lr_watch *watch, lr_volume **vo
     if (status == LR_OK)
         status = v->cells != NULL ? finish_exact(v, watch, error)
                                   : lr_volume_finish(v->volume, watch, error);
+    if (status == LR_OK && v->job.bake.wanted)
+        status = lr_bake_faces(&v->job.bake, &v->mesh, v->volume, watch, error);
     if (status != LR_OK)
         return status;
     *volume = v->volume;

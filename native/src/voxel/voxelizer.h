@@ -15,9 +15,9 @@ typedef struct lr_part {
     unsigned char *samples; /* [n][512] */
     uint16_t *ids;          /* [n][512], or NULL */
     uint64_t (*touched)[8]; /* [n], of sheets */
-    uint32_t *block_of;     /* [n]: 1 + block of attributes, or 0; NULL without */
+    uint32_t *block_of;     /* [n]: 1 + block of names, or 0; NULL without */
     uint32_t n_blocks;
-    uint32_t *colors, *normals; /* [n_blocks][512], or NULL */
+    uint32_t *named; /* [n_blocks][512]: 1 + triangle that is nearest, or 0; NULL without */
 } lr_part;
 
 typedef struct lr_verdict {

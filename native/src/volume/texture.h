@@ -1,8 +1,8 @@
 /* An image with its smaller versions, and averages over a stretch of texels.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef LR_VOXEL_TEXTURE_H
-#define LR_VOXEL_TEXTURE_H
+#ifndef LR_VOLUME_TEXTURE_H
+#define LR_VOLUME_TEXTURE_H
 
 #include "base.h"
 
@@ -12,10 +12,10 @@ struct lr_texture {
     int32_t interpolation, extension;
     int32_t n_levels;
     int32_t width[LR_LEVELS], height[LR_LEVELS];
+    const uint8_t *bytes;           /* the caller's level 0 in sRGB, or NULL: then */
     const float *pixels[LR_LEVELS]; /* [height][width][3]; level 0 is the caller's */
     float *own;                     /* what the other levels lie in */
     uint64_t nbytes;
-    double brightest; /* of all channels; what is not finite counts as black */
 };
 
 /* Where to average: an ellipse in texels, by the half-open box of its long axis. */

@@ -4,12 +4,16 @@
  * as the short one, so that a texture seen obliquely through UVs neither aliases nor
  * blurs more than the voxel does.
  *
+ * Texels in sRGB are interpolated as they are and made linear afterwards, as Cycles
+ * does: a step between them looks darker than its linear mean. So the first averages
+ * are those of what is looked up, not of texels: a texture is as bright from afar.
+ *
  * Source: Williams 1983, Pyramidal parametrics. Departures: 1. levels of any size
  * are averaged by exact shares of texels, not only powers of two; 2. looks along the
  * long axis as graphics hardware takes them.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "voxel/texture.h"
+#include "volume/texture.h"
 
 #include "error.h"
 
@@ -22,6 +26,28 @@ enum {
 LR_INLINE double finite_or_black(float x)
 {
     return isfinite(x) ? (double)x : 0.0;
+}
+
+LR_INLINE double from_srgb(double x)
+{
+    return x < 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4);
+}
+
+/* The texel that stands for index i of n; -1: black. */
+LR_INLINE int32_t extended(double i, int32_t n, int32_t extension)
+{
+    switch (extension) {
+    case LR_EXTENSION_REPEAT:
+        return (int32_t)lr_clamp(i - floor(i / n) * n, 0.0, n - 1);
+    case LR_EXTENSION_MIRROR: {
+        double j = i - floor(i / (2.0 * n)) * 2.0 * n;
+        return (int32_t)lr_clamp(j < n ? j : 2.0 * n - 1.0 - j, 0.0, n - 1);
+    }
+    case LR_EXTENSION_CLIP:
+        return i >= 0.0 && i < n ? (int32_t)i : -1;
+    default:
+        return (int32_t)lr_clamp(i, 0.0, n - 1);
+    }
 }
 
 /* ---- the pyramid ------------------------------------------------------- */
@@ -39,23 +65,59 @@ static int shares(int32_t i, int32_t n, int32_t finer, double share[4])
     return first;
 }
 
-static void average(const float *fine, int32_t width, int x, const double sx[4], int y,
-                    const double sy[4], float out[3])
+/* What is looked up in a texel of bytes, on the average: the mean of its four quarters'
+ * middles. */
+static void byte_average(const lr_texture *t, const float *linear, int x, int y, double out[3])
 {
+    const uint8_t *row[3], black[3] = {0, 0, 0};
+    int32_t column[3];
+    const bool steps = t->interpolation == LR_INTERPOLATION_CLOSEST;
+    for (int k = 0; k < 3; k++) {
+        const int32_t j = extended(y + k - 1, t->height[0], t->extension);
+        row[k] = j < 0 ? NULL : t->bytes + 3 * (size_t)j * (size_t)t->width[0];
+        column[k] = extended(x + k - 1, t->width[0], t->extension);
+    }
+    memset(out, 0, 3 * sizeof *out);
+    for (int q = 0; q < 4; q++) {
+        const int i = q & 1 ? 2 : 0, j = q >> 1 ? 2 : 0;
+        const uint8_t *own = row[1] + 3 * column[1];
+        const uint8_t *side = column[i] < 0 ? black : row[1] + 3 * column[i];
+        const uint8_t *over = row[j] == NULL ? black : row[j] + 3 * column[1];
+        const uint8_t *both = row[j] == NULL || column[i] < 0 ? black : row[j] + 3 * column[i];
+        for (int a = 0; a < 3; a++)
+            out[a] += 0.25 * (double)(steps ? linear[16 * own[a]]
+                                            : linear[9 * own[a] + 3 * side[a] + 3 * over[a] + both[a]]);
+    }
+}
+
+static void average(const lr_texture *t, int level, const float *linear, int x, const double sx[4],
+                    int y, const double sy[4], float out[3])
+{
+    const int32_t width = t->width[level];
     double sum[3] = {0.0, 0.0, 0.0};
     for (int j = 0; j < 4; j++)
         for (int i = 0; i < 4; i++) {
             if (!(sx[i] > 0.0 && sy[j] > 0.0))
                 continue;
-            const float *texel = fine + 3 * ((size_t)(y + j) * (size_t)width + (size_t)(x + i));
+            double mean[3];
+            if (level == 0 && t->bytes != NULL) {
+                byte_average(t, linear, x + i, y + j, mean);
+            } else {
+                const float *texel = t->pixels[level] +
+                                     3 * ((size_t)(y + j) * (size_t)width + (size_t)(x + i));
+                for (int a = 0; a < 3; a++)
+                    mean[a] = finite_or_black(texel[a]);
+            }
             for (int a = 0; a < 3; a++)
-                sum[a] += sx[i] * sy[j] * finite_or_black(texel[a]);
+                sum[a] += sx[i] * sy[j] * mean[a];
         }
     for (int a = 0; a < 3; a++)
         out[a] = (float)sum[a];
 }
 
-static bool shrink(const lr_texture *t, int level, float *out, const lr_watch *watch)
+/* linear[i]: of i/16 of a byte in sRGB. */
+static bool shrink(const lr_texture *t, int level, const float *linear, float *out,
+                   const lr_watch *watch)
 {
     const int32_t w = t->width[level], h = t->height[level];
     size_t done = 0;
@@ -66,7 +128,7 @@ static bool shrink(const lr_texture *t, int level, float *out, const lr_watch *w
             if (done++ % POLL == 0 && lr_stopped(watch))
                 return false;
             int fx = shares(x, w, t->width[level - 1], sx);
-            average(t->pixels[level - 1], t->width[level - 1], fx, sx, fy, sy, out);
+            average(t, level - 1, linear, fx, sx, fy, sy, out);
             out += 3;
         }
     }
@@ -87,18 +149,6 @@ static size_t plan_levels(lr_texture *t)
     return n;
 }
 
-static bool find_brightest(lr_texture *t, const lr_watch *watch)
-{
-    const size_t n = 3 * (size_t)t->width[0] * (size_t)t->height[0];
-    for (size_t i = 0; i < n; i++) {
-        if (i % (1 << 16) == 0 && lr_stopped(watch))
-            return false;
-        double x = finite_or_black(t->pixels[0][i]);
-        t->brightest = x > t->brightest ? x : t->brightest;
-    }
-    return true;
-}
-
 static lr_status make(lr_texture *t, const lr_watch *watch, lr_error *error)
 {
     size_t n = plan_levels(t);
@@ -106,20 +156,25 @@ static lr_status make(lr_texture *t, const lr_watch *watch, lr_error *error)
     t->own = malloc((3 * n + 1) * sizeof *t->own);
     if (t->own == NULL)
         return lr_fail_memory(error, t->nbytes, "the smaller versions of an image");
-    float *next = t->own;
+    float *next = t->own, linear[16 * 255 + 1];
+    for (int i = 0; i <= 16 * 255; i++)
+        linear[i] = (float)from_srgb(i / (16.0 * 255.0));
     for (int l = 1; l < t->n_levels; l++) {
-        if (!shrink(t, l, next, watch))
+        if (!shrink(t, l, linear, next, watch))
             return lr_fail_stopped(error);
         t->pixels[l] = next;
         next += 3 * (size_t)t->width[l] * (size_t)t->height[l];
     }
-    return find_brightest(t, watch) ? LR_OK : lr_fail_stopped(error);
+    return LR_OK;
 }
 
-lr_status lr_texture_new(const float *pixels, int32_t width, int32_t height, int32_t interpolation,
-                         int32_t extension, const lr_watch *watch, lr_texture **texture,
-                         lr_error *error)
+lr_status lr_texture_new(const void *pixels, int32_t sample_type, int32_t width, int32_t height,
+                         int32_t interpolation, int32_t extension, const lr_watch *watch,
+                         lr_texture **texture, lr_error *error)
 {
+    if (sample_type != LR_U8 && sample_type != LR_F32)
+        return lr_fail(error, LR_E_ARGUMENT, "pixels are of u8 (sRGB) or f32 (linear), not of %d",
+                       sample_type);
     if (width < 1 || height < 1 || width > MAX_SIDE || height > MAX_SIDE)
         return lr_fail(error, LR_E_SIZE, "an image has 1 to %d texels per side; it is %d x %d",
                        MAX_SIDE, width, height);
@@ -139,7 +194,8 @@ lr_status lr_texture_new(const float *pixels, int32_t width, int32_t height, int
     t->extension = extension;
     t->width[0] = width;
     t->height[0] = height;
-    t->pixels[0] = pixels;
+    t->bytes = sample_type == LR_U8 ? pixels : NULL;
+    t->pixels[0] = sample_type == LR_U8 ? NULL : pixels;
     lr_status status = make(t, watch, error);
     if (status != LR_OK) {
         lr_texture_free(t);
@@ -164,23 +220,6 @@ uint64_t lr_texture_nbytes(const lr_texture *t)
 
 /* ---- looks ------------------------------------------------------------- */
 
-/* The texel that stands for index i of n; -1: black. */
-LR_INLINE int32_t extended(double i, int32_t n, int32_t extension)
-{
-    switch (extension) {
-    case LR_EXTENSION_REPEAT:
-        return (int32_t)lr_clamp(i - floor(i / n) * n, 0.0, n - 1);
-    case LR_EXTENSION_MIRROR: {
-        double j = i - floor(i / (2.0 * n)) * 2.0 * n;
-        return (int32_t)lr_clamp(j < n ? j : 2.0 * n - 1.0 - j, 0.0, n - 1);
-    }
-    case LR_EXTENSION_CLIP:
-        return i >= 0.0 && i < n ? (int32_t)i : -1;
-    default:
-        return (int32_t)lr_clamp(i, 0.0, n - 1);
-    }
-}
-
 static void add_texel(const lr_texture *t, int level, double x, double y, double weight,
                       double rgb[3])
 {
@@ -188,9 +227,11 @@ static void add_texel(const lr_texture *t, int level, double x, double y, double
     const int32_t j = extended(y, t->height[level], t->extension);
     if (i < 0 || j < 0 || !(weight > 0.0))
         return;
-    const float *texel = t->pixels[level] + 3 * ((size_t)j * (size_t)t->width[level] + (size_t)i);
-    for (int a = 0; a < 3; a++)
-        rgb[a] += weight * finite_or_black(texel[a]);
+    const size_t at = 3 * ((size_t)j * (size_t)t->width[level] + (size_t)i);
+    const bool bytes = level == 0 && t->bytes != NULL;
+    for (size_t a = 0; a < 3; a++)
+        rgb[a] += weight * (bytes ? t->bytes[at + a] / 255.0
+                                  : finite_or_black(t->pixels[level][at + a]));
 }
 
 /* How the box from -half to +half around x, in texels and no wider than one, is shared
@@ -208,14 +249,15 @@ static void add_level(const lr_texture *t, int level, const double uv[2], double
 {
     const bool steps = level == 0 && t->interpolation == LR_INTERPOLATION_CLOSEST;
     const double half = steps && width < 1.0 ? 0.5 * width : 0.5;
-    double x, y;
+    double x, y, sum[3] = {0.0, 0.0, 0.0};
     const double p = next_share(uv[0] * t->width[level], half, &x);
     const double q = next_share(uv[1] * t->height[level], half, &y);
     for (int n = 0; n < 4; n++) {
         const int right = n & 1, up = n >> 1;
-        add_texel(t, level, x + right, y + up, weight * (right ? p : 1.0 - p) * (up ? q : 1.0 - q),
-                  rgb);
+        add_texel(t, level, x + right, y + up, (right ? p : 1.0 - p) * (up ? q : 1.0 - q), sum);
     }
+    for (int a = 0; a < 3; a++)
+        rgb[a] += weight * (level == 0 && t->bytes != NULL ? from_srgb(sum[a]) : sum[a]);
 }
 
 /* One look as wide as `width` texels; textures without interpolation over `box`. */
@@ -248,17 +290,21 @@ void lr_texture_average(const lr_texture *t, const double uv[2], const lr_footpr
     }
 }
 
-lr_status lr_texture_sample(const lr_texture *t, const float *uvs, const float *widths, uint64_t n,
-                            float *colors, lr_error *error)
+lr_status lr_texture_sample(const lr_texture *t, const float *uvs, const float *footprints,
+                            uint64_t n, float *colors, lr_error *error)
 {
     for (uint64_t i = 0; i < n; i++) {
         const double uv[2] = {uvs[2 * i], uvs[2 * i + 1]};
-        const double width = widths != NULL ? widths[i] : 0.0;
-        if (!(width >= 0.0))
-            return lr_fail(error, LR_E_ARGUMENT, "widths must be 0 or more; one is %g", width);
-        const lr_footprint footprint = {{0.0, 0.0}, width};
+        lr_footprint f = {{0.0, 0.0}, 0.0};
+        if (footprints != NULL)
+            f = (lr_footprint){{footprints[3 * i], footprints[3 * i + 1]}, footprints[3 * i + 2]};
+        if (!(f.width >= 0.0 && isfinite(f.major[0]) && isfinite(f.major[1])))
+            return lr_fail(error, LR_E_ARGUMENT,
+                           "footprints must be finite and of a width of 0 or more; one is "
+                           "(%g, %g) wide %g",
+                           f.major[0], f.major[1], f.width);
         double rgb[3];
-        lr_texture_average(t, uv, &footprint, rgb);
+        lr_texture_average(t, uv, &f, rgb);
         for (int a = 0; a < 3; a++)
             colors[3 * i + (uint64_t)a] = (float)rgb[a];
     }
