@@ -119,7 +119,8 @@ def voxelize(
     without inside; "auto" takes a solid where every edge is shared by two triangles of
     one winding, or where winding numbers find a volume enclosed but for holes of half
     a voxel at most: mesh_info.why tells. Where parts of a solid cross, lie in each
-    other or leave holes, winding numbers tell inside from outside. dtype: "u8", "u16" or "f32".
+    other or leave holes, winding numbers tell inside from outside; the surface on which
+    the number is 1/2 closes wide holes of what is to be a solid. dtype: "u8", "u16" or "f32".
     exact "sheets": cells of sheets in which the samples cannot hold the surface (at
     borders, junctions, creases, close pairs) keep their triangles, which rays meet
     exactly; "all": those of solids too (creases, walls and gaps thinner than a voxel);

@@ -264,6 +264,34 @@ lr_status lr_bins_make(const lr_topology *m, const int32_t table_size[3], double
     return status;
 }
 
+lr_status lr_bins_add(lr_bins *bins, const uint8_t *wanted, size_t n_table, uint32_t n_active,
+                      lr_error *error)
+{
+    uint32_t *brick = malloc(((size_t)n_active + 1) * sizeof *brick), n = 0, old = 0;
+    uint64_t *start = malloc(((size_t)n_active + 1) * sizeof *start);
+    if (brick == NULL || start == NULL) {
+        free(brick);
+        free(start);
+        return lr_fail_memory(error, (uint64_t)n_active * 12, "the list of bricks");
+    }
+    for (size_t at = 0; at < n_table; at++) {
+        if (wanted[at] != 2)
+            continue;
+        brick[n] = (uint32_t)at;
+        start[n++] = bins->start[old];
+        old += old < bins->n_active && bins->brick[old] == at;
+    }
+    start[n] = bins->start[old];
+    free(bins->brick);
+    free(bins->start);
+    free(bins->part);
+    bins->brick = brick;
+    bins->start = start;
+    bins->part = NULL;
+    bins->n_active = n;
+    return make_parts(bins, error);
+}
+
 void lr_bins_free(lr_bins *bins)
 {
     free(bins->brick);

@@ -17,6 +17,7 @@
 #include <immintrin.h>
 
 #include "voxel/box.h"
+#include "voxel/closing.h"
 #include "voxel/frame.h"
 #include "voxel/labels.h"
 #include "voxel/profile.h"
@@ -185,7 +186,9 @@ static void settle(const lr_voxel_job *job, const float *distance, sides *side, 
 static void set_profile(const lr_voxel_job *job, const float *distance, lr_brick *brick)
 {
     for (int i = 0; i < LR_BRICK_SAMPLES; i++)
-        if (distance[i] != INFINITY)
+        if (job->closing != NULL && job->filter == LR_FILTER_BOX) /* no triangle to be cut by */
+            brick->value[i] = (float)lr_clamp(0.5 + distance[i], 0.0, 1.0);
+        else if (distance[i] != INFINITY)
             brick->value[i] = (float)lr_profile(job->filter, distance[i], job->half_width);
 }
 
@@ -372,11 +375,17 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
     brick->state = LR_STATE_UNKNOWN;
     brick->dressed = false;
     memset(brick->touched, 0, sizeof brick->touched);
-    if (!lr_brick_distances(job, at, list, n, watch, scratch, distance, NULL))
+    uint8_t loose[LR_BRICK_SAMPLES] = {0};
+    if (!lr_brick_distances(job, at, list, n, watch, scratch, distance,
+                            job->closing != NULL ? loose : NULL))
+        return false;
+    if (job->closing != NULL &&
+        !lr_closing_brick(job->closing, first, job->band, loose, watch, distance))
         return false;
     if (scratch->labels != NULL)
         take_sides(scratch, distance);
-    brick->contradicts = !job->sheet && scratch->labels == NULL && contradicts(distance);
+    brick->contradicts =
+        !job->sheet && scratch->labels == NULL && job->closing == NULL && contradicts(distance);
     settle(job, distance, &side, brick);
     if (job->filter != LR_FILTER_RAMP)
         set_profile(job, distance, brick);

@@ -20,7 +20,8 @@ typedef struct lr_voxel_job {
     int32_t sample_type;
     bool sheet;
     lr_bake bake;
-    bool exact; /* cells are judged in a second run (cells.h) */
+    bool exact;                       /* cells are judged in a second run (cells.h) */
+    const struct lr_winding *closing; /* of a solid with wide holes; else NULL */
 } lr_voxel_job;
 
 typedef enum lr_brick_state {

@@ -160,10 +160,11 @@ lr_status lr_judge_edges(const lr_topology *m, const lr_watch *watch, lr_judgeme
                          lr_error *error)
 {
     lr_status status = measure_holes(m, watch, &j->hole, error);
-    *open = j->hole > HOLE || m->n_flipped_edges > 0;
+    j->wide = j->hole > HOLE;
+    *open = j->wide || m->n_flipped_edges > 0;
     if (status == LR_OK && *open) {
         j->solid = false;
-        j->reason = j->hole > HOLE ? LR_REASON_HOLES : LR_REASON_FLIPPED;
+        j->reason = j->wide ? LR_REASON_HOLES : LR_REASON_FLIPPED;
     }
     return status;
 }

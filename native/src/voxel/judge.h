@@ -10,6 +10,7 @@ typedef struct lr_judgement {
     bool solid;
     int32_t reason; /* lr_reason */
     double hole;    /* extent of the widest loop of border edges, voxels */
+    bool wide;      /* it is there to be seen */
 } lr_judgement;
 
 /* What edges alone tell: *open where holes or the winding of faces make it a sheet. */

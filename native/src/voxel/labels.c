@@ -14,7 +14,7 @@
 
 /* ---- within a brick ---------------------------------------------------- */
 
-static uint16_t root_in(uint16_t *parent, uint16_t i)
+uint16_t lr_linked_root(uint16_t *parent, uint16_t i)
 {
     for (; parent[i] != i; i = parent[i])
         parent[i] = parent[parent[i]];
@@ -38,9 +38,18 @@ static void link_step(const float *distance, const int8_t step[3], uint16_t *par
                 if (!(distance[i] + distance[j] > (float)LINK * length) || distance[i] <= 0.0f ||
                     distance[j] <= 0.0f || distance[i] == INFINITY || distance[j] == INFINITY)
                     continue;
-                uint16_t a = root_in(parent, (uint16_t)i), b = root_in(parent, (uint16_t)j);
+                uint16_t a = lr_linked_root(parent, (uint16_t)i),
+                         b = lr_linked_root(parent, (uint16_t)j);
                 parent[a < b ? b : a] = a < b ? a : b;
             }
+}
+
+void lr_link_samples(const float *distance, uint16_t *parent)
+{
+    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++)
+        parent[i] = i;
+    for (int s = 0; s < 13; s++)
+        link_step(distance, STEP[s], parent);
 }
 
 static bool add_component(lr_labels_part *part, uint32_t brick, uint16_t sample, uint16_t depth)
@@ -64,19 +73,16 @@ static bool label_brick(uint32_t active, const float *distance, const uint8_t *l
 {
     uint16_t parent[LR_BRICK_SAMPLES], label_of[LR_BRICK_SAMPLES], n = 0;
     float linked[LR_BRICK_SAMPLES];
-    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++) {
-        parent[i] = i;
+    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++)
         linked[i] = loose[i] ? 0.0f : fabsf(distance[i]);
-    }
-    for (int s = 0; s < 13; s++)
-        link_step(linked, STEP[s], parent);
+    lr_link_samples(linked, parent);
     out->first = part->n;
     for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++) {
         out->label[i] = LR_UNLABELLED;
         out->depth[i] = 0;
         if (distance[i] == INFINITY)
             continue;
-        uint16_t root = root_in(parent, i);
+        uint16_t root = lr_linked_root(parent, i);
         double depth = fabs((double)distance[i]) / band * 65535.0;
         uint16_t rounded = depth < 65535.0 ? (uint16_t)depth : 65535;
         if (root == i) {

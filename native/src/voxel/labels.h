@@ -39,6 +39,11 @@ typedef struct lr_labels {
     uint32_t n, n_roots;
 } lr_labels;
 
+/* Connect the samples of a brick that lie on one side: parent[512] makes trees. distance: 0
+ * where a sample links to none, infinity or below beyond the band. */
+void lr_link_samples(const float *distance, uint16_t *parent);
+uint16_t lr_linked_root(uint16_t *parent, uint16_t sample);
+
 lr_status lr_labels_begin(const lr_bins *bins, lr_labels *labels, lr_error *error);
 /* Label the bricks of a part; parts may run side by side. */
 lr_status lr_labels_run(lr_labels *labels, const lr_voxel_job *job, const lr_bins *bins,

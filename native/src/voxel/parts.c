@@ -74,7 +74,7 @@ static bool make_bricks(lr_voxelizer *v, uint32_t first, uint32_t end, const lr_
         uint64_t list = v->bins.start[i];
         uint32_t n = (uint32_t)(v->bins.start[i + 1] - list);
         offer_block(p, scratch);
-        if (v->by_winding) {
+        if (v->labels.brick != NULL) {
             scratch->labels = v->labels.brick[i].label;
             scratch->components = v->labels.component + v->labels.brick[i].first;
         }

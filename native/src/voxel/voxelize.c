@@ -6,12 +6,15 @@
  *   bricks   distances, filtered
  *   cells    where exact cells are wanted: which cells samples cannot hold
  *
+ * A solid with wide holes has no components: the surface that closes it is found beside
+ * the bricks (closing.h).
  * The parts of a stage run side by side and share nothing that they write. Bricks
  * whose pseudonormals contradict each other are made again with winding numbers.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "cpu.h"
 #include "volume/facets.h"
+#include "voxel/closing.h"
 #include "voxel/profile.h"
 #include "voxel/voxelizer.h"
 
@@ -209,9 +212,13 @@ static lr_status judge(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
         return LR_OK;
     lr_status status = LR_OK;
     bool open = false;
-    if (kind == LR_KIND_AUTO)
-        status = lr_judge_edges(&v->mesh, watch, &v->judgement, &open, error);
-    if (status != LR_OK || open)
+    const lr_judgement asked = v->judgement;
+    status = lr_judge_edges(&v->mesh, watch, &v->judgement, &open, error);
+    if (kind == LR_KIND_SOLID) {
+        v->judgement.solid = asked.solid;
+        v->judgement.reason = asked.reason;
+    }
+    if (status != LR_OK || (open && kind == LR_KIND_AUTO))
         return status;
     status = lr_winding_make(&v->mesh, watch, &v->winding, error);
     if (status == LR_OK && kind == LR_KIND_AUTO)
@@ -251,13 +258,18 @@ static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *
     v->job.exact = o->exact == LR_EXACT_ALL || (o->exact == LR_EXACT_SHEETS && v->job.sheet);
     if (band_of(o, v->desc.kind) != v->job.band || v->mesh.twin != NULL)
         status = bin(v, v->desc.kind, false, watch, error);
+    if (status == LR_OK && v->by_winding && v->judgement.wide) {
+        v->job.closing = &v->winding;
+        status =
+            lr_closing_bricks(&v->winding, v->job.table_size, v->job.band, watch, &v->bins, error);
+    }
     v->verdicts = calloc((size_t)v->bins.n_active + 1, sizeof *v->verdicts);
     if (status == LR_OK && v->verdicts == NULL)
         status =
             lr_fail_memory(error, v->bins.n_active * sizeof *v->verdicts, "the bricks' states");
     if (status != LR_OK)
         return status;
-    return v->by_winding ? open_labels(v, error) : open_bricks(v, error);
+    return v->by_winding && v->job.closing == NULL ? open_labels(v, error) : open_bricks(v, error);
 }
 
 static lr_status close_labels(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
@@ -299,6 +311,7 @@ static lr_status close_bricks(lr_voxelizer *v, const lr_watch *watch, lr_error *
         return fall_back(v, watch, error);
     lr_labels_free(&v->labels, &v->bins);
     lr_winding_free(&v->winding);
+    v->job.closing = NULL;
     if (status == LR_OK)
         status = lr_parts_move(v, watch, error);
     if (status != LR_OK || !v->job.exact)

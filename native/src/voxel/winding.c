@@ -20,8 +20,9 @@ enum {
     AXIS_BITS = 7
 };
 
-#define FAR 2.0
-#define PI  3.14159265358979323846
+#define FAR  2.0
+#define FINE 6.25 /* squared: from five times the radius on, a sixth of the error */
+#define PI   3.14159265358979323846
 
 /* ---- order ------------------------------------------------------------- */
 
@@ -192,8 +193,22 @@ void lr_winding_free(lr_winding *w)
 
 /* ---- query ------------------------------------------------------------- */
 
+/* Add c times the change of the solid angle that the edge from a to b makes, both seen from
+ * the point: Biot and Savart's field of a current along it. */
+LR_INLINE void add_edge(const double a[3], double a_length, const double b[3], double b_length,
+                        double c, double gradient[3])
+{
+    double cross[3];
+    const double product = a_length * b_length, below = product * (product + lr_dot(a, b));
+    if (!(below > 0.0)) /* on the edge itself */
+        return;
+    lr_cross_product(a, b, cross);
+    for (int i = 0; i < 3; i++)
+        gradient[i] += c * (a_length + b_length) / below * cross[i];
+}
+
 /* Solid angle over 4 pi. */
-static double share_of(const lr_topology *m, uint32_t t, const double at[3])
+LR_INLINE double share_of(const lr_topology *m, uint32_t t, const double at[3], double *gradient)
 {
     double p[3][3], length[3], cross[3];
     lr_triangle(m, t, p);
@@ -205,10 +220,24 @@ static double share_of(const lr_topology *m, uint32_t t, const double at[3])
     double above = lr_dot(p[0], cross);
     double below = length[0] * length[1] * length[2] + lr_dot(p[0], p[1]) * length[2] +
                    lr_dot(p[1], p[2]) * length[0] + lr_dot(p[2], p[0]) * length[1];
+    for (int e = 0; gradient != NULL && e < 3; e++) {
+        const int next = (e + 1) % 3;
+        add_edge(p[e], length[e], p[next], length[next], -1.0 / (4.0 * PI), gradient);
+    }
     return above == 0.0 ? 0.0 : atan2(above, below) / (2.0 * PI);
 }
 
-double lr_winding_at(const lr_winding *w, const double p[3])
+LR_INLINE double dipole(const lr_winding_node *node, const double to[3], double d2,
+                        double *gradient)
+{
+    const double d = sqrt(d2), scale = 1.0 / (4.0 * PI * d2 * d), along = lr_dot(node->normal, to);
+    for (int a = 0; gradient != NULL && a < 3; a++)
+        gradient[a] += scale * (3.0 * along / d2 * to[a] - node->normal[a]);
+    return scale * along;
+}
+
+/* fine: how much farther than far2 a node has to be. */
+LR_INLINE double sum_at(const lr_winding *w, const double p[3], double fine, double *gradient)
 {
     uint32_t open[64]; /* the tree is at most 30 deep, and each level leaves one */
     int n_open = 0;
@@ -220,15 +249,26 @@ double lr_winding_at(const lr_winding *w, const double p[3])
         double to[3];
         lr_sub(node->centre, p, to);
         double d2 = lr_dot(to, to);
-        if (d2 > node->far2) {
-            sum += node->far2 < 0.0 ? 0.0 : lr_dot(node->normal, to) / (4.0 * PI * d2 * sqrt(d2));
+        if (d2 > fine * node->far2) {
+            sum += node->far2 < 0.0 ? 0.0 : dipole(node, to, d2, gradient);
         } else if (node->n <= LEAF) {
             for (uint32_t i = node->first; i < node->first + node->n; i++)
-                sum += share_of(w->mesh, w->list[i], p);
+                sum += share_of(w->mesh, w->list[i], p, gradient);
         } else {
             open[n_open++] = 2 * at + 1;
             open[n_open++] = 2 * at + 2;
         }
     }
     return sum;
+}
+
+double lr_winding_at(const lr_winding *w, const double p[3])
+{
+    return sum_at(w, p, 1.0, NULL);
+}
+
+double lr_winding_slope(const lr_winding *w, const double p[3], bool fine, double gradient[3])
+{
+    memset(gradient, 0, 3 * sizeof *gradient);
+    return sum_at(w, p, fine ? FINE : 1.0, gradient);
 }

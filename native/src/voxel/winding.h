@@ -29,4 +29,8 @@ void lr_winding_free(lr_winding *winding);
  * closed mesh, 0 outside, to about 0.01 where triangles are far. */
 double lr_winding_at(const lr_winding *winding, const double p[3]);
 
+/* The same, where it is to be fine to about 0.002, and how it changes from place to place. */
+double lr_winding_slope(const lr_winding *winding, const double p[3], bool fine,
+                        double gradient[3]);
+
 #endif
