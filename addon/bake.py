@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What surfaces carry into their volumes: vertex colours, textures, smooth normals (no bpy).
 
-A volume holds one colour per sample, so what it carries follows from the
-materials in the slots of the instance, its *outfit*: instances of a mesh whose
-outfits differ get volumes of their own, all others share one. A colour is baked
-only for slots whose material asks for it, and a mesh none of whose materials do
-carries none.
+A volume keeps the triangles that its samples name, each with one source of its colour,
+so what it carries follows from the materials in the slots of the instance, its
+*outfit*: instances of a mesh whose outfits differ get volumes of their own, all others
+share one. Colours are carried only for slots whose material asks for them, and a mesh
+none of whose materials do carries none. Images are looked up at the hit, by the
+triangle's own UVs.
 
-Normals are baked where facets show: where they are LARGE voxels wide or more (on
+Normals are carried where facets show: where they are LARGE voxels wide or more (on
 smaller ones the field is smoother than its facets, and its own gradient is as
 good), on at least SHOWS of the area, and corner normals lean from them by more
 than LEAN; or where such facets meet in creases, beside which central differences

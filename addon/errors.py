@@ -5,7 +5,7 @@ The error at a point of the surface is |f - T| / |grad f|: the distance between
 the point and the field's own surface, to first order. Where a wall is thinner
 than the lattice resolves, the field never reaches T: such points are *lost*.
 At creases the field cuts the corner, and its normal turns within about a voxel
-(*blur*). Exact cells have none of these errors. Textures that are finer than the
+(*blur*). Exact cells have none of these errors. Triangles that are finer than the
 voxels lose *color*.
 
 Each has a bar of its own. Those of edges come from what can be seen: an outline
