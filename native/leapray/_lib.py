@@ -10,9 +10,13 @@ from __future__ import annotations
 
 import ctypes
 import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from . import _abi
+
+T = TypeVar("T")
 
 
 class LeapRayError(Exception):
@@ -97,33 +101,50 @@ def call(function, *arguments, watch: Watch | None = None, outputs: tuple = ()) 
     watch = watch or Watch()
     error = _abi.lr_error()
     tail = (watch.pointer, *map(ctypes.byref, outputs), ctypes.byref(error))
+    check(apart(lambda: function(*arguments, *tail), watch), error)
+
+
+def apart(work: Callable[[], T], watch: Watch) -> T:
+    """work() on a thread of its own where this is the main one, which alone hears Ctrl-C.
+
+    KeyboardInterrupt sets the stop word and is raised again once work has ended: what work
+    uses must live until then. It may come at any call here, within the thread's start too.
+    """
     if threading.current_thread() is not threading.main_thread():
-        check(function(*arguments, *tail), error)
-        return
+        return work()
+    claim, ended = threading.Lock(), threading.Event()
+    result: list[T] = []
+    failure: list[BaseException] = []
 
-    ended = threading.Event()
-    outcome: list = []
-
-    def work() -> None:
+    def run() -> None:
+        if not claim.acquire(blocking=False):
+            return  # nobody waits for it
         try:
-            outcome.append(function(*arguments, *tail))
-        except ctypes.ArgumentError as refused:
-            outcome.append(refused)
+            result.append(work())
+        except BaseException as raised:
+            failure.append(raised)
         finally:
             ended.set()
 
-    worker = threading.Thread(target=work, name="leapray-call")
-    worker.start()
+    worker = threading.Thread(target=run, name="leapray-call")
     interrupt = None
-    while not ended.is_set():  # the arrays must live until C has let go of them
+    try:
+        worker.start()
+    except BaseException as raised:
+        if claim.acquire(blocking=False):
+            raise  # before anything ran
+        watch.stop()
+        interrupt = raised
+    while True:
         try:
             ended.wait()
+            break
         except BaseException as raised:
             watch.stop()
             interrupt = raised
     worker.join()
     if interrupt is not None:
         raise interrupt
-    if isinstance(outcome[0], ctypes.ArgumentError):
-        raise outcome[0]
-    check(outcome[0], error)
+    if failure:
+        raise failure[0]
+    return result[0]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TypeVar
 
-from ._lib import LeapRayError, Watch
+from ._lib import LeapRayError, Watch, apart
 
 T = TypeVar("T")
 
@@ -32,18 +32,22 @@ def run_parts(
     The first exception, Ctrl-C among them, sets the watch's stop word and is
     raised once all threads have ended.
     """
-    with ThreadPoolExecutor(threads or cores(), thread_name_prefix="leapray") as pool:
-        try:
-            jobs = [pool.submit(part, i, min(i + size, n)) for i in range(0, n, size)]
-            wait(jobs, return_when=FIRST_EXCEPTION)
-            failed = [job for job in jobs if job.done() and job.exception() is not None]
-            if failed:
-                raise failed[0].exception()
-            return [job.result() for job in jobs]
-        except BaseException:
-            watch.stop()
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+
+    def work() -> list[T]:
+        with ThreadPoolExecutor(threads or cores(), thread_name_prefix="leapray") as pool:
+            try:
+                jobs = [pool.submit(part, i, min(i + size, n)) for i in range(0, n, size)]
+                wait(jobs, return_when=FIRST_EXCEPTION)
+                failed = [job for job in jobs if job.done() and job.exception() is not None]
+                if failed:
+                    raise failed[0].exception()
+                return [job.result() for job in jobs]
+            except BaseException:
+                watch.stop()
+                pool.shutdown(wait=True, cancel_futures=True)
+                raise
+
+    return apart(work, watch)
 
 
 def run_steps(
@@ -60,12 +64,15 @@ def run_steps(
         for index in range(first, counts[step], hands):
             part(step, index)
 
-    with ThreadPoolExecutor(hands, thread_name_prefix="leapray") as pool:
-        try:
-            for step, count in enumerate(counts):
-                for job in [pool.submit(share, step, i) for i in range(min(hands, count))]:
-                    job.result()
-        except BaseException:
-            watch.stop()
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+    def work() -> None:
+        with ThreadPoolExecutor(hands, thread_name_prefix="leapray") as pool:
+            try:
+                for step, count in enumerate(counts):
+                    for job in [pool.submit(share, step, i) for i in range(min(hands, count))]:
+                        job.result()
+            except BaseException:
+                watch.stop()
+                pool.shutdown(wait=True, cancel_futures=True)
+                raise
+
+    apart(work, watch)
