@@ -37,7 +37,7 @@ def compared(tmp_path_factory):
     """The folder that a comparison of the sphere leaves, and what it printed."""
     folder = tmp_path_factory.mktemp("compare")
     options = ["--percentage", 25, "--samples", 4, "--reference", 32, "--traversers", "all"]
-    options += ["--curve", 4]
+    options += ["--curve", 16]
     done = run("compare", ROOT / "blend_samples/sphere.blend", *options, cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / "sphere-compare", done.stdout
@@ -68,7 +68,7 @@ def test_the_folder_holds_the_page_the_figures_and_the_pictures(compared, told):
 
 
 def test_both_engines_are_charted_at_the_counts_of_the_curve(told):
-    assert list(told["by_samples"]) == ["1", "4"]
+    assert list(told["by_samples"]) == ["1", "4", "16"]
     for count, values in told["by_samples"].items():
         assert values["seconds"] >= values["phases"]["total"] > 0
         assert values["all"]["flip"] > 0 and count in told["cycles"]["by_samples"]
