@@ -173,8 +173,9 @@ class Shelf:
                 folder = Path(self.folder)
                 folder.mkdir(parents=True, exist_ok=True)
                 for left in folder.glob(".*.partial"):
-                    if time.time() - left.stat().st_mtime > FORGOTTEN:
-                        left.unlink(missing_ok=True)
+                    with contextlib.suppress(FileNotFoundError):  # another render has ended it
+                        if time.time() - left.stat().st_mtime > FORGOTTEN:
+                            left.unlink()
             except OSError as error:
                 self._give_up(error)
                 return False
