@@ -18,6 +18,22 @@ def pytest_addoption(parser):
     )
 
 
+@pytest.fixture
+def made(monkeypatch):
+    """The numbers of triangles of what was voxelized since it was last cleared."""
+    import leapray
+
+    counts = []
+    voxelize = leapray.voxelize
+
+    def counted(vertices, triangles, *more, **options):
+        counts.append(len(triangles))
+        return voxelize(vertices, triangles, *more, **options)
+
+    monkeypatch.setattr(leapray, "voxelize", counted)
+    return counts
+
+
 @pytest.fixture(scope="module")
 def sphere():
     """The structure of stage's ball."""

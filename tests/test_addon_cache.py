@@ -8,25 +8,16 @@ import numpy as np
 import pytest
 from blender_scenes import diffuse, exr, fresh, light, mesh, nodes_of, plane, put
 
-import leapray
 from addon import engine, session
 
 SAMPLES = Path(__file__).parents[1] / "blend_samples"
 N_FRAMES = 10
 
 
-@pytest.fixture
-def made(monkeypatch):
-    """The numbers of triangles of what was voxelized since it was last cleared."""
-    counts = []
-    voxelize = leapray.voxelize
-
-    def counted(vertices, triangles, *more, **options):
-        counts.append(len(triangles))
-        return voxelize(vertices, triangles, *more, **options)
-
-    monkeypatch.setattr(leapray, "voxelize", counted)
-    yield counts
+@pytest.fixture(autouse=True)
+def nothing_kept():
+    """Volumes that the engine keeps go with the test."""
+    yield
     engine._volumes.clear()
 
 

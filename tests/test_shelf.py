@@ -26,20 +26,6 @@ pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
 PASSES = ("Combined", "Depth", "Normal", "Object Index", "Volume")
 
 
-@pytest.fixture
-def made(monkeypatch):
-    """What was voxelized: the names of the calls."""
-    names = []
-    voxelize = leapray.voxelize
-
-    def counted(vertices, triangles, *more, **options):
-        names.append(len(triangles))
-        return voxelize(vertices, triangles, *more, **options)
-
-    monkeypatch.setattr(leapray, "voxelize", counted)
-    return names
-
-
 def painted(mesh):
     """With colours and normals of its own at the corners."""
     normals = mesh.vertices[mesh.triangles]
