@@ -174,11 +174,6 @@ def slot_sources(mesh: model.Mesh, outfit: Outfit) -> NDArray[np.int32] | None:
     return None if (sources == WHITE).all() else sources
 
 
-def facets_show(mesh: model.Mesh, voxel_size: float, creased: bool = False) -> bool:
-    """Whether the mesh's own normals would be missed at that voxel size."""
-    return voxel_size < facet_voxel(mesh, creased)
-
-
 def facet_voxel(mesh: model.Mesh, creased: bool) -> float:
     """The voxel size below which the mesh's own normals would be missed; 0: never."""
     if not (creased or mesh.corner_normals is not None) or not len(mesh.triangles):

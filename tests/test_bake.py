@@ -123,10 +123,12 @@ def test_slots_that_no_triangle_has_ask_for_nothing():
 
 def test_meshes_whose_facets_show_carry_normals_and_others_do_not():
     coarse, fine = sphere(n=6), sphere(n=64)
-    assert bake.facets_show(smooth(coarse), 0.02)
-    assert not bake.facets_show(coarse, 0.02)  # flat, and without creases so far as this call knows
-    assert bake.facets_show(coarse, 0.02, creased=True)
-    assert not bake.facets_show(smooth(fine), 0.1, creased=True)  # facets smaller than voxels
+    assert bake.facet_voxel(smooth(coarse), False) > 0.02
+    assert (
+        not bake.facet_voxel(coarse, False) > 0.02
+    )  # flat, and without creases so far as is known
+    assert bake.facet_voxel(coarse, True) > 0.02
+    assert not bake.facet_voxel(smooth(fine), True) > 0.1  # facets smaller than voxels
     places = [place(0), place(1, at=(3, 0, 0)), place(2, at=(-3, 0, 0)), place(3, at=(0, 0, 3))]
     made = planned(scene([smooth(coarse), coarse, fine, plane()], places))
     carried = [row["carries"] for row in made.volumes]
@@ -156,7 +158,7 @@ def test_beside_a_crease_normals_are_those_of_the_face():
 def test_normals_along_the_facets_are_not_worth_it():
     flat = plane()
     up = np.broadcast_to(np.float32((0, 0, 1)), (2, 3, 3))
-    assert not bake.facets_show(dataclasses.replace(flat, corner_normals=up), 0.01)
+    assert not bake.facet_voxel(dataclasses.replace(flat, corner_normals=up), False) > 0.01
 
 
 # ---- meshes that change ---------------------------------------------------------

@@ -120,14 +120,13 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     light = Light(subject, geometry, reference.passes["Combined"][..., :3])
     most = option("curve", 0)
     curve = {4**k for k in range(16) if 4**k <= most}
-    for count in sorted(
-        curve | {samples} if curve else {1, max(samples // 4, 1), samples, 4 * samples}
-    ):
-        if count < reference_samples or curve:
-            step(f"Cycles, {count} samples")
-            frame = frames.render_cycles(scene, path, count)
-            cycles[count] = {"seconds": frame.seconds, **light.of(frame)}
-            images["cycles"] = frame if count == samples else images.get("cycles", frame)
+    usual = {1, max(samples // 4, 1), samples, 4 * samples}
+    counts = curve | {samples} if curve else {n for n in usual if n < reference_samples}
+    for count in sorted(counts):
+        step(f"Cycles, {count} samples")
+        frame = frames.render_cycles(scene, path, count)
+        cycles[count] = {"seconds": frame.seconds, **light.of(frame)}
+        images["cycles"] = frame if count == samples else images.get("cycles", frame)
     ours: dict[int, Json] = {}
     done = {}
     for count in sorted(curve):

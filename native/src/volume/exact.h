@@ -56,15 +56,13 @@ LR_INLINE bool lr_is_trusted(const lr_volume *v, const int32_t c[3])
     return !(word >> lr_bit_of(c[0], c[1], c[2]) & 1);
 }
 
-/* Of a word, the cells whose coordinate is i - 1, i or i + 1 along the axis whose bits lie
- * that far apart. i: -1..4. */
-LR_INLINE uint64_t lr_around(int32_t i, int apart)
+/* Of a word, the cells whose coordinate along an axis is i - 1, i or i + 1. i: -1..4. */
+LR_INLINE uint64_t lr_around(int32_t i, int axis)
 {
-    static const uint64_t all[3] = {0x1111111111111111u, 0x000f000f000f000fu, 0xffffu};
-    const uint64_t plane = all[apart == 1 ? 0 : apart == 4 ? 1 : 2];
+    static const uint64_t first[3] = {0x1111111111111111u, 0x000f000f000f000fu, 0xffffu};
     uint64_t cells = 0;
     for (int32_t k = i > 0 ? i - 1 : 0; k <= (i < 3 ? i + 1 : 3); k++)
-        cells |= plane << (k * apart);
+        cells |= first[axis] << (k << 2 * axis);
     return cells;
 }
 
@@ -80,8 +78,8 @@ LR_INLINE bool lr_near_doubt(const lr_volume *v, const int32_t c[3])
             for (int32_t x = (c[0] - 1) >> 2; x <= (c[0] + 1) >> 2; x++) {
                 const uint32_t brick = lr_entry(v, 4 * x, 4 * y, 4 * z) >> 8;
                 const uint64_t word = v->exact->doubt[brick][lr_sub_of(4 * x, 4 * y, 4 * z)];
-                if (word != 0 && (word & lr_around(c[0] - 4 * x, 1) & lr_around(c[1] - 4 * y, 4) &
-                                  lr_around(c[2] - 4 * z, 16)) != 0)
+                if (word != 0 && (word & lr_around(c[0] - 4 * x, 0) & lr_around(c[1] - 4 * y, 1) &
+                                  lr_around(c[2] - 4 * z, 2)) != 0)
                     return true;
             }
     return false;
