@@ -8,12 +8,11 @@ share one. Colours are carried only for slots whose material asks for them, and 
 none of whose materials do carries none. Images are looked up at the hit, by the
 triangle's own UVs.
 
-Normals are carried where facets show: where they are LARGE voxels wide or more (on
-smaller ones the field is smoother than its facets, and its own gradient is as
-good), on at least SHOWS of the area, and corner normals lean from them by more
-than LEAN; or where such facets meet in creases, beside which central differences
-would see both sides. Flat-shaded meshes have no corner normals: then those of the
-facets.
+Smooth normals are carried where the plan has measured that those of the field are off, and
+where that is foreseen: where facets are LARGE voxels wide or more, on at least SHOWS of the
+area, and corner normals lean from them by more than LEAN; or where such facets meet in
+creases, beside which central differences would see both sides. Flat-shaded meshes have no
+corner normals and carry none: the triangle that is hit gives its own.
 """
 
 from __future__ import annotations
@@ -131,11 +130,7 @@ class Wardrobe:
         self, mesh: model.Mesh, outfit: Outfit, with_normals: bool
     ) -> leapray.Attributes | None:
         """What a volume of the mesh, or of a part of it, is to carry; None: nothing."""
-        normals = None
-        if with_normals:
-            normals = mesh.corner_normals
-            if normals is None:
-                normals = np.ascontiguousarray(unit(facet_normals(mesh)), np.float32)
+        normals = mesh.corner_normals if with_normals else None
         sources = slot_sources(mesh, outfit)
         if sources is None and normals is None:
             return None
@@ -176,7 +171,7 @@ def slot_sources(mesh: model.Mesh, outfit: Outfit) -> NDArray[np.int32] | None:
 
 def facet_voxel(mesh: model.Mesh, creased: bool) -> float:
     """The voxel size below which the mesh's own normals would be missed; 0: never."""
-    if not (creased or mesh.corner_normals is not None) or not len(mesh.triangles):
+    if mesh.corner_normals is None or not len(mesh.triangles):
         return 0.0
     facets = facet_normals(mesh)[:, 0]
     twice = np.linalg.norm(facets, axis=1)

@@ -6,7 +6,8 @@ the point and the field's own surface, to first order. Where a wall is thinner
 than the lattice resolves, the field never reaches T: such points are *lost*.
 At creases the field cuts the corner, and its normal turns within about a voxel
 (*blur*). Exact cells have none of these errors. Triangles that are finer than the
-voxels lose *color*.
+voxels lose *color*. Shading normals are compared with the mesh's own, smooth or flat as
+its faces are, wherever hits take them from.
 
 Each has a bar of its own. Those of edges come from what can be seen: an outline
 that is half a pixel off on the average changes a quarter of the pixels at the
@@ -24,6 +25,8 @@ from numpy.typing import NDArray
 import leapray
 from leapray.voxelization import own_half_width, slope
 
+from . import model
+from .bake import unit
 from .probes import Probes, Weights
 
 ONES = {"u8": 255, "u16": 65535, "f32": 1 << 24}  # steps of a sample's type between 0 and 1
@@ -42,6 +45,8 @@ CROWD = 12.0  # triangles on an exact cell's list, the mean, while its voxel is 
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
 CARRIED = 0.5  # of such a voxel counts where the volume carries normals, which turn within one cell
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
+NORMAL_ERROR = math.radians(2.0)  # the quantile; light at 45 degrees changes by 3.5 %
+ROUGHNESS = 3.0  # times that, RMS: what is finer than a pixel keeps its mean light within 0.5 %
 COLOR_ERROR = 0.01  # of the square root of light, the mean: black and white checks need 0.4 pixel
 
 
@@ -55,6 +60,7 @@ class Measure:
     turn: float  # of normals by it, the mean in radians
     surface: NDArray[np.float32]
     lost: NDArray[np.bool_]
+    normal: NDArray[np.float32]  # radians between the shading normals of hits and the mesh's
     crease: NDArray[np.float32]
     sharp: NDArray[np.bool_]  # creases in exact cells
     exact: str  # whose cells keep their triangles
@@ -80,7 +86,7 @@ class Measure:
         color = self.color is None or (self.color.ndim == 2 and len(self.color) == n)
         return (
             color
-            and self.surface.shape == self.lost.shape == (n,)
+            and self.surface.shape == self.lost.shape == self.normal.shape == (n,)
             and self.crease.shape == self.sharp.shape == (n_creases,)
         )
 
@@ -97,6 +103,7 @@ class Errors:
     surface: float  # the quantile, without what is lost
     steps: float  # the part of it that the samples' type explains
     lost: float  # share of the pixels
+    normal: float  # of shading, radians: the quantile, or a third of the RMS if that is more
     voxel: float  # the mean over the surface
     crease: float  # the mean along outlines
     blur: float  # the voxel, the mean along creases that are seen; 0 without creases
@@ -114,7 +121,12 @@ class Errors:
 
     def enough(self, pixel_error: float) -> bool:
         """Whether everything is as good as asked for."""
-        return max(self.of_surface(pixel_error), self.of_color(), self.of_edges()) <= 1
+        own = self.of_surface(pixel_error), self.of_normals(), self.of_color(), self.of_edges()
+        return max(own) <= 1
+
+    def of_normals(self) -> float:
+        """Against the bar of shading normals; at most 1 is good enough."""
+        return self.normal / NORMAL_ERROR
 
     def of_color(self) -> float:
         """Against the bar of colours; at most 1 is good enough."""
@@ -123,7 +135,8 @@ class Errors:
     def progress(self, pixel_error: float) -> float:
         """What falls with the voxel wherever finer voxels are of any use."""
         lost = self.voxel if self.lost > LOST_SHARE else 0.0
-        return max(self.surface / pixel_error, lost, self.of_color(), self.of_edges())
+        others = self.of_normals(), self.of_color(), self.of_edges()
+        return max(self.surface / pixel_error, lost, *others)
 
     def levels(self, pixel_error: float) -> int:
         """How many times the voxel must be halved at least, as far as these errors foretell it.
@@ -135,8 +148,8 @@ class Errors:
         if self.of_surface(pixel_error) > 1:
             ratio = min(self.surface, ROUGH * self.voxel) / pixel_error
             return max(1, math.floor(math.log2(max(ratio, 1.0)) / 2))
-        if self.of_color() > 1:
-            return 1  # a texture may be smooth just below
+        if max(self.of_normals(), self.of_color()) > 1:
+            return 1  # facets may show, a texture may be smooth just below
         ratios = (
             min(self.crease, ROUGH * self.blur) / CREASE_ERROR,
             self.blur / CREASE_VOXEL,
@@ -154,6 +167,8 @@ class Errors:
             return f"an error of {self.surface:.2g} pixels instead of {pixel_error:g}"
         if self.of_surface(pixel_error) > 1:
             return f"{100 * self.lost:.0f} % of its surface thinner than its voxels"
+        if self.of_normals() > 1:
+            return f"shading normals that are {math.degrees(self.normal):.1f} degrees off"
         if self.of_color() > 1:
             return f"colours that are {100 * self.color:.0f} % off"
         if self.crease > CREASE_ERROR:
@@ -167,6 +182,7 @@ def measure(
     volume: leapray.Volume,
     probes: Probes,
     voxel_size: float,
+    normal: NDArray[np.float32],
     color: NDArray[np.float32] | None = None,
     rise: float | None = None,
     exact: str = "sheets",
@@ -175,7 +191,7 @@ def measure(
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
-    color: what bake.color_errors measured there. rise: of occupancy per voxel
+    normal: what `normal_errors` measured there, color: what bake.color_errors did. rise: of occupancy per voxel
     across a plane, before gain; None: that of the ramp. exact: as it was voxelized. ids: of the
     mesh's triangles, where several solids share the volume: each is held against
     its own field. gain above 0: as `volume.narrow(gain)` would leave it. The structure's
@@ -206,6 +222,7 @@ def measure(
         turn=TURN_OF_U8 if dtype == "u8" else 0.0,
         surface=surface,
         lost=lost,
+        normal=np.where(lost, np.float32(0), normal),
         crease=crease,
         sharp=volume.exact_at(probes.creases),
         exact=exact,
@@ -275,12 +292,47 @@ def seen(measure: Measure, weights: Weights) -> Errors:
         surface=MARGIN * surface,
         steps=MARGIN * min(steps, surface),
         lost=float(pixels[m.lost].sum()),
+        normal=normal_seen(m, w),
         voxel=float((m.voxel_size / w.surface_footprint * pixels).sum()),
         crease=mean(m.crease / w.outline_footprint, 1 / w.outline_footprint),
         blur=mean(np.where(m.sharp, 0, turn) / w.crease_footprint, 1 / w.crease_footprint),
         color=color_seen(m, w) if m.color is not None else 0.0,
         crowd=m.crowd,
     )
+
+
+def normal_errors(
+    volume: leapray.Volume,
+    mesh: model.Mesh,
+    probes: Probes,
+    ids: NDArray[np.uint16] | None = None,
+) -> NDArray[np.float32]:
+    """Radians (n,) between the shading normals that hits have at the probes and the mesh's own.
+
+    Not above a quarter turn: which side is outside is not judged. ids: as for `measure`.
+    """
+    own = probes.surface_normals
+    if mesh.corner_normals is not None:
+        corners = mesh.corner_normals[probes.surface_triangles].astype(np.float64)
+        smooth = unit(np.einsum("nk,nkc->nc", probes.surface_weights, corners))
+        own = np.where(smooth.any(axis=1)[:, None], smooth, own)
+    found = volume.normals(probes.surface, None if ids is None else ids[probes.surface_triangles])
+    cosine = np.abs(np.einsum("nc,nc->n", np.nan_to_num(found), own))
+    sine = np.linalg.norm(np.cross(np.nan_to_num(found), own), axis=1)
+    return np.arctan2(sine, cosine).astype(np.float32)
+
+
+def normal_seen(measure: Measure, weights: Weights) -> float:
+    """The error of shading normals as pixels show it, radians.
+
+    A pixel that holds several voxels or triangles averages what they are off, but for what
+    roughness takes from the mean light.
+    """
+    m, pixels = measure, weights.surface_pixels
+    width = np.minimum(m.voxel_size / weights.surface_footprint, weights.surface_facets)
+    shown = m.normal * np.minimum(width, 1.0)
+    rough = math.sqrt(mean(np.square(m.normal, dtype=np.float64), pixels)) / ROUGHNESS
+    return max(quantile(shown, pixels, QUANTILE), rough)
 
 
 def color_seen(measure: Measure, weights: Weights) -> float:

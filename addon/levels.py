@@ -47,6 +47,7 @@ class Work:
     structure: leapray.Structure | None = None
     stuck: str = ""  # why it is no finer, where it should be
     exact: str = "sheets"  # whose cells keep their triangles, see leapray.voxelize
+    own_normals: bool = False  # shading is the mesh's own at any voxel size, smooth or flat
     dtype: str = ""  # of its samples; "": u16, or u8 where that is enough
     history: list[float] = field(default_factory=list)
 
@@ -55,10 +56,11 @@ class Work:
         """Whether the object says how fine the volume is."""
         return self.mesh.modelling.resolution > 0
 
-    def needs(self, pixel_error: float) -> tuple[float, float, float]:
-        """How many times too coarse the surface is, its colours and edges; 1 is good enough."""
+    def needs(self, pixel_error: float) -> tuple[float, float, float, float]:
+        """How many times too coarse the surface is, its normals, colours and edges; 1: good."""
         e = self.errors
-        return tuple(max(x, 1.0) for x in (e.of_surface(pixel_error), e.of_color(), e.of_edges()))
+        surface = e.of_surface(pixel_error)
+        return tuple(max(x, 1.0) for x in (surface, e.of_normals(), e.of_color(), e.of_edges()))
 
 
 class Levels:
@@ -89,7 +91,7 @@ class Levels:
         s = self.settings
         made = what, work.digest, voxel_size, work.with_ids, work.carries, dtype
         made = *made, self._filter(work.mesh), s.half_width, exact or work.exact
-        made = *made, work.mesh.modelling.kind
+        made = *made, work.own_normals, work.mesh.modelling.kind
         return made if what == "volume" else (*made, s.traverser)
 
     def _filter(self, mesh: model.Mesh) -> str:
@@ -251,6 +253,7 @@ class Levels:
             attributes=self._attributes(work, mesh, voxel_size),
             dtype=dtype,
             exact=work.exact if work.mesh.solids is None else "none",
+            flat=work.own_normals and mesh.corner_normals is None,
             threads=self.threads,
             watch=self.watch,
             max_nbytes=max(max_nbytes, 1),
@@ -266,7 +269,7 @@ class Levels:
             widest = bake.facet_voxel(mesh, creased)
             if mesh is work.mesh:
                 self.cache.put(key, widest)
-        return self.wardrobe.attributes(mesh, work.outfit, voxel_size < widest)
+        return self.wardrobe.attributes(mesh, work.outfit, work.own_normals or voxel_size < widest)
 
     def _kernel(self, mesh: model.Mesh, volume: leapray.Volume) -> tuple[str, float]:
         """The filter that the volume was made with, and its half width; 0: its own."""
@@ -352,7 +355,10 @@ class Levels:
         at, ids = self._probes(work), work.mesh.slots
         kernel, width = self._kernel(work.mesh, volume)
         rise = slope(kernel, width or own_half_width(kernel, volume.info.dtype))
-        known = at, voxel_size, self._color_errors(work, volume), rise, work.exact, ids
+        whose = ids if volume.info.n_objects else None
+        normal = errors.normal_errors(volume, work.mesh, at, whose)
+        color = self._color_errors(work, volume)
+        known = at, voxel_size, normal, color, rise, work.exact, ids
         measure = errors.measure(volume, *known)
         if not fresh or work.dtype or not self._enough(work, measure):
             return measure
@@ -360,7 +366,7 @@ class Levels:
         narrow = errors.measure(volume, *known, gain)
         if not self._enough(work, dataclasses.replace(narrow, turn=0.0)):
             return measure
-        whose = ids[at.surface_triangles] if volume.info.n_objects else None
+        whose = None if whose is None else ids[at.surface_triangles]
         turn = steps.turn(volume, at.surface, voxel_size, gain, whose)
         if turn > work.turn:
             return measure

@@ -188,20 +188,20 @@ class Planner(Levels):
         """Halve the voxels of the worst volume, while one is not good enough and memory lasts."""
         bar = self.settings.pixel_error
 
-        def ticket(n: int) -> tuple[float, float, float, int]:
-            """What sorts first is refined first: surfaces before colours before edges."""
-            surface, color, edges = self.works[n].needs(bar)
-            return -surface, -color, -edges, n
+        def ticket(n: int) -> tuple[float, float, float, float, int]:
+            """What sorts first is refined first: surfaces, normals, colours, edges."""
+            return *(-need for need in self.works[n].needs(bar)), n
 
         queue = [ticket(n) for n, work in enumerate(self.works) if not (work.stuck or work.fixed)]
         heapq.heapify(queue)
         total, left = 1e-9, 0.0
-        while queue and queue[0][:3] < (-1.0, -1.0, -1.0):
+        while queue and queue[0][:4] < (-1.0, -1.0, -1.0, -1.0):
             *_, n = heapq.heappop(queue)
             work = self.works[n]
-            if self._widen(work) or self._keep_triangles(work) or self._refine_one(work):
+            levers = self._widen, self._keep_triangles, self._keep_normals, self._refine_one
+            if any(lever(work) for lever in levers):
                 heapq.heappush(queue, ticket(n))
-            left = sum(math.log2(-t[0] * t[1] * t[2]) for t in queue)
+            left = sum(math.log2(math.prod(t[:4])) for t in queue)
             total = max(total, left)
             self.advance(0.3 + 0.7 * (1.0 - left / total))
 
@@ -228,28 +228,42 @@ class Planner(Levels):
         than these: there every cell would keep some.
         """
         m, e = work.measure, work.errors
-        spoilt = e.lost > errors.LOST_SHARE or len(m.crease) > 0
-        several = work.mesh.solids is not None
+        flat, several = work.mesh.corner_normals is None, work.mesh.solids is not None
+        turned = e.of_normals() > 1 and (flat or work.own_normals)
         if work.exact != "sheets" or self.settings.exact != "auto" or m.kind != "solid" or several:
             return False
-        if not spoilt or len(work.mesh.triangles) > errors.CROWD / 4 * m.n_cells:
+        if not (turned or e.lost > errors.LOST_SHARE or len(m.crease) > 0) or _crowds(work):
             return False
-        bar, before = self.settings.pixel_error, math.prod(work.needs(self.settings.pixel_error))
+        return self._try(work, exact="all", own_normals=work.own_normals or flat)
+
+    def _keep_normals(self, work: Work) -> bool:
+        """Let hits have the mesh's own shading normals, where the field's are off."""
+        if work.own_normals or work.errors.of_normals() <= 1:
+            return False
+        solid = work.measure.kind == "solid"
+        if work.mesh.corner_normals is None and solid and work.exact != "all":
+            return False  # facets are kept with the triangles of cells
+        return self._try(work, own_normals=True)
+
+    def _try(self, work: Work, **changes) -> bool:
+        """Make the level anew, changed so; keep that if it fits and helps."""
+        before = {name: getattr(work, name) for name in changes}
+        size, needed = work.measure.voxel_size, math.prod(work.needs(self.settings.pixel_error))
         volume_room = self._volume_room(work)
-        work.exact = "all"
+        vars(work).update(changes)
         if self._refused(work, 0, volume_room):
-            work.exact = "sheets"
+            vars(work).update(before)
             return False
-        if math.prod(work.needs(bar)) < before:
+        if math.prod(work.needs(self.settings.pixel_error)) < needed:
             return True
-        work.exact = "sheets"
-        self.enter(work, m.voxel_size, math.inf)
+        vars(work).update(before)
+        self.enter(work, size, math.inf)
         del work.history[-2:]  # as if nothing had been tried
         return False
 
     def _volume_room(self, work: Work) -> float:
         """Bytes that the work's volume may take: fewer where only edges ask for them."""
-        edges_only = work.needs(self.settings.pixel_error)[:2] == (1.0, 1.0)
+        edges_only = work.needs(self.settings.pixel_error)[:3] == (1.0, 1.0, 1.0)
         return self.budget * EDGE_SHARE if edges_only else math.inf
 
     def _refine_one(self, work: Work) -> bool:
@@ -257,7 +271,8 @@ class Planner(Levels):
         bar = self.settings.pixel_error
         room = self.budget - self.held()
         volume_room = self._volume_room(work)
-        if len(work.history) > 3 and work.history[-1] > 0.9 * work.history[-4]:
+        waits = work.errors.of_normals() > 1 and work.exact == "sheets" and _crowds(work)
+        if not waits and len(work.history) > 3 and work.history[-1] > 0.9 * work.history[-4]:
             work.stuck = "halving the voxels three times did not help"
             return False
         for levels in range(work.errors.levels(bar), 0, -1):
@@ -376,6 +391,7 @@ class Planner(Levels):
             "exact_share": round(m.exact_share, 4),
             "crease_footprints": round(e.crease, 4),
             "crease_voxel_footprints": round(e.blur, 4),
+            "normal_error": round(math.degrees(e.normal), 2),
             "color_error": round(e.color, 4),
             "carries": [
                 w for w, has in (("colors", m.color is not None), ("normals", m.normals)) if has
@@ -396,6 +412,11 @@ class Planner(Levels):
         if self.settings.resolution or work.fixed or not what:
             return ""
         return f"{work.name!r} has {what}: {work.stuck}."
+
+
+def _crowds(work: Work) -> bool:
+    """Would nearly every cell of this level keep more triangles than rays like to meet?"""
+    return len(work.mesh.triangles) > errors.CROWD / 4 * work.measure.n_cells
 
 
 def _doubt(work: Work) -> str:

@@ -42,6 +42,7 @@ class Probes:
     surface_normals: Points  # unit
     surface_triangles: NDArray[np.int64]  # (n,) that the points lie in,
     surface_weights: NDArray[np.float64]  # (n, 3) barycentric
+    surface_facets: NDArray[np.float64]  # (n,) widths of those triangles: of squares as large
     creases: Points
     crease_triangles: NDArray[np.int64]  # (n,) one of those beside
     crease_normals: NDArray[np.float64]  # (n, 2, 3): of the triangles on either side, unit
@@ -137,6 +138,7 @@ def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes
         surface_normals=normals(3 * chosen),
         surface_triangles=chosen,
         surface_weights=weights,
+        surface_facets=np.sqrt(area[chosen]),
         creases=creases,
         crease_triangles=beside,
         crease_normals=sides,
@@ -178,6 +180,7 @@ class Weights:
 
     surface_footprint: NDArray[np.float64]
     surface_pixels: NDArray[np.float64]
+    surface_facets: NDArray[np.float64]  # widths of the triangles, in pixels
     crease_footprint: NDArray[np.float64]
     outline_footprint: NDArray[np.float64]  # of the creases; large where they are no outline
 
@@ -268,4 +271,5 @@ def weigh(
 
     none = np.zeros(0)
     crease, outline = (best.get(name, none) for name in ("crease", "outline"))
-    return Weights(best["surface"], best["surface"] ** -2.0, crease, outline)
+    footprint = best["surface"]
+    return Weights(footprint, footprint**-2.0, probes.surface_facets / footprint, crease, outline)

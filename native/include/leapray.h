@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 20 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 21 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -168,6 +168,13 @@ LR_API lr_status lr_volume_attributes(const lr_volume *volume, const double *poi
                                       const uint16_t *ids, uint64_t n, double width,
                                       double *colors, double *normals, lr_error *error);
 
+/* The shading normals that hits at n points of the surface would have, in object space,
+ * outward: points[n][3], ids as above, normals[n][3]; NaN where the field vanishes.
+ * normal: lr_normal. */
+LR_API lr_status lr_volume_normals(const lr_volume *volume, const double *points,
+                                   const uint16_t *ids, uint64_t n, int32_t normal,
+                                   double *normals, lr_error *error);
+
 /* One volume of n solids, which keep their ids, none in two of them; the number of a
  * part is its object. Their voxels agree, their lattices are a whole number of voxels
  * apart, none has exact cells. Where objects meet a sample holds two, and each object is
@@ -275,6 +282,8 @@ typedef struct lr_voxelize_options {
     int32_t sample_type; /* lr_sample_type */
     int32_t simd;        /* lr_simd; one that is not there is refused */
     int32_t exact;       /* lr_exact_cells */
+    int32_t flat;        /* nonzero: the mesh is flat-shaded. Where cells may be exact, they are
+                            wherever normals would turn from a facet's by more than 1 degree */
 } lr_voxelize_options;
 
 typedef struct lr_voxelizer lr_voxelizer;
@@ -460,6 +469,7 @@ typedef struct lr_hits {
     double *gx, *gy, *gz;   /* unit normal of the trilinear field itself: tells the
                                side on which a secondary ray starts */
     int32_t *id;            /* of the object sample nearest the hit; 0 without ids */
+    uint32_t *triangle;     /* of those that exact cells keep; UINT32_MAX where the field was hit */
     int32_t *steps;         /* cells in which the ray stood */
 } lr_hits;
 

@@ -3,6 +3,7 @@
 
 from ._abi import LR_VERSION as __version__
 from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
+from .arrays import NORMALS
 from .attributes import VERTEX, WHITE, Attributes, Texture
 from .imaging import SKIPS, Clearance, FirstCells, first_cells
 from .rendering import (
@@ -22,7 +23,6 @@ from .tracing import (
     HIT_TESTS,
     METRICS,
     MODES,
-    NORMALS,
     ROOTS,
     Hits,
     Option,

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 20
+LR_ABI = 21
 
 
 class lr_status(IntEnum):
@@ -294,6 +294,7 @@ class lr_voxelize_options(ctypes.Structure):
         ("sample_type", ctypes.c_int32),
         ("simd", ctypes.c_int32),
         ("exact", ctypes.c_int32),
+        ("flat", ctypes.c_int32),
     )
 
 
@@ -376,6 +377,7 @@ class lr_hits(ctypes.Structure):
         ("gy", ctypes.POINTER(ctypes.c_double)),
         ("gz", ctypes.POINTER(ctypes.c_double)),
         ("id", ctypes.POINTER(ctypes.c_int32)),
+        ("triangle", ctypes.POINTER(ctypes.c_uint32)),
         ("steps", ctypes.POINTER(ctypes.c_int32)),
     )
 
@@ -653,6 +655,15 @@ PROTOTYPES = {
         ctypes.c_uint64,
         ctypes.c_double,
         ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_volume_normals": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_uint16),
+        ctypes.c_uint64,
+        ctypes.c_int32,
         ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(lr_error),
     )),

@@ -16,6 +16,11 @@ SAMPLE_TYPES = {
     "u16": (_abi.LR_U16, np.dtype(np.uint16)),
     "f32": (_abi.LR_F32, np.dtype(np.float32)),
 }
+NORMALS = {
+    "central": _abi.LR_NORMAL_CENTRAL,
+    "analytic": _abi.LR_NORMAL_ANALYTIC,
+    "smooth": _abi.LR_NORMAL_SMOOTH,
+}
 
 
 def pointer(array: NDArray | None, c_type=ctypes.c_double):

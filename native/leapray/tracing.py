@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import choice, columns, per_ray, pointer
+from .arrays import NORMALS, choice, columns, per_ray, pointer
 from .threads import check_threads, cores, run_parts, run_steps
 from .volume import Volume
 
@@ -31,11 +31,6 @@ ROOTS = {
     "bisect": _abi.LR_ROOT_BISECT,
     "cubic": _abi.LR_ROOT_CUBIC,
     "linear": _abi.LR_ROOT_LINEAR,
-}
-NORMALS = {
-    "central": _abi.LR_NORMAL_CENTRAL,
-    "analytic": _abi.LR_NORMAL_ANALYTIC,
-    "smooth": _abi.LR_NORMAL_SMOOTH,
 }
 METRICS = {
     "chessboard": _abi.LR_METRIC_CHESSBOARD,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import SAMPLE_TYPES, matrix, pointer, triple
+from .arrays import NORMALS, SAMPLE_TYPES, choice, matrix, pointer, triple
 
 BRICK = 8  # samples along a brick
 
@@ -279,6 +279,30 @@ class Volume:
         )
         check(status, error)
         return colors, normals
+
+    def normals(
+        self, points: ArrayLike, ids: ArrayLike | None = None, normal: str = "central"
+    ) -> NDArray[np.float64]:
+        """Unit shading normals (n, 3), outward, that hits at points (n, 3) would have.
+
+        points: of the surface, in object space; ids as for `sample`. normal: as for
+        `trace`. NaN where the field vanishes. Raises LeapRayError.
+        """
+        where = _points(points)
+        ids = _ids(ids, len(where))
+        found = np.empty(where.shape)
+        error = _abi.lr_error()
+        status = lib.lr_volume_normals(
+            self.handle,
+            pointer(where),
+            pointer(ids, ctypes.c_uint16),
+            len(where),
+            choice(NORMALS, normal, "normal"),
+            pointer(found),
+            ctypes.byref(error),
+        )
+        check(status, error)
+        return found
 
     def exact_at(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Whether points (n, 3) in object space lie in cells that keep their triangles."""

@@ -96,6 +96,7 @@ def voxelize(
     attributes: Attributes | None = None,
     dtype: str = "u16",
     exact: str = "sheets",
+    flat: bool = False,
     threads: int = 0,
     watch: Watch | None = None,
     max_nbytes: int | None = None,
@@ -125,6 +126,9 @@ def voxelize(
     borders, junctions, creases, close pairs) keep their triangles, which rays meet
     exactly; "all": those of solids too (creases, walls and gaps thinner than a voxel);
     "none": the samples alone, so that a sheet ends with the cells that it touches.
+    flat: the mesh is flat-shaded. Then cells that may keep their triangles do so wherever
+    normals would turn from a facet's by more than a degree, and hits elsewhere have the
+    gradient of the field in their own cell.
     threads 0: all cores; the result does not depend on it. max_nbytes: OutOfMemory,
     its attribute nbytes being the estimate, is raised before the work begins
     where the volume may take more. simd: the vector instructions, "portable",
@@ -147,6 +151,7 @@ def voxelize(
         ),
         simd=choice(SIMD, simd, "simd"),
         exact=choice(EXACT, exact, "exact"),
+        flat=bool(flat),
     )
     check_threads(threads)
     _check_table(points, chosen.voxel_size, width, max_nbytes)

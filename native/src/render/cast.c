@@ -132,6 +132,7 @@ static void scatter(const lr_caster *c, const lr_pair *pairs, uint32_t n)
         to->gy[i] = from->gy[k];
         to->gz[i] = from->gz[k];
         to->id[i] = from->id[k];
+        to->triangle[i] = from->triangle[k];
     }
 }
 

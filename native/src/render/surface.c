@@ -146,7 +146,8 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
     double offset[3], p[3];
     int32_t c[3];
     locate(placed, surfel, c, p);
-    lr_volume_color(lr_structure_volume(placed->structure), c, p, hit->id[i], 0.0, point->color);
+    lr_volume_color(lr_structure_volume(placed->structure), c, p, hit->id[i], hit->triangle[i], 0.0,
+                    point->color);
     memcpy(surfel->origin, surfel->position, sizeof surfel->origin);
     surfel->risen = rise(placed, surfel, hit->id[i], c, p, offset);
     for (int a = 0; a < 3 && surfel->risen; a++)

@@ -48,6 +48,7 @@ static lr_hits take_hits(lr_arena *arena, uint64_t n)
     hit.gy = take_doubles(arena, n);
     hit.gz = take_doubles(arena, n);
     hit.id = take(arena, n, sizeof *hit.id);
+    hit.triangle = take(arena, n, sizeof *hit.triangle);
     hit.steps = take(arena, n, sizeof *hit.steps);
     return hit;
 }

@@ -114,34 +114,6 @@ static double plane_speed(const scene *s, uint32_t triangle)
     return fabs(lr_dot(n, s->r->d)) / sqrt(lr_dot(n, n));
 }
 
-/* Squared distance of a point from a triangle.
- *
- * Source: Ericson 2005, Real-time collision detection, 5.1.5. */
-static double distance2(const lr_exact *e, uint32_t triangle, const double q[3])
-{
-    const double *p[3];
-    double n[3], best = INFINITY;
-    bool in_face = true;
-    lr_exact_corners(e, triangle, p);
-    lr_exact_normal(e, triangle, n);
-    for (int c = 0; c < 3; c++) {
-        const double *a = p[c], *b = p[(c + 1) % 3];
-        const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
-        const double from[3] = {q[0] - a[0], q[1] - a[1], q[2] - a[2]};
-        const double out[3] = {along[1] * n[2] - along[2] * n[1], along[2] * n[0] - along[0] * n[2],
-                               along[0] * n[1] - along[1] * n[0]};
-        in_face = in_face && lr_dot(out, from) <= 0.0;
-        const double share = lr_clamp(lr_dot(along, from) / lr_dot(along, along), 0.0, 1.0);
-        double square = 0.0;
-        for (int i = 0; i < 3; i++)
-            square += (from[i] - share * along[i]) * (from[i] - share * along[i]);
-        best = square < best ? square : best;
-    }
-    const double from[3] = {q[0] - p[0][0], q[1] - p[0][1], q[2] - p[0][2]};
-    const double height = lr_dot(n, from);
-    return in_face ? height * height / lr_dot(n, n) : best;
-}
-
 static void point_at(const lr_ray *r, double t, double q[3])
 {
     for (int a = 0; a < 3; a++)
@@ -206,7 +178,7 @@ static bool after(scene *s, gate *g, int side, const met *m)
     const bool by_field = side != 0 ? side > 0 : value >= 0.0;
     const bool by_triangle = later != m->inward; /* inside? */
     if (by_field == by_triangle || fabs(value) + height > OFF ||
-        distance2(s->v->exact, m->triangle, g->p) > LR_EXACT_NEAR * LR_EXACT_NEAR)
+        lr_exact_distance2(s->v->exact, m->triangle, g->p) > LR_EXACT_NEAR * LR_EXACT_NEAR)
         return later;
     return !later;
 }
@@ -226,7 +198,7 @@ static bool is_hidden(const scene *s, uint32_t triangle)
         double n[3], highest = -INFINITY;
         lr_exact_normal(e, s->list[i], n);
         if (s->list[i] == triangle || !(lr_dot(n, s->r->d) * s->leaving->side < 0.0) ||
-            distance2(e, s->list[i], start) > START_OFF * START_OFF)
+            lr_exact_distance2(e, s->list[i], start) > START_OFF * START_OFF)
             continue;
         lr_exact_corners(e, s->list[i], q);
         for (int c = 0; c < 3; c++) {
@@ -247,7 +219,7 @@ static bool is_left(const scene *s, const met *m)
     if (m->inward == (s->leaving->side < 0) || lr_is_exact(s->v, s->leaving->cell))
         return false;
     point_at(s->r, s->leaving->t, start);
-    return distance2(s->v->exact, m->triangle, start) <= LR_EXACT_NEAR * LR_EXACT_NEAR;
+    return lr_exact_distance2(s->v->exact, m->triangle, start) <= LR_EXACT_NEAR * LR_EXACT_NEAR;
 }
 
 /* Is the triangle in front of the ray's start? Moves a hit that rounding has put
@@ -287,8 +259,8 @@ static int hand_on(scene *s)
     point_at(s->r, s->leaving->t, start);
     for (uint32_t i = 0; i < s->n; i++)
         if (fabs(value) + gone * plane_speed(s, s->list[i]) <= OFF &&
-            distance2(s->v->exact, s->list[i], start) <= START_OFF * START_OFF &&
-            distance2(s->v->exact, s->list[i], s->out.p) <= LR_EXACT_NEAR * LR_EXACT_NEAR)
+            lr_exact_distance2(s->v->exact, s->list[i], start) <= START_OFF * START_OFF &&
+            lr_exact_distance2(s->v->exact, s->list[i], s->out.p) <= LR_EXACT_NEAR * LR_EXACT_NEAR)
             return 2 * side;
     return 0;
 }

@@ -17,6 +17,7 @@
 
 #include "trace/ray.h"
 #include "trace/root.h"
+#include "volume/exact.h"
 #include "volume/field.h"
 
 /* A ray's way through one cell. */
@@ -36,8 +37,6 @@ typedef struct lr_found {
     uint32_t triangle; /* of an exact cell; or LR_NO_TRIANGLE */
     int32_t object;    /* in a volume that tells objects apart; or LR_NO_OBJECT */
 } lr_found;
-
-#define LR_NO_TRIANGLE UINT32_MAX
 
 /* f on the face where coordinate a is 0 or 1. */
 LR_INLINE double lr_face_value(const double s[8], int a, bool upper, const double p[3])

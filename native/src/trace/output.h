@@ -4,9 +4,8 @@
 #ifndef LR_OUTPUT_H
 #define LR_OUTPUT_H
 
+#include "trace/normal.h"
 #include "trace/objects.h"
-#include "volume/attributes.h"
-#include "volume/exact.h"
 
 LR_INLINE void lr_put_triple(double *x, double *y, double *z, uint64_t i, const double v[3])
 {
@@ -38,17 +37,8 @@ LR_INLINE void lr_put_miss(const lr_hits *hits, uint64_t i)
     lr_put_triple(hits->gx, hits->gy, hits->gz, i, zero);
     if (hits->id != NULL)
         hits->id[i] = 0;
-}
-
-/* The outward unit normal in object space of a gradient in storage space; false
- * where there is none. */
-LR_INLINE bool lr_outward(const lr_volume *v, const double gradient[3], double normal[3])
-{
-    lr_map_gradient(v->storage_from_object, gradient, normal);
-    double length = sqrt(lr_dot(normal, normal));
-    for (int a = 0; a < 3; a++)
-        normal[a] /= -length;
-    return length > 0.0 && isfinite(length);
+    if (hits->triangle != NULL)
+        hits->triangle[i] = LR_NO_TRIANGLE;
 }
 
 LR_INLINE void lr_towards_origin(const double d[3], double normal[3])
@@ -81,23 +71,16 @@ LR_INLINE int32_t lr_nearest_id(const lr_volume *v, const int32_t c[3], const do
 LR_INLINE void lr_put_triangle(const lr_volume *v, const lr_hits *hits, uint64_t i,
                                const lr_found *found, int32_t normal_kind)
 {
-    double inward[3], own[3], shading[3];
-    const int32_t id = v->exact->id != NULL ? v->exact->id[found->triangle] : 0;
-    lr_exact_normal(v->exact, found->triangle, inward);
-    for (int a = 0; a < 3; a++)
-        inward[a] = -inward[a];
-    lr_outward(v, inward, own);
-    memcpy(shading, own, sizeof shading);
-    if (normal_kind != LR_NORMAL_ANALYTIC &&
-        lr_volume_shading_normal(v, found->c, found->p, id, own, shading)) {
-        const double side = lr_dot(shading, own) < 0.0 ? -1.0 : 1.0;
-        for (int a = 0; a < 3; a++)
-            shading[a] *= side;
-    }
+    double own[3], shading[3];
+    if (hits->triangle != NULL)
+        hits->triangle[i] = found->triangle;
+    if (hits->id != NULL)
+        hits->id[i] = v->exact->id != NULL ? v->exact->id[found->triangle] : 0;
+    if (hits->nx == NULL && hits->gx == NULL)
+        return;
+    lr_triangle_normals(v, found->triangle, found->c, found->p, normal_kind, own, shading);
     lr_put_triple(hits->nx, hits->ny, hits->nz, i, shading);
     lr_put_triple(hits->gx, hits->gy, hits->gz, i, own);
-    if (hits->id != NULL)
-        hits->id[i] = id;
 }
 
 /* A surface hit; d is the ray's direction in object space. */
@@ -120,30 +103,14 @@ LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t 
         hits->id[i] = id;
     if (hits->nx == NULL && hits->gx == NULL)
         return;
-    double g[3], field[3], central[3];
-    lr_trilinear_gradient(corner, found->p, g);
-    lr_scale_gradient(v, c, g);
-    if (!lr_outward(v, g, field))
-        lr_towards_origin(d, field);
-    lr_put_triple(hits->gx, hits->gy, hits->gz, i, field);
+    double own[3], shading[3];
+    if (!lr_field_normal(v, c, corner, found->p, own))
+        lr_towards_origin(d, own);
+    lr_put_triple(hits->gx, hits->gy, hits->gz, i, own);
     if (hits->nx == NULL)
         return;
-    memcpy(central, field, sizeof central);
-    if (normal_kind != LR_NORMAL_ANALYTIC &&
-        lr_volume_shading_normal(v, c, found->p, id, field, central)) {
-        /* a mesh whose winding is not that of the solid: the field knows its outside */
-        const double side = lr_dot(central, field) < 0.0 ? -1.0 : 1.0;
-        for (int a = 0; a < 3; a++)
-            central[a] *= side;
-    } else if (normal_kind != LR_NORMAL_ANALYTIC && !lr_near_doubt(v, c)) {
-        if (normal_kind == LR_NORMAL_CENTRAL)
-            lr_central_gradient(v, found->object, c, found->p, g);
-        else
-            lr_smooth_gradient(v, found->object, c, found->p, g);
-        if (!lr_outward(v, g, central))
-            memcpy(central, field, sizeof central);
-    }
-    lr_put_triple(hits->nx, hits->ny, hits->nz, i, central);
+    lr_field_shading_normal(v, found->object, id, c, found->p, normal_kind, own, shading);
+    lr_put_triple(hits->nx, hits->ny, hits->nz, i, shading);
 }
 
 /* An object cell: its normal is that of the face by which the ray came, none

@@ -5,6 +5,7 @@
 
 #include "error.h"
 #include "volume/affine.h"
+#include "volume/exact.h"
 #include "volume/facets.h"
 #include "volume/texture.h"
 
@@ -163,6 +164,27 @@ uint32_t lr_volume_shares(const lr_volume *v, const int32_t c[3], const double p
     return settle(share, height, beside, n);
 }
 
+/* The one share of a hit on a triangle of an exact cell; how many. */
+static uint32_t own_share(const lr_volume *v, const int32_t c[3], const double p[3],
+                          uint32_t triangle, lr_share *share)
+{
+    double a[3][3], height, beside;
+    *share = (lr_share){.face = v->exact->face[triangle], .weight = 1.0};
+    for (int b = 0; b < 3; b++)
+        for (int k = 0; k < 3; k++)
+            a[b][k] = v->faces->corner[share->face][b][k] - (c[k] + p[k]);
+    return place((const double(*)[3])a, NULL, share, &height, &beside);
+}
+
+static uint32_t shares_at(const lr_volume *v, const int32_t c[3], const double p[3], int32_t id,
+                          uint32_t triangle, const double *geometric,
+                          lr_share share[LR_SHARES_MAX])
+{
+    if (triangle != LR_NO_TRIANGLE && own_share(v, c, p, triangle, share) > 0)
+        return 1;
+    return lr_volume_shares(v, c, p, id, geometric, share);
+}
+
 /* So many voxels of a face in texels: the eigenvectors of J J^T, J the gradients of texel
  * coordinates in the face's plane. */
 static lr_footprint footprint_of(const lr_facets *f, uint32_t face, double width)
@@ -215,13 +237,13 @@ static void face_color(const lr_facets *f, const lr_share *s, double width, doub
 }
 
 bool lr_volume_color(const lr_volume *v, const int32_t c[3], const double p[3], int32_t id,
-                     double width, double rgb[3])
+                     uint32_t triangle, double width, double rgb[3])
 {
     lr_share share[LR_SHARES_MAX];
     double sum[3] = {0.0, 0.0, 0.0};
     if (v->faces == NULL || v->faces->source == NULL)
         return false;
-    const uint32_t n = lr_volume_shares(v, c, p, id, NULL, share);
+    const uint32_t n = shares_at(v, c, p, id, triangle, NULL, share);
     for (uint32_t i = 0; i < n; i++) {
         double color[3];
         face_color(v->faces, &share[i], width, color);
@@ -234,13 +256,13 @@ bool lr_volume_color(const lr_volume *v, const int32_t c[3], const double p[3], 
 }
 
 bool lr_volume_shading_normal(const lr_volume *v, const int32_t c[3], const double p[3], int32_t id,
-                              const double *geometric, double n[3])
+                              uint32_t triangle, const double *geometric, double n[3])
 {
     lr_share share[LR_SHARES_MAX];
     double sum[3] = {0.0, 0.0, 0.0};
     if (v->faces == NULL || v->faces->normal == NULL)
         return false;
-    const uint32_t n_shares = lr_volume_shares(v, c, p, id, geometric, share);
+    const uint32_t n_shares = shares_at(v, c, p, id, triangle, geometric, share);
     for (uint32_t i = 0; i < n_shares; i++)
         for (int b = 0; b < 3; b++) {
             const uint32_t code = v->faces->normal[share[i].face][b];
@@ -275,12 +297,13 @@ lr_status lr_volume_attributes(const lr_volume *v, const double *points, const u
             p[a] = lr_clamp(q[a] - c[a], 0.0, 1.0);
         }
         const int32_t id = ids != NULL ? ids[i] : 0;
+        const uint32_t triangle = lr_exact_nearest(v, c, q);
         if (colors != NULL) {
-            lr_volume_color(v, c, p, id, width, color);
+            lr_volume_color(v, c, p, id, triangle, width, color);
             memcpy(colors + 3 * i, color, sizeof color);
         }
         if (normals != NULL) {
-            lr_volume_shading_normal(v, c, p, id, NULL, normal);
+            lr_volume_shading_normal(v, c, p, id, triangle, NULL, normal);
             memcpy(normals + 3 * i, normal, sizeof normal);
         }
     }

@@ -6,7 +6,8 @@
  * where it lies on none of them, as on triangles much smaller than a voxel, they share
  * it by their distances. So a texture is as sharp as on the mesh, whatever the voxel,
  * seams of UVs and of materials are where the mesh has them, and storage follows the
- * surface: a number per sample, a row per triangle that is named.
+ * surface: a number per sample, a row per triangle that is named. In an exact cell nothing
+ * competes: the triangle that was hit has a row of its own.
  *
  * Of normals only those count whose face leans little from the surface that was hit: so
  * nothing bleeds over a crease.
@@ -36,13 +37,15 @@ uint32_t lr_volume_shares(const lr_volume *volume, const int32_t c[3], const dou
                           int32_t id, const double *geometric, lr_share share[LR_SHARES_MAX]);
 
 /* Linear RGB there, textures averaged over `width` voxels of the surface; false, and rgb
- * untouched, where the volume carries none. */
+ * untouched, where the volume carries none. triangle: that of an exact cell which was hit, or
+ * LR_NO_TRIANGLE. */
 bool lr_volume_color(const lr_volume *volume, const int32_t c[3], const double p[3], int32_t id,
-                     double width, double rgb[3]);
+                     uint32_t triangle, double width, double rgb[3]);
 
 /* Unit shading normal in object space, outward as the mesh is wound; false, and n
- * untouched, where the volume carries none. */
+ * untouched, where the volume carries none. triangle: likewise; geometric is not read where
+ * there is one. */
 bool lr_volume_shading_normal(const lr_volume *volume, const int32_t c[3], const double p[3],
-                              int32_t id, const double *geometric, double n[3]);
+                              int32_t id, uint32_t triangle, const double *geometric, double n[3]);
 
 #endif

@@ -19,6 +19,7 @@ void lr_exact_free(lr_exact *e)
     free(e->triangle);
     free(e->vertex);
     free(e->id);
+    free(e->face);
     free(e);
 }
 
@@ -29,7 +30,8 @@ uint64_t lr_exact_nbytes(const lr_exact *e)
     return sizeof *e + (uint64_t)e->n_bricks * (sizeof *e->doubt + sizeof *e->first) +
            ((uint64_t)e->n_cells + 1) * sizeof *e->start +
            (uint64_t)e->start[e->n_cells] * sizeof *e->list +
-           (uint64_t)e->n_triangles * (sizeof *e->triangle + (e->id != NULL ? sizeof *e->id : 0)) +
+           (uint64_t)e->n_triangles * (sizeof *e->triangle + (e->id != NULL ? sizeof *e->id : 0) +
+                                       (e->face != NULL ? sizeof *e->face : 0)) +
            (uint64_t)e->n_vertices * sizeof *e->vertex;
 }
 
@@ -92,7 +94,10 @@ static lr_status take_triangles(lr_exact *e, const lr_exact_source *s, uint32_t 
     e->triangle = malloc(((size_t)e->n_triangles + 1) * sizeof *e->triangle);
     if (s->ids != NULL)
         e->id = malloc(((size_t)e->n_triangles + 1) * sizeof *e->id);
-    if (vertex == NULL || e->triangle == NULL || (s->ids != NULL && e->id == NULL)) {
+    if (s->faces)
+        e->face = malloc(((size_t)e->n_triangles + 1) * sizeof *e->face);
+    if (vertex == NULL || e->triangle == NULL || (s->ids != NULL && e->id == NULL) ||
+        (s->faces && e->face == NULL)) {
         free(vertex);
         return lr_fail_memory(error, s->n_vertices * sizeof *vertex, "the triangles of cells");
     }
@@ -115,6 +120,8 @@ static lr_status take_triangles(lr_exact *e, const lr_exact_source *s, uint32_t 
             e->triangle[number[t] - 1][s->turned ? 2 - c : c] = vertex[s->triangles[3 * t + c]] - 1;
         if (s->ids != NULL)
             e->id[number[t] - 1] = s->ids[t];
+        if (s->faces)
+            e->face[number[t] - 1] = (uint32_t)t + 1;
     }
     free(vertex);
     return LR_OK;
@@ -202,6 +209,51 @@ lr_status lr_exact_attach(lr_volume *v, const lr_exact_part *parts, uint32_t n_p
         for (uint32_t i = 0; i < parts[p].n; i++)
             mark_brick(v, parts[p].place[i], parts[p].doubt[i], parts[p].exact[i]);
     return LR_OK;
+}
+
+/* ---- points ------------------------------------------------------------ */
+
+/* Source: Ericson 2005, Real-time collision detection, 5.1.5. */
+double lr_exact_distance2(const lr_exact *e, uint32_t triangle, const double q[3])
+{
+    const double *p[3];
+    double n[3], best = INFINITY;
+    bool in_face = true;
+    lr_exact_corners(e, triangle, p);
+    lr_exact_normal(e, triangle, n);
+    for (int c = 0; c < 3; c++) {
+        const double *a = p[c], *b = p[(c + 1) % 3];
+        const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+        const double from[3] = {q[0] - a[0], q[1] - a[1], q[2] - a[2]};
+        const double out[3] = {along[1] * n[2] - along[2] * n[1], along[2] * n[0] - along[0] * n[2],
+                               along[0] * n[1] - along[1] * n[0]};
+        in_face = in_face && lr_dot(out, from) <= 0.0;
+        const double share = lr_clamp(lr_dot(along, from) / lr_dot(along, along), 0.0, 1.0);
+        double square = 0.0;
+        for (int i = 0; i < 3; i++)
+            square += (from[i] - share * along[i]) * (from[i] - share * along[i]);
+        best = square < best ? square : best;
+    }
+    const double from[3] = {q[0] - p[0][0], q[1] - p[0][1], q[2] - p[0][2]};
+    const double height = lr_dot(n, from);
+    return in_face ? height * height / lr_dot(n, n) : best;
+}
+
+uint32_t lr_exact_nearest(const lr_volume *v, const int32_t c[3], const double q[3])
+{
+    uint32_t nearest = LR_NO_TRIANGLE, n;
+    double least = INFINITY;
+    if (v->exact == NULL || !lr_is_exact(v, c))
+        return nearest;
+    const uint32_t *list = lr_exact_list(v, c, &n);
+    for (uint32_t i = 0; i < n; i++) {
+        const double square = lr_exact_distance2(v->exact, list[i], q);
+        if (square < least) {
+            least = square;
+            nearest = list[i];
+        }
+    }
+    return nearest;
 }
 
 lr_status lr_volume_exact_at(const lr_volume *v, const double *points, uint64_t n, uint8_t *exact,

@@ -20,6 +20,8 @@
  * cell of the field know the triangles that it stands for; in voxels. */
 #define LR_EXACT_NEAR 0.25
 
+#define LR_NO_TRIANGLE UINT32_MAX
+
 /* What is added here goes through pack.c, too. */
 typedef struct lr_exact {
     uint64_t (*doubt)[8];    /* [n_bricks], as cells of lr_volume: where the field is not trusted */
@@ -29,6 +31,7 @@ typedef struct lr_exact {
     uint32_t (*triangle)[3]; /* vertices, counter-clockwise from outside */
     double (*vertex)[3];     /* storage space */
     uint16_t *id;            /* one per triangle, or NULL */
+    uint32_t *face;          /* likewise: its row among the volume's faces; NULL: it has none */
     double voxels_per_value; /* at the surface: from stored values to distances */
     uint32_t n_bricks, n_cells, n_triangles, n_vertices;
 } lr_exact;
@@ -118,6 +121,13 @@ LR_INLINE void lr_exact_normal(const lr_exact *e, uint32_t triangle, double n[3]
     n[2] = a[0] * b[1] - a[1] * b[0];
 }
 
+/* Squared distance of a point of storage space from a triangle. */
+double lr_exact_distance2(const lr_exact *exact, uint32_t triangle, const double q[3]);
+
+/* Of an exact cell's triangles the one that is nearest to a point of storage space; or
+ * LR_NO_TRIANGLE. */
+uint32_t lr_exact_nearest(const lr_volume *volume, const int32_t c[3], const double q[3]);
+
 /* What some bricks of a volume to come hold, in the order of their exact cells. */
 typedef struct lr_exact_part {
     uint32_t n;           /* bricks with such cells */
@@ -137,6 +147,7 @@ typedef struct lr_exact_source {
     uint64_t n_vertices;
     const uint16_t *ids; /* or NULL */
     bool turned;         /* wound inside out */
+    bool faces;          /* note the triangles' numbers plus one in `face` */
     double slope;        /* of the filter at the surface, per voxel */
     void (*vertex)(const void *mesh, int64_t v, double p[3]); /* in storage space */
     const void *mesh;

@@ -14,8 +14,8 @@
 
 /* Raised whenever the bytes or their meaning change. What is added to one of these
  * structures goes through arrays_of() or the head, too. */
-#define FORMAT 2
-_Static_assert(sizeof(void *) != 8 || (sizeof(struct lr_volume) == 608 && sizeof(lr_exact) == 80 &&
+#define FORMAT 3
+_Static_assert(sizeof(void *) != 8 || (sizeof(struct lr_volume) == 608 && sizeof(lr_exact) == 88 &&
                                        sizeof(lr_objects) == 131152 && sizeof(lr_facets) == 64),
                "a structure has changed: pack what is new, and raise FORMAT");
 
@@ -36,7 +36,7 @@ typedef struct head {
     double voxels_per_value;
     uint64_t n_shared, n_dropped;
     uint32_t n_second_blocks;
-    uint32_t reserved;
+    uint32_t flat;
 } head;
 
 typedef struct array {
@@ -48,7 +48,7 @@ typedef struct array {
 
 static head head_of(const lr_volume *v)
 {
-    head h = {.format = FORMAT, .n_bricks = v->n_bricks, .desc = v->desc};
+    head h = {.format = FORMAT, .n_bricks = v->n_bricks, .desc = v->desc, .flat = v->flat};
     memcpy(h.magic, magic, sizeof h.magic);
     if (v->faces != NULL) {
         h.has_normals = v->faces->normal != NULL;
@@ -116,6 +116,7 @@ static int arrays_of(const head *h, const lr_volume *v, array arrays[MOST_ARRAYS
     ARRAY(e, triangle, 0, exact * h->n_triangles, 3 * sizeof(uint32_t));
     ARRAY(e, vertex, 0, exact * h->n_vertices, 3 * sizeof(double));
     ARRAY(e, id, 0, h->has_exact_ids ? exact * h->n_triangles : 0, sizeof(uint16_t));
+    ARRAY(e, face, 0, faces > 0 ? exact * h->n_triangles : 0, sizeof(uint32_t));
     ARRAY(o, object_of, 0, objects * 65536, sizeof(uint16_t));
     ARRAY(o, id_of, 0, objects * h->n_objects, sizeof(uint16_t));
     ARRAY(o, owner, 0, objects * n_table, sizeof(uint16_t));
@@ -293,6 +294,7 @@ static const char *wrong_exact(const lr_volume *v, const lr_watch *watch)
     right = right && n_cells == e->n_cells && !lr_stopped(watch);
     right = right && all_below(e->list, e->start[e->n_cells], e->n_triangles);
     right = right && all_below(&e->triangle[0][0], 3 * (uint64_t)e->n_triangles, e->n_vertices);
+    right = right && (e->face == NULL || all_below(e->face, e->n_triangles, v->faces->n));
     right = right && !lr_stopped(watch);
     right = right && lr_all_finite(&e->vertex[0][0], 3 * (size_t)e->n_vertices);
     return right ? NULL : "the triangles of cells";
@@ -347,9 +349,11 @@ static lr_status allocate_exact(lr_volume *v, const head *h, lr_error *error)
     e->vertex = malloc(((size_t)h->n_vertices + 1) * sizeof *e->vertex);
     if (h->has_exact_ids)
         e->id = malloc(((size_t)h->n_triangles + 1) * sizeof *e->id);
+    if (h->n_faces > 0)
+        e->face = malloc(((size_t)h->n_triangles + 1) * sizeof *e->face);
     const bool all = e->doubt != NULL && e->first != NULL && e->start != NULL && e->list != NULL &&
                      e->triangle != NULL && e->vertex != NULL;
-    if (!all || (h->has_exact_ids && e->id == NULL))
+    if (!all || (h->has_exact_ids && e->id == NULL) || (h->n_faces > 0 && e->face == NULL))
         return lr_fail_memory(error, nbytes_of(h), "exact cells");
     return LR_OK;
 }
@@ -387,6 +391,7 @@ static lr_status allocate(const head *h, lr_volume **volume, lr_error *error)
     if (status != LR_OK)
         return status;
     (*volume)->n_bricks = h->n_bricks;
+    (*volume)->flat = h->flat != 0;
     if (h->n_faces > 0) {
         /* room for whole bricks: of blocks there may be fewer */
         status = lr_volume_carry(*volume, (h->n_blocks + 6ull) / 8, error);

@@ -59,6 +59,7 @@ struct lr_volume {
     uint64_t n_surface_cells;
     int32_t surface_lo[3], surface_hi[3]; /* storage cells, inclusive */
     bool finished;
+    bool flat; /* of a flat-shaded mesh: normals are those of the hit's own cell */
 };
 
 /* Bounds of the surface cells: at first of none, */

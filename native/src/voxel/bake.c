@@ -1,9 +1,10 @@
-/* From the triangles that samples name to the faces that a volume keeps.
+/* From the triangles that samples name or cells keep to the faces that a volume keeps.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxel/bake.h"
 
 #include "error.h"
+#include "volume/exact.h"
 #include "volume/facets.h"
 
 enum { POLL = 1 << 16 };
@@ -76,11 +77,14 @@ static void fill(const lr_topology *mesh, uint64_t t, uint32_t at, lr_facets *f)
         f->source[at] = from->color_sources[t];
 }
 
-/* The number of face of each triangle that is named; 0: it is not. */
+/* The number of face of each triangle that samples name or exact cells keep; 0: neither. */
 static uint32_t number(const lr_volume *v, uint32_t *face_of, uint64_t n_triangles)
 {
     uint32_t n = 1;
     const size_t n_samples = (size_t)v->n_blocks * LR_BLOCK_SAMPLES;
+    const uint32_t n_kept = v->exact != NULL ? v->exact->n_triangles : 0;
+    for (uint32_t i = 0; i < n_kept; i++)
+        face_of[v->exact->face[i] - 1] = 1;
     for (size_t i = LR_BLOCK_SAMPLES; i < n_samples; i++)
         if (v->named[i] != 0)
             face_of[v->named[i] - 1] = 1;
@@ -90,6 +94,8 @@ static uint32_t number(const lr_volume *v, uint32_t *face_of, uint64_t n_triangl
     for (size_t i = LR_BLOCK_SAMPLES; i < n_samples; i++)
         if (v->named[i] != 0)
             v->named[i] = face_of[v->named[i] - 1];
+    for (uint32_t i = 0; i < n_kept; i++)
+        v->exact->face[i] = face_of[v->exact->face[i] - 1];
     return n;
 }
 

@@ -24,6 +24,8 @@ enum { SIDE = 9, CORNERS = SIDE * SIDE * SIDE, POLL = 1 << 6, MOST_POLYGON = 9 }
  * distance r, and its field is off by 1/(4R): cells of smooth surfaces stay in the field
  * down to BEND voxels of radius. */
 static const double SURFACE_OFF = 0.05, CORNER_OFF = 0.1, GRADIENT_OFF = 0.25, BEND = 4.0;
+/* Where facets are to be seen: 1 degree. */
+static const double FLAT_OFF = 0.0175;
 
 /* Beside a crease of more than 20 degrees the surface is no better than the samples: rays
  * that graze a plane see what it is off. In samples' steps, and in voxels. */
@@ -248,7 +250,7 @@ static int clip(double p[MOST_POLYGON][3], int n, int a, double sign, double bou
 }
 
 static bool point_off(const double corner[8], const double cell[3], const double p[3],
-                      const double n[3])
+                      const double n[3], double gradient_off)
 {
     double q[3], g[3];
     for (int a = 0; a < 3; a++)
@@ -258,11 +260,12 @@ static bool point_off(const double corner[8], const double cell[3], const double
     lr_trilinear_gradient(corner, q, g);
     for (int a = 0; a < 3; a++)
         g[a] += n[a];
-    return lr_dot(g, g) > GRADIENT_OFF * GRADIENT_OFF;
+    return lr_dot(g, g) > gradient_off * gradient_off;
 }
 
 /* Is the field off at the corners or in the middle of the triangle's part in the cell? */
-static bool surface_off(const piece *t, const double cell[3], const double corner[8])
+static bool surface_off(const piece *t, const double cell[3], const double corner[8],
+                        double gradient_off)
 {
     double p[MOST_POLYGON][3], middle[3] = {0.0, 0.0, 0.0};
     int n = 3;
@@ -274,12 +277,12 @@ static bool surface_off(const piece *t, const double cell[3], const double corne
             n = clip(p, n, a, -1.0, LR_TOUCH - cell[a]);
     }
     for (int i = 0; i < n; i++) {
-        if (point_off(corner, cell, p[i], t->n))
+        if (point_off(corner, cell, p[i], t->n, gradient_off))
             return true;
         for (int a = 0; a < 3; a++)
             middle[a] += p[i][a] / n;
     }
-    return n > 0 && point_off(corner, cell, middle, t->n);
+    return n > 0 && point_off(corner, cell, middle, t->n, gradient_off);
 }
 
 /* ---- a brick ----------------------------------------------------------- */
@@ -317,7 +320,7 @@ static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int
         double corner[8];
         cell_corners(&w->field, at, corner);
         if (ends_near(t, cell) || corners_off(w, t, c, corner, touched && !w->one_way) ||
-            (touched && surface_off(t, cell, corner)))
+            (touched && surface_off(t, cell, corner, w->job->flat ? FLAT_OFF : GRADIENT_OFF)))
             w->bad[word] |= bit;
     }
     return add_pair(w, (uint32_t)at, t->triangle);

@@ -119,7 +119,8 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_watch *w
                             .search = search_by(v->simd),
                             .filter = o->filter,
                             .half_width = o->half_width,
-                            .sample_type = o->sample_type};
+                            .sample_type = o->sample_type,
+                            .flat = o->flat != 0};
     if (status == LR_OK)
         status = lr_topology_begin(mesh, o->voxel_size, watch, &v->mesh, error);
     if (status == LR_OK)
@@ -423,6 +424,7 @@ static lr_status finish_exact(lr_voxelizer *v, const lr_watch *watch, lr_error *
         .n_vertices = v->mesh.source.n_vertices,
         .ids = v->mesh.source.ids,
         .turned = v->mesh.side < 0.0,
+        .faces = v->job.bake.wanted,
         .slope = lr_profile_slope(v->job.filter, v->job.half_width),
         .vertex = vertex_of,
         .mesh = &v->mesh,
@@ -453,6 +455,7 @@ lr_status lr_voxelize_end(lr_voxelizer *v, const lr_watch *watch, lr_volume **vo
         status = lr_bake_faces(&v->job.bake, &v->mesh, v->volume, watch, error);
     if (status != LR_OK)
         return status;
+    v->volume->flat = v->job.flat;
     *volume = v->volume;
     v->volume = NULL;
     return LR_OK;
