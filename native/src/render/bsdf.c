@@ -168,10 +168,10 @@ static void enlist(lr_bsdf *bsdf, lr_closure *c)
     c->guide = 0;
     if (c->fresnel == FRESNEL_DIELECTRIC && c->alpha > 0) {
         double h[FACETS][3], sent[FACETS];
-        c->guide = fmax(try_facets(c, bsdf->view, 0.125, 0.125, h, sent), GUIDE_MIN);
+        c->guide = fmax(try_facets(c, bsdf->basis.view, 0.125, 0.125, h, sent), GUIDE_MIN);
         f[0] = f[1] = f[2] = c->guide;
     } else if (c->kind != LR_RAY_DIFFUSE)
-        passed(c, bsdf->view[2], f);
+        passed(c, bsdf->basis.view[2], f);
     c->share = 0;
     for (int a = 0; a < 3; a++)
         c->share += c->weight[a] * fmax(f[a], least) / 3;
@@ -202,7 +202,7 @@ static double between(double e, double e_mean, double tint)
 static void give_back(const lr_bsdf *bsdf, lr_closure *c, const double tint[3])
 {
     const double rough = sqrt(c->alpha);
-    const double e = mirror_albedo(rough, bsdf->view[2]), e_mean = mirror_albedo_mean(rough);
+    const double e = mirror_albedo(rough, bsdf->basis.view[2]), e_mean = mirror_albedo_mean(rough);
     for (int a = 0; a < 3; a++)
         c->weight[a] *= between(e, e_mean, tint[a]);
 }
@@ -212,7 +212,8 @@ static void add_diffuse(lr_bsdf *bsdf, const double weight[3], double rough, con
     lr_closure c = {.kind = LR_RAY_DIFFUSE, .alpha = 1, .n = rough};
     memcpy(c.weight, weight, sizeof c.weight);
     for (int a = 0; a < 3; a++)
-        c.f0[a] = lr_matte_again(rough, bsdf->view[2], tint[a]);
+        c.f0[a] =
+            lr_matte_again(rough, lr_bsdf_basis(bsdf, LR_RAY_DIFFUSE)->view[2], tint[a]);
     enlist(bsdf, &c);
 }
 
@@ -258,7 +259,7 @@ static void add_glass(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const double
     double scale[3] = {1, 1, 1};
     for (int a = 0; a < 3 && (lobe->flags & LR_LOBE_MULTISCATTER) && c.alpha > 0; a++) {
         const double rough = sqrt(c.alpha);
-        scale[a] = between(look_up(lr_albedo_glass[n < 1], rough, bsdf->view[2], n),
+        scale[a] = between(look_up(lr_albedo_glass[n < 1], rough, bsdf->basis.view[2], n),
                            look_up_mean(lr_albedo_glass_mean[n < 1], rough, n), tint[a]);
     }
     for (int a = 0; a < 3; a++)
@@ -296,7 +297,7 @@ static void add_coat(lr_bsdf *bsdf, const lr_lobe *lobe, double *below)
     c.fresnel = FRESNEL_DIELECTRIC;
     c.n = n;
     const double s = lr_clamp((fresnel_mean(n) - f0) / (1 - f0), 0, 1);
-    const double rise = look_up(lr_albedo_dielectric, lobe->roughness, bsdf->view[2], n);
+    const double rise = look_up(lr_albedo_dielectric, lobe->roughness, bsdf->basis.view[2], n);
     double once[3], sent = 1, most = 0;
     for (int a = 0; a < 3; a++) {
         c.f0[a] = fmin(f0 * lobe->specular_tint[a], 1);
@@ -304,7 +305,7 @@ static void add_coat(lr_bsdf *bsdf, const lr_lobe *lobe, double *below)
     }
     if (lobe->flags & LR_LOBE_MULTISCATTER) {
         give_back(bsdf, &c, once);
-        sent = mirror_albedo(lobe->roughness, bsdf->view[2]);
+        sent = mirror_albedo(lobe->roughness, bsdf->basis.view[2]);
     } /* else what is lost between the facets is not found below, as in Cycles */
     for (int a = 0; a < 3; a++)
         most = fmax(most, c.weight[a] * sent * mix(c.f0[a], 1, rise));
@@ -381,27 +382,31 @@ static void add(lr_bsdf *bsdf, const lr_lobe *lobe, const lr_material *material,
     }
 }
 
-/* A frame about the normal, and the view in it. Where smoothing has turned the normal away from
- * the viewer, it is turned back until the view grazes.
- * Basis: Duff et al., Building an orthonormal basis, revisited, 2017. */
-static void set_frame(lr_bsdf *bsdf, const lr_point *point)
+static void set_frames(lr_bsdf *bsdf, const lr_point *point)
 {
-    static const double GRAZING = 1e-3;
     double n[3];
-    const double short_of = GRAZING - lr_dot(point->view, point->normal);
+    memcpy(n, point->normal, sizeof n);
+    bsdf->bent = point->bends && lr_bend(point->facing, point->view, n);
+    lr_turn_back(point->view, n);
+    lr_basis_set(&bsdf->basis, n, point->view);
+    if (!bsdf->bent)
+        return;
+    lr_basis_set(&bsdf->matte, point->normal, point->view);
+    bsdf->matte.view[2] = fmax(bsdf->matte.view[2], 0);
+}
+
+void lr_bsdf_normal(const lr_bsdf *bsdf, double normal[3])
+{
+    const double matte = bsdf->bent ? bsdf->share[LR_RAY_DIFFUSE] : 0;
+    const double facets = bsdf->share[LR_RAY_GLOSSY] + bsdf->share[LR_RAY_TRANSMISSION];
+    memcpy(normal, bsdf->basis.axis[2], 3 * sizeof *normal);
+    if (!(matte > 0))
+        return;
     for (int a = 0; a < 3; a++)
-        n[a] = point->normal[a] + (short_of > 0 ? short_of * point->view[a] : 0);
-    const double length = sqrt(lr_dot(n, n));
+        normal[a] = facets * bsdf->basis.axis[2][a] + matte * bsdf->matte.axis[2][a];
+    const double length = sqrt(lr_dot(normal, normal));
     for (int a = 0; a < 3; a++)
-        n[a] /= length;
-    const double sign = copysign(1.0, n[2]);
-    const double p = -1 / (sign + n[2]), q = n[0] * n[1] * p;
-    const double axis[3][3] = {{1 + sign * n[0] * n[0] * p, sign * q, -sign * n[0]},
-                               {q, sign + n[1] * n[1] * p, -n[1]},
-                               {n[0], n[1], n[2]}};
-    memcpy(bsdf->axis, axis, sizeof axis);
-    for (int a = 0; a < 3; a++)
-        bsdf->view[a] = lr_dot(axis[a], point->view);
+        normal[a] /= length;
 }
 
 void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsdf)
@@ -410,7 +415,7 @@ void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsd
     memset(bsdf->share, 0, sizeof bsdf->share);
     memset(bsdf->emission, 0, sizeof bsdf->emission);
     memset(bsdf->transparency, 0, sizeof bsdf->transparency);
-    set_frame(bsdf, point);
+    set_frames(bsdf, point);
     for (uint32_t i = 0; i < material->n_lobes; i++)
         if (material->lobes[i].weight > 0)
             add(bsdf, &material->lobes[i], material, point);
@@ -463,7 +468,7 @@ static void respond_all(const lr_bsdf *bsdf, int32_t kind, const double light[3]
     for (uint32_t i = 0; i < bsdf->n; i++) {
         const lr_closure *c = &bsdf->closures[i];
         lr_response r;
-        if (c->kind != kind || !respond(c, bsdf->view, light, &r))
+        if (c->kind != kind || !respond(c, lr_bsdf_basis(bsdf, kind)->view, light, &r))
             continue;
         for (int a = 0; a < 3; a++)
             sum->f_cos[a] += r.f_cos[a];
@@ -473,10 +478,12 @@ static void respond_all(const lr_bsdf *bsdf, int32_t kind, const double light[3]
 
 void lr_bsdf_eval(const lr_bsdf *bsdf, const double light[3], lr_response group[LR_GROUPS])
 {
-    const double local[3] = {lr_dot(bsdf->axis[0], light), lr_dot(bsdf->axis[1], light),
-                             lr_dot(bsdf->axis[2], light)};
-    for (int32_t kind = 1; kind <= LR_GROUPS; kind++)
+    for (int32_t kind = 1; kind <= LR_GROUPS; kind++) {
+        const lr_basis *b = lr_bsdf_basis(bsdf, kind);
+        const double local[3] = {lr_dot(b->axis[0], light), lr_dot(b->axis[1], light),
+                                 lr_dot(b->axis[2], light)};
         respond_all(bsdf, kind, local, &group[kind - 1]);
+    }
 }
 
 /* ---- sampling ------------------------------------------------------------- */
@@ -560,8 +567,9 @@ bool lr_bsdf_sample(const lr_bsdf *bsdf, int32_t kind, const double u[3], lr_sca
     if (kind < LR_RAY_DIFFUSE || kind > LR_RAY_TRANSMISSION || !(bsdf->share[kind] > 0))
         return false;
     double pick = u[2], light[3];
+    const lr_basis *b = lr_bsdf_basis(bsdf, kind);
     const lr_closure *c = choose(bsdf, kind, &pick);
-    if (c == NULL || !follow(c, bsdf->view, u, pick, light, scatter->weight))
+    if (c == NULL || !follow(c, b->view, u, pick, light, scatter->weight))
         return false;
     scatter->kind = kind;
     scatter->delta = c->alpha == 0;
@@ -569,7 +577,7 @@ bool lr_bsdf_sample(const lr_bsdf *bsdf, int32_t kind, const double u[3], lr_sca
     for (int a = 0; a < 3; a++) {
         scatter->weight[a] *= bsdf->share[kind] / c->share;
         scatter->direction[a] =
-            light[0] * bsdf->axis[0][a] + light[1] * bsdf->axis[1][a] + light[2] * bsdf->axis[2][a];
+            light[0] * b->axis[0][a] + light[1] * b->axis[1][a] + light[2] * b->axis[2][a];
     }
     if (!scatter->delta) {
         lr_response r;

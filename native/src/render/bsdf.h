@@ -8,6 +8,7 @@
 #ifndef LR_BSDF_H
 #define LR_BSDF_H
 
+#include "render/basis.h"
 #include "render/material.h"
 
 /* By what a ray was sent on last; the groups of closures have the same names. */
@@ -26,6 +27,7 @@ typedef struct lr_point {
     double view[3];   /* unit, towards the viewer */
     double normal[3]; /* unit, for shading; turned to the viewer's side */
     double facing[3]; /* unit, of the surface itself; turned to the viewer's side */
+    bool bends;       /* normal is one that a flat face carries: see lr_bsdf */
     double color[3];  /* baked; multiplies lobes that are textured */
     double eta;       /* index of the viewer's side over that of the far side, for a lobe with the
                          material's ior; 0: the surface lies in a void */
@@ -60,9 +62,13 @@ typedef struct lr_closure {
     double guide;  /* mean of what facets send on, where they are chosen by it; else 0 */
 } lr_closure;
 
+/* Normals of a flat face's own may lean so far that what mirrors in them would go into the
+ * face, or face away from the viewer. Facets have them bent towards the face then, as far as
+ * needed; diffuse closures keep them. */
 typedef struct lr_bsdf {
-    double axis[3][3];  /* of the frame of the normal, which is the last */
-    double view[3];     /* in that frame */
+    lr_basis basis;     /* of the normal, bent where it must be */
+    lr_basis matte;     /* of the normal as it is, where that is not the same */
+    bool bent;          /* it is not */
     double share[5];    /* by lr_ray_kind: about what the group sends on, 0..1; 0: it is absent */
     double emission[3]; /* radiance */
     double transparency[3]; /* what goes straight through */
@@ -71,6 +77,15 @@ typedef struct lr_bsdf {
 } lr_bsdf;
 
 void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsdf);
+
+/* The frame of the closures of a kind. */
+LR_INLINE const lr_basis *lr_bsdf_basis(const lr_bsdf *bsdf, int32_t kind)
+{
+    return bsdf->bent && kind == LR_RAY_DIFFUSE ? &bsdf->matte : &bsdf->basis;
+}
+
+/* Unit: the mean of the closures' normals by what they send on. */
+void lr_bsdf_normal(const lr_bsdf *bsdf, double normal[3]);
 
 /* A direction of one group (diffuse, glossy or transmission); false where the light
  * is lost. u: three numbers in 0..1, 1 not included. */

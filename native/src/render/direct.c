@@ -80,9 +80,10 @@ static void leave(const lr_job *job, uint32_t ray, uint32_t beam, const lr_surfe
                   const double d[3], double t_max, bool beyond)
 {
     lr_workspace *w = job->workspace;
-    lr_aim(&w->wave, ray, beyond ? s->position : s->origin, d, t_max);
+    double origin[3];
+    w->wave.start[ray] = lr_surface_light_start(s, beyond, d, origin);
+    lr_aim(&w->wave, ray, origin, d, t_max);
     w->wave.from[ray] = s->instance;
-    w->wave.start[ray] = lr_surface_start(s, beyond);
     w->wave.visibility[ray] = LR_VISIBLE_SHADOW;
     w->carried[ray] = beam;
     if (job->scene->has_media && beyond)
@@ -217,7 +218,7 @@ static bool light_by(const lr_job *job, const lr_surfel *s, uint32_t ask, uint32
         w->beam_insides[n] = s->path->insides;
     if (way.shadow)
         leave(job, (*n_rays)++, n, s, way.direction, way.distance,
-              lr_dot(way.direction, s->point.normal) < 0);
+              lr_leads_beyond(s, way.direction));
     return true;
 }
 
@@ -259,7 +260,7 @@ lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n)
         if (!s->path->seen)
             continue;
         lr_sample_pair(lr_key(s->path->key, AMBIENT), s->path->sample, u);
-        lr_cosine_direction(s->point.normal, u[0], u[1], d);
+        lr_cosine_direction(s->bsdf.basis.axis[2], u[0], u[1], d);
         leave(job, n_rays++, k, s, d, job->tile->ao_distance, false);
     }
     const lr_status status = n_rays > 0 ? lr_cast_wave(job, n_rays, &options) : LR_OK;

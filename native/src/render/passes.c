@@ -54,7 +54,9 @@ void lr_write_geometry(const lr_job *job, uint32_t n, uint64_t first)
         put(passes->material_index, p, s->material->index);
         put(passes->error, p, placed->error / footprint(&job->scene->camera, depth));
         put(passes->volume, p, placed->volume_index);
-        put_triple(passes->normal, p, s->point.normal, 1);
+        double normal[3];
+        lr_bsdf_normal(&s->bsdf, normal);
+        put_triple(passes->normal, p, normal, 1);
         put_triple(passes->position, p, s->position, 1);
     }
 }

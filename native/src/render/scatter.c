@@ -101,15 +101,17 @@ static int draw(const lr_surfel *s)
     return drawn;
 }
 
-/* Scattered to the wrong side of the surface itself, as normals of their own have
- * it: to the right side by the same angle. */
-static void turn_to_side(const lr_surfel *s, bool beyond, double d[3])
+/* Scattered to the wrong side of the surface itself, as normals of their own have it. What is
+ * lost so in a flat face is lost in Cycles, too; but where the field's facets stand for a
+ * smooth surface, the ray turns to the right side by the same angle. False: it is lost. */
+static bool turn_to_side(const lr_surfel *s, bool beyond, double d[3])
 {
     const double height = lr_dot(d, s->point.facing);
     if ((height < 0) == beyond && height != 0)
-        return;
+        return true;
     for (int a = 0; a < 3; a++)
         d[a] -= 2 * height * s->point.facing[a];
+    return !s->point.bends;
 }
 
 static bool survives(lr_path *child)
@@ -176,10 +178,11 @@ static void follow(const lr_job *job, const lr_surfel *s, int kind)
         return;
     if (!survives(child))
         return;
-    const bool beyond =
-        kind >= LR_RAY_TRANSMISSION && lr_dot(child->direction, s->point.normal) < 0;
-    if (kind != LR_RAY_TRANSPARENT && (beyond || !s->risen))
-        turn_to_side(s, beyond, child->direction);
+    const bool beyond = kind == LR_RAY_TRANSPARENT ||
+                        (kind == LR_RAY_TRANSMISSION && lr_leads_beyond(s, child->direction));
+    if (kind != LR_RAY_TRANSPARENT && (beyond || !s->risen) &&
+        !turn_to_side(s, beyond, child->direction))
+        return;
     memcpy(child->origin, beyond ? s->position : s->origin, sizeof child->origin);
     child->from = s->instance;
     child->start = lr_surface_start(s, beyond);

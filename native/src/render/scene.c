@@ -147,6 +147,8 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
         return lr_fail(error, LR_E_ARGUMENT,
                        "instance %llu must have a finite, affine and invertible matrix",
                        (unsigned long long)i);
+    memcpy(placed->world_from_object, instance->world_from_object,
+           sizeof placed->world_from_object);
     bound(instance, box);
     if (box->lo[0] <= box->hi[0] && !(lr_all_finite(box->lo, 3) && lr_all_finite(box->hi, 3)))
         return lr_fail(error, LR_E_SIZE, "instance %llu reaches beyond all numbers",

@@ -12,7 +12,7 @@
 /* An instance, as seen from a ray. */
 typedef struct lr_placed {
     const lr_structure *structure;
-    double object_from_world[16];
+    double object_from_world[16], world_from_object[16];
     uint32_t visibility; /* lr_visibility */
     int32_t object_index;
     uint32_t first_material, n_materials;

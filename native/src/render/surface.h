@@ -21,4 +21,8 @@ bool lr_surface_cross(const lr_scene *scene, const lr_surfel *surfel, lr_insides
  * surfel->origin, those beyond at surfel->position. */
 lr_start lr_surface_start(const lr_surfel *surfel, bool beyond);
 
+/* Likewise, and from which point, for a ray along d (unit) that asks for light. */
+lr_start lr_surface_light_start(const lr_surfel *surfel, bool beyond, const double d[3],
+                                double origin[3]);
+
 #endif

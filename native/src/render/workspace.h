@@ -80,6 +80,9 @@ typedef struct lr_surfel {
     double origin[3]; /* of rays on the viewer's side */
     lr_start start;   /* in the cell of the hit, on the viewer's side */
     bool risen;       /* origin lies above the cell's own surface */
+    bool lifts;       /* of a triangle with normals of its own: from position to the smooth
+                         surface, */
+    double lift[3];   /* for light that grazes the triangle */
     const lr_path *path;
     uint32_t ray; /* of the wave that found it */
     double left;  /* of the path's way */

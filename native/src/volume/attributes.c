@@ -279,6 +279,31 @@ bool lr_volume_shading_normal(const lr_volume *v, const int32_t c[3], const doub
     return length > 1e-6;
 }
 
+bool lr_carries_normals(const lr_volume *v)
+{
+    return v->faces != NULL && v->faces->normal != NULL;
+}
+
+bool lr_volume_smooth_triangle(const lr_volume *v, const int32_t c[3], const double p[3],
+                               uint32_t triangle, lr_smooth_triangle *smooth)
+{
+    lr_share share;
+    if (triangle == LR_NO_TRIANGLE || v->faces == NULL || v->faces->normal == NULL ||
+        own_share(v, c, p, triangle, &share) == 0)
+        return false;
+    memcpy(smooth->at, share.at, sizeof share.at);
+    for (int b = 0; b < 3; b++) {
+        double storage[3];
+        if (v->faces->normal[share.face][b] == 0)
+            return false;
+        for (int a = 0; a < 3; a++)
+            storage[a] = v->faces->corner[share.face][b][a];
+        lr_map_point(v->object_from_storage, storage, smooth->corner[b]);
+        lr_normal_decode(v->faces->normal[share.face][b], smooth->normal[b]);
+    }
+    return true;
+}
+
 lr_status lr_volume_attributes(const lr_volume *v, const double *points, const uint16_t *ids,
                                uint64_t n, double width, double *colors, double *normals,
                                lr_error *error)

@@ -48,4 +48,18 @@ bool lr_volume_color(const lr_volume *volume, const int32_t c[3], const double p
 bool lr_volume_shading_normal(const lr_volume *volume, const int32_t c[3], const double p[3],
                               int32_t id, uint32_t triangle, const double *geometric, double n[3]);
 
+/* Does it? */
+bool lr_carries_normals(const lr_volume *volume);
+
+/* A triangle with shading normals. */
+typedef struct lr_smooth_triangle {
+    double corner[3][3], normal[3][3]; /* object space; normals as the mesh is wound */
+    double at[3];                      /* barycentric: the hit */
+} lr_smooth_triangle;
+
+/* Of a triangle of an exact cell that was hit at p; false where the volume has no normals for
+ * it. */
+bool lr_volume_smooth_triangle(const lr_volume *volume, const int32_t c[3], const double p[3],
+                               uint32_t triangle, lr_smooth_triangle *smooth);
+
 #endif
