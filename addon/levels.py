@@ -57,10 +57,15 @@ class Work:
         return self.mesh.modelling.resolution > 0
 
     def needs(self, pixel_error: float) -> tuple[float, float, float, float]:
-        """How many times too coarse the surface is, its normals, colours and edges; 1: good."""
+        """How many times too coarse the surface is, its colours, edges, normals; 1: good."""
         e = self.errors
-        surface = e.of_surface(pixel_error)
-        return tuple(max(x, 1.0) for x in (surface, e.of_normals(), e.of_color(), e.of_edges()))
+        others = e.of_color(), e.of_edges(), e.of_normals()
+        return tuple(max(x, 1.0) for x in (e.of_surface(pixel_error), *others))
+
+    def turned_only(self, pixel_error: float) -> bool:
+        """Whether all that is not good enough are shading normals."""
+        *others, normals = self.needs(pixel_error)
+        return normals > 1.0 and max(others) == 1.0
 
 
 class Levels:

@@ -33,9 +33,11 @@ from . import shelf as shelves
 from .levels import MB, Levels, Work
 from .objects import SceneError
 
-COARSEST = 16  # voxels along the longest side at the start
+COARSEST = 16  # voxels along the longest side at the start,
+MOST_CROWD = 64  # and triangles in a cell, about: more take longer to sort than finer voxels
 # Shares of the memory, counted without structures, so that traversers see the same volumes:
-EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' sake
+EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' sake,
+TRIANGLE_NBYTES = 128  # unless its mesh has many triangles: then so much for each
 STEPS_SEEN = 1 / 5  # of the permitted error: less is no reason for wider samples
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
 SHARP_SHARE = 1 / 100  # for finer edges than asked for, of all volumes together
@@ -150,7 +152,11 @@ class Planner(Levels):
     def first_size(self, work: Work) -> float:
         """The voxel size to start with, in object space."""
         n = work.mesh.modelling.resolution or self.settings.resolution
-        return fixed_size(work.mesh, n) if n else coarsest(work.mesh)
+        if n:
+            return fixed_size(work.mesh, n)
+        size = coarsest(work.mesh)
+        room = MOST_CROWD * self._probes(work).area / len(work.mesh.triangles)
+        return size if size**2 <= room else 2.0 ** math.floor(math.log2(room) / 2)
 
     def _start_one(self, work: Work) -> None:
         size = self.first_size(work)
@@ -189,7 +195,7 @@ class Planner(Levels):
         bar = self.settings.pixel_error
 
         def ticket(n: int) -> tuple[float, float, float, float, int]:
-            """What sorts first is refined first: surfaces, normals, colours, edges."""
+            """What sorts first is refined first: surfaces, colours, edges, normals."""
             return *(-need for need in self.works[n].needs(bar)), n
 
         queue = [ticket(n) for n, work in enumerate(self.works) if not (work.stuck or work.fixed)]
@@ -201,6 +207,8 @@ class Planner(Levels):
             levers = self._widen, self._keep_triangles, self._keep_normals, self._refine_one
             if any(lever(work) for lever in levers):
                 heapq.heappush(queue, ticket(n))
+            elif work.stuck:
+                self._keep_normals(work)
             left = sum(math.log2(math.prod(t[:4])) for t in queue)
             total = max(total, left)
             self.advance(0.3 + 0.7 * (1.0 - left / total))
@@ -208,7 +216,7 @@ class Planner(Levels):
     def _widen(self, work: Work, volume_room: float = math.inf) -> bool:
         """Give a volume f32 where the steps of u16 are what its error is made of, if that helps."""
         before = work.errors.surface
-        if work.dtype or work.errors.steps < steps.PART * before:
+        if work.dtype or not before or work.errors.steps < steps.PART * before:
             return False
         measure, work.dtype = work.measure, "f32"
         if self._refused(work, 0, volume_room):
@@ -229,7 +237,7 @@ class Planner(Levels):
         """
         m, e = work.measure, work.errors
         flat, several = work.mesh.corner_normals is None, work.mesh.solids is not None
-        turned = e.of_normals() > 1 and (flat or work.own_normals)
+        turned = work.turned_only(self.settings.pixel_error) and (flat or work.own_normals)
         if work.exact != "sheets" or self.settings.exact != "auto" or m.kind != "solid" or several:
             return False
         if not (turned or e.lost > errors.LOST_SHARE or len(m.crease) > 0) or _crowds(work):
@@ -238,7 +246,8 @@ class Planner(Levels):
 
     def _keep_normals(self, work: Work) -> bool:
         """Let hits have the mesh's own shading normals, where the field's are off."""
-        if work.own_normals or work.errors.of_normals() <= 1:
+        turned_only = work.turned_only(self.settings.pixel_error)
+        if work.own_normals or not (turned_only or (work.stuck and work.errors.of_normals() > 1)):
             return False
         solid = work.measure.kind == "solid"
         if work.mesh.corner_normals is None and solid and work.exact != "all":
@@ -263,8 +272,10 @@ class Planner(Levels):
 
     def _volume_room(self, work: Work) -> float:
         """Bytes that the work's volume may take: fewer where only edges ask for them."""
-        edges_only = work.needs(self.settings.pixel_error)[:3] == (1.0, 1.0, 1.0)
-        return self.budget * EDGE_SHARE if edges_only else math.inf
+        surface, color, edges, normals = work.needs(self.settings.pixel_error)
+        if edges == 1.0 or max(surface, color, normals) > 1.0:
+            return math.inf
+        return max(self.budget * EDGE_SHARE, TRIANGLE_NBYTES * len(work.mesh.triangles))
 
     def _refine_one(self, work: Work) -> bool:
         """Some levels finer; False where not even one can be, and work.stuck says why."""
