@@ -191,10 +191,10 @@ def measure(
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
-    normal: what `normal_errors` measured there, color: what bake.color_errors did. rise: of occupancy per voxel
-    across a plane, before gain; None: that of the ramp. exact: as it was voxelized. ids: of the
-    mesh's triangles, where several solids share the volume: each is held against
-    its own field. gain above 0: as `volume.narrow(gain)` would leave it. The structure's
+    normal: what `normal_errors` measured there, color: what bake.color_errors did. rise: of
+    occupancy per voxel across a plane, before gain; None: that of the ramp. exact: as it was
+    voxelized. ids: of the mesh's triangles, where several solids share the volume: each is held
+    against its own field. gain above 0: as `volume.narrow(gain)` would leave it. The structure's
     bytes are the caller's to add.
     """
     info, mesh = volume.info, volume.mesh_info

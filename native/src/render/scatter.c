@@ -101,9 +101,10 @@ static int draw(const lr_surfel *s)
     return drawn;
 }
 
-/* Scattered to the wrong side of the surface itself, as normals of their own have it. What is
- * lost so in a flat face is lost in Cycles, too; but where the field's facets stand for a
- * smooth surface, the ray turns to the right side by the same angle. False: it is lost. */
+/* Scattered to the wrong side of the surface itself, as normals of their own have it. At a flat
+ * face it is as in Cycles: what is reflected into it is lost, what is refracted goes where it
+ * goes. But where the field's facets stand for a smooth surface, the ray turns to the right
+ * side by the same angle. False: it is lost. */
 static bool turn_to_side(const lr_surfel *s, bool beyond, double d[3])
 {
     const double height = lr_dot(d, s->point.facing);
