@@ -18,6 +18,7 @@ from .cache import Cache
 reports: dict[str, dict] = {}
 failures: dict[str, leapray.LeapRayError] = {}  # without tracebacks, which hold on to memory
 interrupt = threading.Event()  # set from outside to end the render, as Esc does
+NO_VIEWPORT = "LeapRay does not render in the viewport yet: press F12, or use Material Preview"
 _volumes = Cache()  # kept between frames where the scene asks for persistent data
 
 
@@ -53,6 +54,13 @@ class LeapRayEngine(bpy.types.RenderEngine):
             failures[layer] = leapray.LeapRayError(sentence)
             self.report({"ERROR"}, sentence)
             raise
+
+    def view_update(self, context, depsgraph) -> None:
+        """Blender asks for a picture in the viewport."""
+        self.update_stats("", NO_VIEWPORT)
+
+    def view_draw(self, context, depsgraph) -> None:
+        """There is none to draw; Blender shows the sentence in the viewport's corner."""
 
     def _render(self, depsgraph, layer: str) -> None:
         status = f"{depsgraph.scene_eval.name}, {layer} | "

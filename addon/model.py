@@ -163,15 +163,18 @@ LAYOUTS = ("objects", "scene")  # what shares a volume: the instances of a mesh,
 
 @dataclass(frozen=True)
 class Settings:
-    """What the user may choose, in the panel and on the command line alike."""
+    """What the user may choose, in the panel and on the command line alike.
 
-    samples: int = 16
-    noise_threshold: float = 0.0  # at which a pixel gets no more samples; 0: never
+    The defaults are Cycles' own where it has the setting.
+    """
+
+    samples: int = 256
+    noise_threshold: float = 0.01  # at which a pixel gets no more samples; 0: never
     min_samples: int = 0  # before that; 0: by the threshold
-    pixel_filter: str = "box"  # "box" of one pixel | "blackman_harris"
-    filter_width: float = 1.5  # pixels, of the latter
+    pixel_filter: str = "blackman_harris"  # or "box", of one pixel
+    filter_width: float = 1.5  # pixels, of the former
     max_bounces: int = 12  # in all, without transparent_bounces
-    diffuse_bounces: int = 0
+    diffuse_bounces: int = 4
     glossy_bounces: int = 4
     transmission_bounces: int = 12
     transparent_bounces: int = 8

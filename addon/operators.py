@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a user can ask for beside pictures: an object's volume as a file."""
+"""What a user can ask for beside pictures: settings that go together, an object's volume."""
 
 # Annotations stay values here, for Blender evaluates them.
 
@@ -10,6 +10,29 @@ from bpy_extras.io_utils import ExportHelper
 import leapray
 
 from . import plan, properties, scene, volumes
+from .presets import PRESETS
+
+
+class RENDER_OT_leapray_preset(bpy.types.Operator):
+    """Choose settings that go together"""
+
+    bl_idname = "render.leapray_preset"
+    bl_label = "LeapRay Preset"
+    bl_options = {"REGISTER", "UNDO"}
+
+    preset: bpy.props.EnumProperty(
+        name="Preset",
+        description="What the settings are for",
+        items=[(name, preset.label, preset.about) for name, preset in PRESETS.items()],
+    )
+
+    @classmethod
+    def description(cls, context, properties) -> str:
+        return PRESETS[properties.preset].about
+
+    def execute(self, context) -> set[str]:
+        properties.apply(context.scene, PRESETS[self.preset].values())
+        return {"FINISHED"}
 
 
 class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
@@ -20,7 +43,12 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
     bl_options = {"REGISTER"}
 
     filename_ext = ".vdb"
-    filter_glob: bpy.props.StringProperty(default="*.vdb", options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(
+        name="Files Shown",
+        description="Which files are shown",
+        default="*.vdb",
+        options={"HIDDEN"},
+    )
     resolution: bpy.props.IntProperty(
         name="Resolution",
         description="Samples along the longest side of the volume",
@@ -79,11 +107,16 @@ def menu(self, context) -> None:
     self.layout.operator(operator.bl_idname, text="LeapRay Volume of Active Object (.vdb)")
 
 
+CLASSES = (RENDER_OT_leapray_preset, OBJECT_OT_leapray_export_vdb)
+
+
 def register() -> None:
-    bpy.utils.register_class(OBJECT_OT_leapray_export_vdb)
+    for each in CLASSES:
+        bpy.utils.register_class(each)
     bpy.types.TOPBAR_MT_file_export.append(menu)
 
 
 def unregister() -> None:
     bpy.types.TOPBAR_MT_file_export.remove(menu)
-    bpy.utils.unregister_class(OBJECT_OT_leapray_export_vdb)
+    for each in reversed(CLASSES):
+        bpy.utils.unregister_class(each)

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The settings of a scene, `scene.leapray`: one property for each of model.Settings.
 
-Menus are made from the core's own tables. Only the number of threads is
-Blender's (Performance panel, `blender -t`), as for its other engines.
+A property is named as its option of the command line. Menus are made from the
+core's own tables. Only the number of threads is Blender's (Performance panel,
+`blender -t`), as for its other engines. Where 0 stands for "automatic" or "off",
+a switch that is not stored says so.
 """
 
 # Annotations stay values here, for Blender evaluates them.
@@ -19,13 +21,17 @@ from . import model
 
 DEFAULTS = model.Settings()
 
-ABOUT = {  # of menu entries; a new one in the core shows up without
+ABOUT = {  # of menu entries; a test asks for those of a new one in the core
     "extrema": "Also look at the field's extrema inside a cell, so that no surface is lost",
     "faces": "Look at the field on the faces of cells only: fast, but loses grazing surfaces",
+    "uniform": "Look at the field at equal steps along the ray: loses what lies between them",
     "newton": "Newton's steps inside a bracket, to full precision",
+    "bisect": "Halving of a bracket, to full precision: slower",
+    "cubic": "The roots of the cubic in closed form, to full precision",
     "linear": "One linear interpolation: fast and approximate",
     "central": "Central differences, interpolated: smooth",
     "analytic": "The gradient of the field itself: faceted at cell borders",
+    "smooth": "The gradients of the eight cells around, blended: smooth, and slower",
     "objects": "One volume for each distinct mesh, shared by its instances",
     "scene": "One volume for the whole scene",
     "box": "The mean over the pixel itself: sharp edges",
@@ -45,9 +51,10 @@ ABOUT = {  # of menu entries; a new one in the core shows up without
     "f32": "Four bytes per sample: for measurements",
 }
 LABELS = {
-    "u8": "8 bit",
-    "u16": "16 bit",
-    "f32": "32 bit float",
+    "u8": "8 Bit (u8)",
+    "u16": "16 Bit (u16)",
+    "f32": "32 Bit Float (f32)",
+    "auto": "Automatic",
     "blackman_harris": "Blackman-Harris",
 }
 
@@ -69,10 +76,48 @@ def menu(names, about=ABOUT, labels=LABELS) -> list[tuple[str, str, str, int]]:
     ]
 
 
-def label(traverser) -> str:
-    """What a menu shows: the traverser's label and the options that are not the default ones."""
-    options = traverser.spec.partition(":")[2]
-    return f"{traverser.label} ({options})" if options else traverser.label
+def sentence(traverser) -> str:
+    """A menu's word on a traverser with its options."""
+    about = traverser.about[:1].upper() + traverser.about[1:]
+    return f"{about} ({traverser.source})"
+
+
+def traverser_menu() -> list[tuple]:
+    """Every traverser with every choice of its options, below what they promise.
+
+    An entry is called as in charts, and as on the command line.
+    """
+    items: list[tuple] = []
+    for exact, heading, about in (
+        (True, "Exact", "They miss no cell that the ray touches"),
+        (False, "Inexact", "They may miss cells, or find wrong ones: for measurements"),
+    ):
+        here = [entry for entry in leapray.variants() if entry.exact == exact]
+        items.append(("", heading, about))
+        items += menu(
+            [entry.spec for entry in here],
+            {entry.spec: sentence(entry) for entry in here},
+            {entry.spec: f"{entry.label} ({entry.spec})" for entry in here},
+        )
+    return items
+
+
+def switch(name: str, label: str, description: str, on: float, *, zero: bool = False):
+    """A check box for a setting whose 0 has a meaning of its own; it is not stored.
+
+    It is ticked where the setting is not 0, or with zero where it is; `on` is the
+    value that the setting gets where it was 0.
+    """
+
+    def ticked(self) -> bool:
+        return (getattr(self, name) == 0) == zero
+
+    def tick(self, value: bool) -> None:
+        setattr(self, name, 0 if value == zero else getattr(self, name) or on)
+
+    return bpy.props.BoolProperty(
+        name=label, description=description, get=ticked, set=tick, options={"SKIP_SAVE"}
+    )
 
 
 def bounces(name: str, description: str, default: int) -> bpy.props.IntProperty:
@@ -82,7 +127,6 @@ def bounces(name: str, description: str, default: int) -> bpy.props.IntProperty:
     )
 
 
-TRAVERSERS = leapray.variants()
 AS_SCENE = ("scene", "As Scene", "What the scene's settings say", 0)
 EXACT_ABOUT = {
     **ABOUT,
@@ -132,7 +176,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         default=DEFAULTS.pixel_filter,
     )
     filter_width: bpy.props.FloatProperty(
-        name="Width",
+        name="Filter Width",
         description="Width of the pixel filter in pixels",
         default=DEFAULTS.filter_width,
         min=0.01,
@@ -140,16 +184,18 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         max=10.0,
         subtype="PIXEL",
     )
-    max_bounces: bounces("Total", "Most bounces of light in all", DEFAULTS.max_bounces)
+    max_bounces: bounces("Max Bounces", "Most bounces of light in all", DEFAULTS.max_bounces)
     diffuse_bounces: bounces(
-        "Diffuse",
+        "Diffuse Bounces",
         "Most diffuse bounces; 0 leaves surfaces without light from each other, which is fast",
         DEFAULTS.diffuse_bounces,
     )
-    glossy_bounces: bounces("Glossy", "Most reflections", DEFAULTS.glossy_bounces)
-    transmission_bounces: bounces("Transmission", "Most refractions", DEFAULTS.transmission_bounces)
+    glossy_bounces: bounces("Glossy Bounces", "Most reflections", DEFAULTS.glossy_bounces)
+    transmission_bounces: bounces(
+        "Transmission Bounces", "Most refractions", DEFAULTS.transmission_bounces
+    )
     transparent_bounces: bounces(
-        "Transparent",
+        "Transparent Bounces",
         "Most surfaces that light passes straight, by alpha or a Transparent BSDF",
         DEFAULTS.transparent_bounces,
     )
@@ -181,7 +227,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         max=1e8,
     )
     ambient_distance: bpy.props.FloatProperty(
-        name="Fast Ambient",
+        name="Ambient Distance",
         description="Where no diffuse bounce is left, surfaces still see the world where nothing "
         "lies within this distance: a fast stand-in for bounced light, as Cycles' Fast GI; 0 is "
         "off",
@@ -192,7 +238,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         subtype="DISTANCE",
     )
     ao_distance: bpy.props.FloatProperty(
-        name="Distance",
+        name="AO Distance",
         description="How far away things darken the Ambient Occlusion pass",
         default=DEFAULTS.ao_distance,
         min=1e-6,
@@ -204,11 +250,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
     traverser: bpy.props.EnumProperty(
         name="Traverser",
         description="How a ray finds the next cell of a volume that may hold a surface",
-        items=menu(
-            [entry.spec for entry in TRAVERSERS],
-            {entry.spec: f"{entry.source}: {entry.about}" for entry in TRAVERSERS},
-            {entry.spec: label(entry) for entry in TRAVERSERS},
-        ),
+        items=traverser_menu(),
         default=leapray.traverser().spec,
     )
     hit_test: bpy.props.EnumProperty(
@@ -292,7 +334,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         default=DEFAULTS.exact,
     )
     cache_folder: bpy.props.StringProperty(
-        name="Volume Folder",
+        name="Cache Folder",
         description="Where volumes are kept as .vdb files, to be read instead of made by the next "
         "render; empty: nowhere",
         default=DEFAULTS.cache_folder,
@@ -313,6 +355,45 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         max=4096,
     )
 
+    use_noise_threshold: switch(
+        "noise_threshold",
+        "Use Noise Threshold",
+        "Give no more samples to pixels that are good enough",
+        0.01,
+    )
+    auto_min_samples: switch(
+        "min_samples",
+        "Automatic Min Samples",
+        "Take as many as suit the noise threshold",
+        64,
+        zero=True,
+    )
+    auto_branches: switch(
+        "branches", "Automatic Branches", "Take as many as suit the samples", 4, zero=True
+    )
+    use_clamp_direct: switch("clamp_direct", "Use Clamp Direct", "Limit direct light", 10.0)
+    use_clamp_indirect: switch("clamp_indirect", "Use Clamp Indirect", "Limit bounced light", 10.0)
+    use_ambient_distance: switch(
+        "ambient_distance",
+        "Use Ambient Distance",
+        "Let the world stand in for light that would bounce further",
+        10.0,
+    )
+    auto_resolution: switch(
+        "resolution",
+        "Automatic Resolution",
+        "Take as many samples as the pixel error asks for, for each volume its own",
+        256,
+        zero=True,
+    )
+    auto_half_width: switch(
+        "half_width",
+        "Automatic Half Width",
+        "Take what suits the filter and the sample type",
+        2.5,
+        zero=True,
+    )
+
 
 class LeapRayObject(bpy.types.PropertyGroup):
     """How LeapRay models an object, where that is not left to the scene."""
@@ -331,6 +412,9 @@ class LeapRayObject(bpy.types.PropertyGroup):
         min=0,
         soft_max=1024,
         max=16384,
+    )
+    auto_resolution: switch(
+        "resolution", "Resolution as Scene", "Leave it to the scene's settings", 128, zero=True
     )
     filter: bpy.props.EnumProperty(
         name="Filter",
@@ -369,6 +453,12 @@ def modelling(ob) -> model.Modelling:
     own = ob.leapray
     names = ("" if name == "scene" else name for name in (own.filter, own.sample_type))
     return model.Modelling(own.kind or "auto", own.resolution, *names)
+
+
+def apply(scene, values: dict[str, object]) -> None:
+    """Give settings of the scene these values, by the names of model.Settings."""
+    for name, value in values.items():
+        setattr(scene.leapray, name, value)
 
 
 def settings(scene) -> model.Settings:

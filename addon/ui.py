@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import bpy
 
-ENGINE = "LEAPRAY"
+from . import ui_report
+from .presets import PRESETS
+from .ui_report import ENGINE
 
 # Panels of another engine that show what LeapRay reads too.
 BORROWED = {
@@ -16,7 +18,10 @@ BORROWED = {
     "VIEWLAYER_PT_layer_passes",
 }
 # Parts of names of Blender's general panels whose content LeapRay does not read.
-UNREAD = ("freestyle", "gpencil", "grease", "lightprobe", "stereoscopy", "DATA_PT_light", "spot")
+UNREAD = (
+    *("freestyle", "gpencil", "grease", "lightprobe", "stereoscopy", "DATA_PT_light", "spot"),
+    "simplify",  # ours
+)
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # objects that have a mesh
 
 
@@ -28,94 +33,125 @@ class _Panel:
     def poll(cls, context) -> bool:
         return context.engine == ENGINE
 
-    def columns(self):
+    def columns(self, *, keyed: bool = False):
+        """A column of names and values; keyed: with dots for keyframes."""
         self.layout.use_property_split = True
-        self.layout.use_property_decorate = False
+        self.layout.use_property_decorate = keyed
         return self.layout.column()
+
+
+class _RenderPanel(_Panel):
+    """A part of LeapRay's settings that beginners need not open."""
+
+    bl_context = "render"
+    bl_parent_id = "RENDER_PT_leapray"
+    bl_options = {"DEFAULT_CLOSED"}
+
+
+def automatic(column, owner, name: str, text: str = "Automatic") -> None:
+    """A setting whose 0 means that LeapRay chooses: a check box, and the value where it is not."""
+    row = column.row(align=True, heading=owner.bl_rna.properties[name].name)
+    row.prop(owner, f"auto_{name}", text=text)
+    if getattr(owner, name) != 0:
+        row.prop(owner, name, text="")
+
+
+def optional(column, owner, name: str) -> None:
+    """A setting whose 0 means off: a check box, and the value where it is on."""
+    used = getattr(owner, name) != 0
+    row = column.row(align=True, heading=owner.bl_rna.properties[name].name)
+    row.prop(owner, f"use_{name}", text="" if used else "Off")
+    if used:
+        row.prop(owner, name, text="")
+
+
+class RENDER_MT_leapray_presets(bpy.types.Menu):
+    """Settings that go together"""
+
+    bl_label = "Presets"
+
+    def draw(self, context) -> None:
+        for name, preset in PRESETS.items():
+            operator = self.layout.operator("render.leapray_preset", text=preset.label)
+            operator.preset = name
 
 
 class RENDER_PT_leapray(_Panel, bpy.types.Panel):
     bl_label = "LeapRay"
     bl_context = "render"
 
+    def draw_header_preset(self, context) -> None:
+        self.layout.menu("RENDER_MT_leapray_presets", text="", icon="PRESET")
+
     def draw(self, context) -> None:
-        column, settings = self.columns(), context.scene.leapray
+        column, settings = self.columns(keyed=True), context.scene.leapray
         column.prop(settings, "samples")
+        optional(column, settings, "noise_threshold")
         error = column.column()
         error.active = settings.resolution == 0
         error.prop(settings, "pixel_error")
         column.prop(settings, "traverser")
+        unrendered = ui_report.unrendered_of_scene(context)
+        if unrendered:
+            ui_report.paragraph(self.layout, context.region, unrendered, "INFO")
 
 
-class RENDER_PT_leapray_sampling(_Panel, bpy.types.Panel):
+class RENDER_PT_leapray_sampling(_RenderPanel, bpy.types.Panel):
     bl_label = "Sampling"
-    bl_context = "render"
-    bl_parent_id = "RENDER_PT_leapray"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context) -> None:
-        column, settings = self.columns(), context.scene.leapray
-        column.prop(settings, "noise_threshold")
+        column, settings = self.columns(keyed=True), context.scene.leapray
         least = column.column()
         least.active = settings.noise_threshold > 0
-        least.prop(settings, "min_samples")
-        column.prop(settings, "branches")
+        automatic(least, settings, "min_samples")
+        automatic(column, settings, "branches")
         column.prop(settings, "seed")
 
 
-class RENDER_PT_leapray_paths(_Panel, bpy.types.Panel):
+class RENDER_PT_leapray_paths(_RenderPanel, bpy.types.Panel):
     bl_label = "Light Paths"
-    bl_context = "render"
-    bl_parent_id = "RENDER_PT_leapray"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context) -> None:
-        column, settings = self.columns(), context.scene.leapray
-        bounces = column.column(align=True, heading="Max Bounces")
-        for kind in ("max", "diffuse", "glossy", "transmission", "transparent"):
-            bounces.prop(settings, f"{kind}_bounces")
+        column, settings = self.columns(keyed=True), context.scene.leapray
+        limits = column.column(align=True)
+        limits.prop(settings, "max_bounces", text="Max Bounces, Total")
+        for kind in ("diffuse", "glossy", "transmission", "transparent"):
+            limits.prop(settings, f"{kind}_bounces", text=kind.capitalize())
         column.separator()
         for name in ("clamp_direct", "clamp_indirect"):
-            column.prop(settings, name)
+            optional(column, settings, name)
         column.separator()
-        column.prop(settings, "ambient_distance")
-        column.prop(settings, "ao_distance", text="Ambient Occlusion Distance")
+        optional(column, settings, "ambient_distance")
+        column.prop(settings, "ao_distance")
 
 
-class RENDER_PT_leapray_surface(_Panel, bpy.types.Panel):
+class RENDER_PT_leapray_surface(_RenderPanel, bpy.types.Panel):
     bl_label = "Surface"
-    bl_context = "render"
-    bl_parent_id = "RENDER_PT_leapray"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context) -> None:
-        column, settings = self.columns(), context.scene.leapray
+        column, settings = self.columns(keyed=True), context.scene.leapray
         for name in ("hit_test", "root", "normal"):
             column.prop(settings, name)
 
 
-class RENDER_PT_leapray_volumes(_Panel, bpy.types.Panel):
+class RENDER_PT_leapray_volumes(_RenderPanel, bpy.types.Panel):
     bl_label = "Volumes"
-    bl_context = "render"
-    bl_parent_id = "RENDER_PT_leapray"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context) -> None:
-        column, settings = self.columns(), context.scene.leapray
+        column, settings = self.columns(keyed=True), context.scene.leapray
         column.prop(settings, "layout")
-        column.prop(settings, "resolution")
-        for name in ("filter", "half_width", "exact", "sample_type"):
+        automatic(column, settings, "resolution")
+        column.prop(settings, "filter")
+        automatic(column, settings, "half_width")
+        for name in ("exact", "sample_type"):
             column.prop(settings, name)
         column.separator()
         column.prop(settings, "memory_mb")
         column.prop(settings, "cache_folder")
 
 
-class RENDER_PT_leapray_performance(_Panel, bpy.types.Panel):
+class RENDER_PT_leapray_performance(_RenderPanel, bpy.types.Panel):
     bl_label = "Performance"
-    bl_context = "render"
-    bl_parent_id = "RENDER_PT_leapray"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context) -> None:
         column, settings, render = self.columns(), context.scene.leapray, context.scene.render
@@ -133,12 +169,33 @@ class RENDER_PT_leapray_film(_Panel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context) -> None:
-        column, settings = self.columns(), context.scene.leapray
+        column, settings = self.columns(keyed=True), context.scene.leapray
         column.prop(context.scene.render, "film_transparent", text="Transparent")
         column.prop(settings, "pixel_filter")
         width = column.column()
         width.active = settings.pixel_filter != "box"
         width.prop(settings, "filter_width")
+
+
+class RENDER_PT_leapray_simplify(_Panel, bpy.types.Panel):
+    """What of Blender's Simplify shows in a render; Blender's own panel would stand above ours"""
+
+    bl_label = "Simplify"
+    bl_context = "render"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context) -> None:
+        self.layout.prop(context.scene.render, "use_simplify", text="")
+
+    def draw(self, context) -> None:
+        column, render = self.columns(keyed=True), context.scene.render
+        column.active = render.use_simplify
+        viewport = column.column(align=True)
+        viewport.prop(render, "simplify_subdivision", text="Viewport Subdivision")
+        viewport.prop(render, "simplify_child_particles", text="Child Particles")
+        rendered = column.column(align=True)
+        rendered.prop(render, "simplify_subdivision_render", text="Render Subdivision")
+        rendered.prop(render, "simplify_child_particles_render", text="Child Particles")
 
 
 class VIEWLAYER_PT_leapray_passes(_Panel, bpy.types.Panel):
@@ -252,8 +309,10 @@ class OBJECT_PT_leapray(_Panel, bpy.types.Panel):
         )
 
     def draw(self, context) -> None:
-        column, ob = self.columns(), context.object
-        for name in ("kind", "resolution", "filter", "sample_type"):
+        column, ob = self.columns(keyed=True), context.object
+        column.prop(ob.leapray, "kind")
+        automatic(column, ob.leapray, "resolution", text="As Scene")
+        for name in ("filter", "sample_type"):
             column.prop(ob.leapray, name)
         column.operator("object.leapray_export_vdb", icon="EXPORT")
 
@@ -275,13 +334,16 @@ class OBJECT_PT_leapray_visibility(_Panel, bpy.types.Panel):
 
 
 CLASSES = (
+    RENDER_MT_leapray_presets,
     RENDER_PT_leapray,
+    ui_report.RENDER_PT_leapray_last,
     RENDER_PT_leapray_sampling,
     RENDER_PT_leapray_paths,
     RENDER_PT_leapray_surface,
     RENDER_PT_leapray_volumes,
     RENDER_PT_leapray_performance,
     RENDER_PT_leapray_film,
+    RENDER_PT_leapray_simplify,
     VIEWLAYER_PT_leapray_passes,
     DATA_PT_leapray_light,
     WORLD_PT_leapray_mist,
@@ -289,6 +351,7 @@ CLASSES = (
     MATERIAL_PT_leapray_index,
     OBJECT_PT_leapray,
     OBJECT_PT_leapray_visibility,
+    *ui_report.WARNED,
 )
 
 
@@ -310,9 +373,11 @@ def register() -> None:
         panel.COMPAT_ENGINES.add(ENGINE)
     for each in CLASSES:
         bpy.utils.register_class(each)
+    ui_report.register()
 
 
 def unregister() -> None:
+    ui_report.unregister()
     for each in reversed(CLASSES):
         bpy.utils.unregister_class(each)
     for panel in bpy.types.Panel.__subclasses__():

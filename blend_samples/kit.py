@@ -25,10 +25,13 @@ ENAMEL = (0.12, 0.46, 0.50)
 def new_scene(
     world: tuple[float, float, float], width: int = 960, height: int = 540
 ) -> bpy.types.Scene:
-    """An empty scene, ready to be rendered by Cycles with the light that both engines share."""
+    """An empty scene with LeapRay chosen; Cycles renders it with the light that both share."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    scene.render.engine = "CYCLES"
+    scene.render.engine = "LEAPRAY"
+    own = scene.leapray
+    own.samples, own.noise_threshold, own.pixel_filter = 16, 0.0, "box"
+    own.diffuse_bounces = 0
     scene.cycles.samples = 64
     scene.cycles.use_denoising = False
     scene.cycles.max_bounces = 0

@@ -23,15 +23,9 @@ FLOOR = (0.42, 0.32, 0.24)
 
 def bounces(scene, *, total: int, diffuse: int, glossy: int = 4, transmission: int = 12) -> None:
     """How often light may bounce, for Cycles and for LeapRay alike."""
-    cycles = scene.cycles
-    cycles.max_bounces, cycles.diffuse_bounces = total, diffuse
-    cycles.glossy_bounces, cycles.transmission_bounces = glossy, transmission
-    scene["leapray"] = {  # Blender makes properties of it once LeapRay is there
-        "max_bounces": total,
-        "diffuse_bounces": diffuse,
-        "glossy_bounces": glossy,
-        "transmission_bounces": transmission,
-    }
+    for own in (scene.cycles, scene.leapray):
+        own.max_bounces, own.diffuse_bounces = total, diffuse
+        own.glossy_bounces, own.transmission_bounces = glossy, transmission
 
 
 def shader(name: str, kind: str, color=(1, 1, 1), **inputs) -> bpy.types.Material:

@@ -5,7 +5,7 @@
 
 Run it with Blender's wheel (or `blender -b -P`), in the oldest Blender that is supported: newer
 ones open its files. What is large (subdivision, scattering) is left to modifiers, so that each file
-stays small. Cycles is the engine in the file, so that it opens anywhere. The first five are about
+stays small. The files choose LeapRay, and Cycles gets the same light. The first five are about
 shape: diffuse surfaces, one sun without extent, a world of one colour, no bounced light. Those of
 lit_scenes.py are about light.
 
@@ -35,7 +35,8 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))  # `blender -P` does not
+ROOT = HERE.parent
+sys.path[:0] = [str(HERE), str(ROOT), str(ROOT / "native")]  # `blender -P` does not
 
 from kit import (  # noqa: E402
     CORAL,
@@ -67,6 +68,8 @@ from lit_scenes import (  # noqa: E402
     make_still,
     make_textured,
 )
+
+import addon  # noqa: E402
 
 
 def make_sphere() -> None:
@@ -415,6 +418,7 @@ MAKERS = {
 
 
 def main(names: list[str]) -> int:
+    addon.register()  # the scenes choose LeapRay and hold its settings
     for name in names or MAKERS:
         MAKERS[name]()
         bpy.context.preferences.filepaths.save_version = 0
@@ -422,6 +426,7 @@ def main(names: list[str]) -> int:
         path = HERE / f"{name}.blend"
         bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True)
         print(f"{path.name}: {path.stat().st_size / 1024:.0f} kB")
+    addon.unregister()
     return 0
 
 

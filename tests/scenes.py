@@ -85,10 +85,15 @@ def camera(
     )
 
 
+# One sample of the light that comes straight, each for the pixel that it is in.
+PLAIN = {"samples": 1, "noise_threshold": 0.0, "pixel_filter": "box", "diffuse_bounces": 0}
+
+
 def scene(
     meshes, instances=None, view=None, width=96, height=64, lights=(), **settings
 ) -> model.Scene:
-    """Two materials, white and red, under a sun; settings: members of model.Settings."""
+    """Two materials, white and red, under a sun; settings: members of
+    model.Settings, PLAIN where not given."""
     if instances is None:
         instances = [place(i) for i in range(len(meshes))]
     return model.Scene(
@@ -104,7 +109,7 @@ def scene(
         film_transparent=False,
         width=width,
         height=height,
-        settings=model.Settings(**{"samples": 1, **settings}),
+        settings=model.Settings(**PLAIN | settings),
     )
 
 

@@ -49,17 +49,20 @@ LAYERS = {
         "nodes images notes",
         "materials",
         "lights meshes",
-        "scene result properties",
+        "scene result properties presets",
         "engine",
         "session",
         "study",
-        "cli operators",
+        "cli operators ui_report",
         "ui",
         "__init__",
     ],
 }
 C_LAYERS = ["", "volume", "distance voxel", "trace", "traversers", "image render"]
-WITHOUT_BLENDER = ("addon.model", "addon.plan", "addon.pipeline", "addon.tiles", "leapray")
+WITHOUT_BLENDER = (
+    *("addon.model", "addon.presets", "addon.plan", "addon.pipeline", "addon.tiles"),
+    "leapray",
+)
 BLENDER = {"bpy", "bpy_extras", "bmesh", "gpu", "mathutils", "bl_math", "blf", "imbuf"}
 
 

@@ -56,7 +56,7 @@ def read(path: Path, percentage: int = 100) -> model.Scene:
 def numbered(scene: model.Scene) -> model.Scene:
     """As difference() asks: an object index of its own for each instance, one sample, no light."""
     instances = (replace(each, object_index=k) for k, each in enumerate(scene.instances, 1))
-    settings = replace(scene.settings, samples=1)
+    settings = replace(scene.settings, samples=1, noise_threshold=0.0, diffuse_bounces=0)
     return replace(scene, instances=tuple(instances), lights=(), settings=settings, passes=PASSES)
 
 

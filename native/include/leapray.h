@@ -389,7 +389,8 @@ typedef struct lr_traverser {
     const char *name;   /* as in options and files */
     const char *label;  /* as in menus */
     const char *source; /* who published it */
-    const char *about;  /* one sentence: how it works, or what it may miss */
+    const char *about;  /* one sentence: how it works, or what it may miss; where that depends on
+                            an option, "{name:first|second|..}" holds the words of each choice */
     const char *options; /* "name=first|second|third! name=...": its options and their choices; the
                             first is the default, one marked ! gives exactness up */
     uint32_t flags;     /* lr_traverser_flag */

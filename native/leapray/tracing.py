@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import re
 import weakref
 from dataclasses import dataclass, replace
 
@@ -57,12 +58,13 @@ class Traverser:
     name: str  # as in files and on the command line
     label: str  # as in menus
     source: str
-    about: str
+    about: str  # how it works with the options chosen, or what it may miss
     exact: bool  # agrees with the integer oracle but for ties
     default: bool
     uneven: bool  # takes rectilinear volumes
     options: tuple[Option, ...] = ()
     chosen: tuple[str, ...] = ()  # per option
+    template: str = ""  # about, with the words of every choice, as the registry has it
 
     @property
     def spec(self) -> str:
@@ -88,10 +90,10 @@ def traversers() -> list[Traverser]:
                 default=bool(entry.flags & _abi.LR_TRAVERSER_DEFAULT),
                 uneven=bool(entry.flags & _abi.LR_TRAVERSER_UNEVEN),
                 options=options,
-                chosen=tuple(option.choices[0] for option in options),
+                template=words[-1],
             )
         )
-    return found
+    return [_choose(entry, tuple(o.choices[0] for o in entry.options)) for entry in found]
 
 
 def _option(text: str) -> Option:
@@ -114,7 +116,17 @@ def _choose(entry: Traverser, chosen: tuple[str, ...]) -> Traverser:
     exact = entry.exact and not any(
         choice in option.inexact for option, choice in zip(entry.options, chosen, strict=True)
     )
-    return replace(entry, chosen=chosen, exact=exact)
+    return replace(entry, chosen=chosen, exact=exact, about=_about(entry, chosen))
+
+
+def _about(entry: Traverser, chosen: tuple[str, ...]) -> str:
+    """What holds for these choices: of "{name:first|second}" the words of the one chosen."""
+    numbers = {o.name: o.choices.index(c) for o, c in zip(entry.options, chosen, strict=True)}
+
+    def words(found: re.Match) -> str:
+        return found[2].split("|")[numbers[found[1]]]
+
+    return re.sub(r"{(\w+):([^}]*)}", words, entry.template)
 
 
 def traverser(spec: str | None = None) -> Traverser:
