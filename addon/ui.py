@@ -50,19 +50,23 @@ class _RenderPanel(_Panel):
 
 def automatic(column, owner, name: str, text: str = "Automatic") -> None:
     """A setting whose 0 means that LeapRay chooses: a check box, and the value where it is not."""
-    row = column.row(align=True, heading=owner.bl_rna.properties[name].name)
-    row.prop(owner, f"auto_{name}", text=text)
-    if getattr(owner, name) != 0:
-        row.prop(owner, name, text="")
+    _switched(column, owner, name, f"auto_{name}", text, text)
 
 
 def optional(column, owner, name: str) -> None:
     """A setting whose 0 means off: a check box, and the value where it is on."""
-    used = getattr(owner, name) != 0
+    _switched(column, owner, name, f"use_{name}", "Off", "")
+
+
+def _switched(column, owner, name: str, switch: str, at_zero: str, otherwise: str) -> None:
     row = column.row(align=True, heading=owner.bl_rna.properties[name].name)
-    row.prop(owner, f"use_{name}", text="" if used else "Off")
-    if used:
+    keyed, row.use_property_decorate = row.use_property_decorate, False
+    zero = getattr(owner, name) == 0
+    row.prop(owner, switch, text=at_zero if zero else otherwise)
+    if not zero:
         row.prop(owner, name, text="")
+        if keyed:
+            row.prop_decorator(owner, name)
 
 
 class RENDER_MT_leapray_presets(bpy.types.Menu):
