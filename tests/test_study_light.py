@@ -24,7 +24,7 @@ def test_seconds_to_an_error_lie_between_the_counts():
     assert light.seconds_to(rows, 0.5) == 1.0
     assert light.seconds_to(rows, 0.05) is None
     ours = [row("leapray", 1, 3.0, 0.4), row("leapray", 4, 6.0, 0.1)]
-    told = light.sentences(ours + rows)
+    told = [light.lead(*found[-2:]) for found in light.leads(ours + rows)]
     assert "Cycles leads" in told[0] and "LeapRay leads" in told[-1]
 
 

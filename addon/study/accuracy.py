@@ -297,7 +297,6 @@ def draw(folder: Path, points: list[Point], rows: list[Row]) -> None:
                     lw=0,
                     color=charts.COLORS[s],
                     marker=charts.MARKERS[test],
-                    label=f"{sizes[s]}, {tests[test]}",
                 )
             best = front(points, key)
             axis.plot(
@@ -312,7 +311,18 @@ def draw(folder: Path, points: list[Point], rows: list[Row]) -> None:
             charts.plain_ticks(axis)
             axis.set_xlabel("million rays a second, one thread")
             axis.set_title(title, fontsize=10.5)
-        axes[0, 2].legend(fontsize=7.5, bbox_to_anchor=(1.0, 1.0), title="samples, hit test")
+        by_size = [axes[0, 2].scatter([], [], color=charts.COLORS[s]) for s in range(len(sizes))]
+        by_test = [
+            axes[0, 2].scatter([], [], color=charts.INK, marker=charts.MARKERS[test])
+            for test in range(len(tests))
+        ]
+        for handles, labels, title, y in (
+            (by_size, sizes, "samples: colour", 1.0),
+            (by_test, tests, "hit test: shape", 0.5),
+        ):
+            place = {"loc": "upper left", "bbox_to_anchor": (1.0, y)}
+            legend = axes[0, 2].legend(handles, labels, title=title, fontsize=9, **place)
+            axes[0, 2].add_artist(legend)
     names = list(dict.fromkeys(row.scene for row in rows))
     with charts.chart(folder / "resolution", columns=3, width=4.8) as (_, axes):
         for axis, (key, title) in zip(axes[0], KINDS, strict=True):
@@ -345,7 +355,7 @@ def write_page(folder: Path, told: dict, points: list[Point]) -> None:
         f'<p class="soft">{len(points)} settings in five scenes, {told["rays"]} rays each, one '
         f"thread. {page.esc(told['machine'])}.</p>",
         page.figure(folder, "accuracy.png", "All settings", "the line: what nothing beats"),
-        "<p>" + " ".join(map(page.esc, sentences(points))) + "</p>",
+        page.findings(sentences(points)),
         page.figure(folder, "resolution.png", "Resolution", "all else at its default"),
         "<h2>The front, by the error of points</h2>",
         page.table(

@@ -337,7 +337,7 @@ def write_page(folder: Path, told: dict, claims: list[Claim], roots, skipped, so
     body = [
         "<h1>What must be exact</h1>",
         f'<p class="soft">{page.esc(told["machine"])}.</p>',
-        "<p>" + " ".join(map(page.esc, sentences(claims, roots, skipped, solids))) + "</p>",
+        page.findings(sentences(claims, roots, skipped, solids)),
         "<h2>First cells</h2>",
         page.table(
             ["traverser", "samples a side", "generic rays", "along the lattice", "that hit",

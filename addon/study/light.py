@@ -181,7 +181,13 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
         f'<p class="soft">{told["percentage"]} % of the scenes\' resolution, 1 to {most} samples, '
         f"reference Cycles at {told['reference_samples']}. {page.esc(told['machine'])}.</p>",
         page.figure(folder, "light.png", "Both engines", "lower left is better"),
-        "<p>" + " ".join(map(page.esc, sentences(rows))) + "</p>",
+        page.table(
+            ["scene", "to an RMSE of", "", "LeapRay, s", "Cycles, s", ""],
+            [
+                [page.esc(name), f"{error:.2g}", word, f"{a:.1f}", f"{b:.1f}", lead(a, b)]
+                for name, word, error, a, b in leads(rows)
+            ],
+        ),
         page.table(
             ["scene", "engine", "samples", "seconds", "of that, volumes", "mean", "RMSE",
              "but rims", "FLIP", "but rims", "rims"],
@@ -219,9 +225,9 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
     (folder / "light.html").write_text(page.whole("Error of light against time", body), "utf-8")
 
 
-def sentences(rows: list[Row]) -> list[str]:
-    """Who leads where, computed from the figures."""
-    said = []
+def leads(rows: list[Row]) -> list[tuple[str, str, float, float, float]]:
+    """Per scene and error that both reach: (scene, word for it, error, our seconds, Cycles')."""
+    found = []
     for name in dict.fromkeys(row.scene for row in rows):
         ours, theirs = (of(rows, name, engine) for engine in ENGINES)
         for word, error in (
@@ -229,11 +235,12 @@ def sentences(rows: list[Row]) -> list[str]:
             ("fine", max(ours[-1].rmse, theirs[-1].rmse) * 1.01),
         ):
             a, b = seconds_to(ours, error), seconds_to(theirs, error)
-            if a is None or b is None:
-                continue
-            leader = "LeapRay" if a < b else "Cycles"
-            said.append(
-                f"{name}: to an RMSE of {error:.2g} ({word}) LeapRay takes {a:.1f} seconds, "
-                f"Cycles {b:.1f}; {leader} leads {max(a, b) / min(a, b):.1f} times."
-            )
-    return said
+            if a is not None and b is not None:
+                found.append((name, word, error, a, b))
+    return found
+
+
+def lead(ours: float, theirs: float) -> str:
+    """Who leads, and how many times."""
+    leader = "LeapRay" if ours < theirs else "Cycles"
+    return f"{leader} leads {max(ours, theirs) / min(ours, theirs):.1f} times"

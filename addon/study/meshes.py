@@ -157,7 +157,7 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
         f'<p class="soft">{rows[0].width} x {rows[0].height} pixels, default settings. '
         f"{page.esc(told['machine'])}.</p>",
         page.figure(folder, "meshes.png", "At 99 % and at silhouettes", "lower is better"),
-        "<p>" + " ".join(map(page.esc, sentences(rows))) + "</p>",
+        page.findings(sentences(rows)),
         page.table(
             ["scene", "triangles", "error 50 %", "99 %", "most", "worst object, 99 %",
              "edge pixels", "see another object", "beyond a pixel", "MB", "model, s", "trace, s"],

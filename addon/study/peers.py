@@ -157,7 +157,7 @@ def write_page(folder: Path, told: dict, rows: list[Row], more: list[str]) -> No
         f"{BAND} voxels of its surface, sign included; medians of {told['rounds']} rounds in "
         f"turns. {page.esc(told['machine'])}.</p>",
         page.figure(folder, "peers.png", "Mesh to samples", "lower is better"),
-        "<p>" + " ".join(map(page.esc, sentences(rows))) + "</p>",
+        page.findings(sentences(rows)),
         page.table(
             ["samples", "by", "seconds", "least", "most"],
             [

@@ -318,9 +318,9 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
         f"{rows[0].n} to {rows[-1].n}, {told['image']} x {told['image']} rays, one thread, "
         f"median of {told['rounds']} interleaved rounds. {page.esc(told['machine'])}.</p>",
         page.figure(folder, "survey.png", "The survey's figure 2", "parallel rays"),
-        "<p>" + " ".join(map(page.esc, findings(rows))) + "</p>",
+        page.findings(findings(rows)),
         page.figure(folder, "seconds.png", "Time", "shaded: the middle half of the rounds"),
-        "<p>" + " ".join(sentences(rows)) + "</p>",
+        page.findings(sentences(rows)),
         page.figure(folder, "steps.png", "Steps", "counted in a run of its own"),
         page.figure(folder, "setup.png", "Set-up", "from the finished volume to the structure"),
         "<h2>Figures</h2>",
@@ -357,7 +357,7 @@ def sentences(rows: list[Row]) -> list[str]:
                 f"second), {ratio:.1f} times as fast as {other.label}"
             )
         said.append(f"{camera.capitalize()} camera: {'; '.join(ends)}.")
-    return [page.esc(sentence) for sentence in said]
+    return said
 
 
 def findings(rows: list[Row]) -> list[str]:

@@ -176,7 +176,7 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
         f'<p class="soft">{page.esc(told["scene"])} at {told["percentage"]} % of its resolution; '
         f"{page.esc(told['machine'])}.</p>",
         page.figure(folder, "plan.png", "Error by memory and by time", "lower left is better"),
-        "<p>" + " ".join(map(page.esc, sentences(rows))) + "</p>",
+        page.findings(sentences(rows)),
         page.table(
             ["model", "error 50 %", "99 %", "silhouettes", "beyond a pixel", "volumes",
              "MB of volumes", "of structures", "model, s", "trace, s"],

@@ -111,7 +111,7 @@ def draw_errors(axis, told: dict, which: str) -> None:
     if ours:
         xs = [values["seconds"] for values in ours.values()]
         curve = [values[which]["rmse"] for values in ours.values()]
-        axis.plot(xs, curve, "-", color=charts.COLORS[0], label="LeapRay, likewise")
+        axis.plot(xs, curve, "--", color=charts.COLORS[0], label="LeapRay, likewise")
         ys += curve
         for count, x, y in zip(ours, xs, curve, strict=True):
             axis.annotate(f"{count}", (x, y), xytext=(5, 5), textcoords="offset points", fontsize=9)
@@ -128,38 +128,30 @@ def draw_errors(axis, told: dict, which: str) -> None:
     axis.set_xlabel("seconds for the frame, reading and writing included")
 
 
+ERRORS = {  # charts of the error of light: the part of the image, the title
+    "all": "Error against time",
+    "but_rims": "Error against time, without rims",
+}
+
+
 def draw_charts(folder: Path, told: dict) -> list[list[str]]:
-    """Write the charts; returns [file, title, caption] of each."""
+    """Write the charts, narrow enough for a phone; returns [file, title, caption] of each."""
     made = []
-    with charts.chart(folder / "error_by_seconds", columns=2, width=5.4) as (figure, axes):
-        for axis, which, what in zip(
-            axes[0], ("all", "but_rims"), ("the whole image", "all but rims"), strict=True
-        ):
+    for which, title in ERRORS.items():
+        name = f"error_{which}"
+        height = 3.6 + 0.2 * len(told["runs"])
+        with charts.chart(folder / name, width=5.4, height=height) as (figure, axes):
+            axis = axes[0, 0]
             draw_errors(axis, told, which)
-            axis.set_title(f"Error of light, {what}")
-        axes[0, 0].set_ylabel("RMSE by a lit white surface")
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    made.append(
-        [
-            "error_by_seconds.png",
-            "Error against time",
-            f"LeapRay at {told['samples']} samples; one run each, on a machine that may have done "
-            "other work; one sample of Cycles goes through the pixel's centre, so away from rims "
-            "it is good already",
-        ]
-    )
-    phases = {
-        run["label"]: {
-            name: value
-            for name, value in run["report"].get("seconds", {}).items()
-            if isinstance(value, int | float) and name != "total"
-        }
-        for run in told["runs"].values()
-    }
+            axis.set_ylabel("RMSE by a lit white surface")
+            figure.legend(*axis.get_legend_handles_labels(), loc="outside lower left")
+        caption = f"LeapRay at {told['samples']} samples; the figures stand in the table below"
+        made.append([f"{name}.png", title, caption])
+    phases = {run["label"]: phases_of(run) for run in told["runs"].values()}
     names = list(dict.fromkeys(name for values in phases.values() for name in values))
     if names:
-        height = 1.6 + 0.5 * len(phases)
-        with charts.chart(folder / "phases", width=10.8, height=height) as (figure, axes):
+        height = 2.2 + 0.3 * len(phases)
+        with charts.chart(folder / "phases", width=5.4, height=height) as (figure, axes):
             axis = axes[0, 0]
             left = np.zeros(len(phases))
             for k, name in enumerate(names):
@@ -170,10 +162,15 @@ def draw_charts(folder: Path, told: dict) -> list[list[str]]:
             axis.invert_yaxis()
             axis.grid(axis="y", visible=False)
             axis.set_xlabel("seconds")
-            axis.set_title("Where LeapRay's time goes")
-            figure.legend(loc="outside right center")
+            figure.legend(loc="outside lower left", ncols=3)
         made.append(["phases.png", "Time by phase", "of the frame that is measured for light"])
     return made
+
+
+def phases_of(run: dict) -> dict[str, float]:
+    """The seconds of a run by phase, their total left out."""
+    seconds = run["report"].get("seconds", {})
+    return {k: v for k, v in seconds.items() if isinstance(v, int | float) and k != "total"}
 
 
 # ---- words ---------------------------------------------------------------
@@ -259,10 +256,15 @@ def write(folder: Path, told: dict) -> None:
             ["index_mismatch.png", "depth_error.png", "normal_angle.png", "index_leapray.png"],
             shown,
         ),
+        "<h2>Light against time</h2>",
+        figures([f"error_{which}.png" for which in ERRORS], drawn),
+        error_table(told),
+        '<p class="soft">One run each, on a machine that may have done other work. One sample of '
+        "Cycles goes through the pixel's centre, so away from rims it is good already.</p>",
         "<h2>Time and memory</h2>",
+        figures([file for file in drawn if not file.startswith("error_")], drawn),
         time_table(told),
         volume_table(told),
-        *(framed(folder, file, *drawn[file]) for file in drawn),
         "<h2>How it was measured</h2>",
         "<p>Geometry: Cycles with one sample, which goes through the pixel's centre, and LeapRay "
         "through the same points. Depth error is the difference along the ray times the cosine of "
@@ -355,28 +357,43 @@ def object_table(told: dict) -> str:
     return table(head, rows[:40])
 
 
+def error_table(told: dict) -> str:
+    """The figures of the charts of errors: a line for every point."""
+    points = [
+        (f"Cycles, samples: {count}", values["seconds"], values)
+        for count, values in told["cycles"]["by_samples"].items()
+    ]
+    points += [
+        (f"LeapRay, samples: {count}", values["seconds"], values)
+        for count, values in told["by_samples"].items()
+    ]
+    points += [
+        (f"LeapRay, {esc(run['label'])}", run["seconds"], run["light"])
+        for run in told["runs"].values()
+    ]
+    rows = [
+        [name, f"{seconds:.2f}", *(number(values[which]["rmse"], 4) for which in ERRORS)]
+        for name, seconds, values in points
+    ]
+    return table(["", "seconds", "RMSE", "RMSE without rims"], rows)
+
+
 def time_table(told: dict) -> str:
+    """Seconds by phase, and what was held in memory: a column each."""
+    runs = told["runs"].values()
+    phases = list(dict.fromkeys(name for run in runs for name in phases_of(run)))
+    kinds = list(dict.fromkeys(kind for run in runs for kind in run["report"].get("bytes", {})))
     rows = []
-    for run in told["runs"].values():
-        seconds = run["report"].get("seconds", {})
-        phases = ", ".join(
-            f"{esc(name)} {value:.2f}"
-            for name, value in seconds.items()
-            if isinstance(value, int | float)
-        )
-        nbytes = run["report"].get("bytes", {})
-        megabytes = ", ".join(f"{esc(k)} {v / 2**20:.1f}" for k, v in nbytes.items())
-        rows.append(
-            [
-                f"LeapRay, {esc(run['label'])}",
-                f"{run['seconds']:.2f}",
-                phases or NONE,
-                megabytes or NONE,
-            ]
-        )
+    for run in runs:
+        seconds, nbytes = phases_of(run), run["report"].get("bytes", {})
+        cells = [f"{seconds[name]:.2f}" if name in seconds else NONE for name in phases]
+        cells += [number(nbytes[kind] / 2**20, 1) if kind in nbytes else NONE for kind in kinds]
+        rows.append([f"LeapRay, {esc(run['label'])}", f"{run['seconds']:.2f}", *cells])
     for count, values in told["cycles"]["by_samples"].items():
-        rows.append([f"Cycles, samples: {count}", f"{values['seconds']:.2f}", NONE, NONE])
-    return table(["", "seconds", "by phase", "MB held"], rows)
+        nothing = [NONE] * (len(phases) + len(kinds))
+        rows.append([f"Cycles, samples: {count}", f"{values['seconds']:.2f}", *nothing])
+    head = ["", "seconds", *(f"{esc(name)}, s" for name in phases)]
+    return table(head + [f"{esc(kind)}, MB" for kind in kinds], rows)
 
 
 def volume_table(told: dict) -> str:

@@ -182,11 +182,11 @@ def table_chart(path: Path, title: str, methods_: list[str], shares: dict) -> No
     with charts.chart(path, **size) as (_, axes):
         axis = axes[0, 0]
         shown = np.where(table > 0, np.log10(np.maximum(table, 1e-3)) + 3, np.nan)
-        axis.imshow(shown, cmap="OrRd", vmin=0, vmax=6, aspect="auto")
+        drawn = axis.imshow(shown, cmap="OrRd", vmin=0, vmax=6, aspect="auto")
         for y, x in np.ndindex(table.shape):
             value = table[y, x]
             text = "0" if value == 0 else f"{value:.2g}" if value < 99.5 else f"{value:.0f}"
-            color = "#BBBBBB" if value == 0 else charts.INK
+            color = "#BBBBBB" if value == 0 else charts.ink_on(drawn.to_rgba(shown[y, x]))
             axis.text(x, y, text, ha="center", va="center", fontsize=8, color=color)
         axis.set_xticks(range(len(cases)), cases, rotation=40, ha="right", fontsize=9)
         axis.set_yticks(range(len(methods_)), methods_, fontsize=9)
@@ -231,7 +231,7 @@ def write_page(
         f'<p class="soft">{n_cases} cases, {told["rays"]} rays each; first '
         "cells judged in integers, crossings by a reference in f64.</p>",
         page.figure(folder, "traversers.png", "Traversers", "missed, late or wrong first cells"),
-        "<p>" + " ".join(map(page.esc, sentences(cells, fields))) + "</p>",
+        page.findings(sentences(cells, fields)),
         page.figure(folder, "pictures.png", "Wires", "first cells; red: at fault"),
         page.figure(folder, "hit-tests.png", "Hit tests and roots", "with the default traverser"),
         "<h2>Traversers over all cases</h2>",

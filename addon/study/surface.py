@@ -365,7 +365,7 @@ def write_page(folder: Path, told: dict, costs: list[Cost], errors: list[Error])
         f"{told['image']} parallel rays, all of which hit; one thread, median of "
         f"{told['rounds']} rounds. {page.esc(told['machine'])}.</p>",
         page.figure(folder, "costs.png", "Times", "differences of runs, see below"),
-        "<p>" + " ".join(map(page.esc, sentences(costs, errors))) + "</p>",
+        page.findings(sentences(costs, errors)),
         page.figure(folder, "traversers.png", "Every traverser", "the same rays and surface"),
         page.figure(folder, "errors.png", "Errors", "by the angle between ray and normal"),
         "<h2>Figures</h2>",

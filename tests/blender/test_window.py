@@ -216,7 +216,10 @@ properties = [area for area in screen.areas if area.type == "PROPERTIES"]
 
 
 def test_every_panel_is_drawn_without_a_fault(session):
+    shown = "bpy.context.preferences.view.render_display_type"
+    session.run(f"kept, {shown} = {shown}, 'NONE'")
     session.render()  # of which the panels tell
+    session.run(f"{shown} = kept")
     session.run(
         session.engine + "(report,) = engine.reports.values()\n"
         "report['warnings'] += [f\"'{thing.name}' is here for the panels\" for things in "
