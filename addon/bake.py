@@ -12,7 +12,8 @@ Smooth normals are carried where the plan has measured that those of the field a
 where that is foreseen: where facets are LARGE voxels wide or more, on at least SHOWS of the
 area, and corner normals lean from them by more than LEAN; or where such facets meet in
 creases, beside which central differences would see both sides. Flat-shaded meshes have no
-corner normals and carry none: the triangle that is hit gives its own.
+corner normals, and cells that keep their triangles give those of the triangle that is hit;
+where no triangles are kept, the facets' normals are carried.
 """
 
 from __future__ import annotations
@@ -127,10 +128,16 @@ class Wardrobe:
         return tuple(made)
 
     def attributes(
-        self, mesh: model.Mesh, outfit: Outfit, with_normals: bool
+        self, mesh: model.Mesh, outfit: Outfit, smooth: bool, facets: bool = False
     ) -> leapray.Attributes | None:
-        """What a volume of the mesh, or of a part of it, is to carry; None: nothing."""
-        normals = mesh.corner_normals if with_normals else None
+        """What a volume of the mesh, or of a part of it, is to carry; None: nothing.
+
+        smooth: the normals of its corners, if it has some; facets: those of its triangles,
+        if it has none.
+        """
+        normals = mesh.corner_normals if smooth else None
+        if facets and mesh.corner_normals is None:
+            normals = np.ascontiguousarray(unit(facet_normals(mesh)), np.float32)
         sources = slot_sources(mesh, outfit)
         if sources is None and normals is None:
             return None

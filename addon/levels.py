@@ -274,7 +274,10 @@ class Levels:
             widest = bake.facet_voxel(mesh, creased)
             if mesh is work.mesh:
                 self.cache.put(key, widest)
-        return self.wardrobe.attributes(mesh, work.outfit, work.own_normals or voxel_size < widest)
+        kind = work.measure.kind if work.measure else ""
+        facets = work.own_normals and work.exact != "all" and kind == "solid"
+        smooth = work.own_normals or voxel_size < widest
+        return self.wardrobe.attributes(mesh, work.outfit, smooth, facets)
 
     def _kernel(self, mesh: model.Mesh, volume: leapray.Volume) -> tuple[str, float]:
         """The filter that the volume was made with, and its half width; 0: its own."""

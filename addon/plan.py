@@ -33,8 +33,9 @@ from . import shelf as shelves
 from .levels import MB, Levels, Work
 from .objects import SceneError
 
-COARSEST = 16  # voxels along the longest side at the start,
-MOST_CROWD = 64  # and triangles in a cell, about: more take longer to sort than finer voxels
+COARSEST = 16  # voxels along the longest side at the start, but for meshes with more than
+MOST_CROWD = 64  # triangles in a cell, about: to sort them takes longer than finer voxels,
+FINEST_START = 512  # of which they get so many at most
 # Shares of the memory, counted without structures, so that traversers see the same volumes:
 EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' sake,
 TRIANGLE_NBYTES = 128  # unless its mesh has many triangles: then so much for each
@@ -156,7 +157,10 @@ class Planner(Levels):
             return fixed_size(work.mesh, n)
         size = coarsest(work.mesh)
         room = MOST_CROWD * self._probes(work).area / len(work.mesh.triangles)
-        return size if size**2 <= room else 2.0 ** math.floor(math.log2(room) / 2)
+        finest = size * COARSEST / FINEST_START
+        while size**2 > room and size > finest:
+            size /= 2
+        return size
 
     def _start_one(self, work: Work) -> None:
         size = self.first_size(work)
@@ -185,6 +189,9 @@ class Planner(Levels):
 
     def improve(self) -> None:
         """Make all volumes as good as asked for, unless their resolution is fixed."""
+        for work in self.works:
+            if work.fixed or self.settings.resolution:
+                self._keep_normals(work)
         if self.settings.resolution:
             return
         self.refine()
@@ -236,23 +243,28 @@ class Planner(Levels):
         than these: there every cell would keep some.
         """
         m, e = work.measure, work.errors
-        flat, several = work.mesh.corner_normals is None, work.mesh.solids is not None
+        flat = work.mesh.corner_normals is None
         turned = work.turned_only(self.settings.pixel_error) and (flat or work.own_normals)
-        if work.exact != "sheets" or self.settings.exact != "auto" or m.kind != "solid" or several:
+        if not self._may_keep_triangles(work) or _crowds(work):
             return False
-        if not (turned or e.lost > errors.LOST_SHARE or len(m.crease) > 0) or _crowds(work):
+        if not (turned or e.lost > errors.LOST_SHARE or len(m.crease) > 0):
             return False
         return self._try(work, exact="all", own_normals=work.own_normals or flat)
 
     def _keep_normals(self, work: Work) -> bool:
         """Let hits have the mesh's own shading normals, where the field's are off."""
-        turned_only = work.turned_only(self.settings.pixel_error)
-        if work.own_normals or not (turned_only or (work.stuck and work.errors.of_normals() > 1)):
+        final = work.stuck or work.fixed or self.settings.resolution
+        off = work.errors.of_normals() > 1
+        if work.own_normals or not (off if final else work.turned_only(self.settings.pixel_error)):
             return False
-        solid = work.measure.kind == "solid"
-        if work.mesh.corner_normals is None and solid and work.exact != "all":
+        if work.mesh.corner_normals is None and not final and self._may_keep_triangles(work):
             return False  # facets are kept with the triangles of cells
         return self._try(work, own_normals=True)
+
+    def _may_keep_triangles(self, work: Work) -> bool:
+        """Whether it is a solid whose cells do not, but could if that helps."""
+        automatic = work.exact == "sheets" and self.settings.exact == "auto"
+        return automatic and work.measure.kind == "solid" and work.mesh.solids is None
 
     def _try(self, work: Work, **changes) -> bool:
         """Make the level anew, changed so; keep that if it fits and helps."""

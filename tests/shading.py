@@ -23,6 +23,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCES = (
     "albedo_glass",
     "albedo_reflection",
+    "basis",
     "bsdf",
     "environment",
     "lamps",
@@ -34,8 +35,8 @@ KINDS = {"diffuse": 1, "glossy": 2, "transmission": 3, "transparent": 4}
 # lr_point, lr_scatter, lr_response and lr_light_ray
 POINT = np.dtype(
     {
-        "names": ["view", "normal", "facing", "color", "eta", "inside"],
-        "formats": ["3f8", "3f8", "3f8", "3f8", "f8", "?"],
+        "names": ["view", "normal", "facing", "bends", "color", "eta", "inside"],
+        "formats": ["3f8", "3f8", "3f8", "?", "3f8", "f8", "?"],
     },
     align=True,
 )
