@@ -270,6 +270,12 @@ class Geometry:
                 self.index, self.agree, self.depth_error, names
             ),
             "normal_angle_degrees": metrics.per_object(self.index, self.agree, self.angle, names),
+            "normals_turned": {
+                names.get(int(k), f"index {int(k)}"): metrics.turned_share(
+                    self.angle, clear & (self.index == k)
+                )
+                for k in np.unique(self.index[self.agree])
+            },
             "depth_error_footprints_but_edges": metrics.per_object(
                 self.index, clear, self.depth_error, names
             ),
@@ -368,10 +374,14 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
     for what, of, which, limit in (
         ("depth error, median, footprints", "depth_error_footprints", "median", 0.1),
         ("depth error, 99 %, footprints", "depth_error_footprints", "p99", 1.0),
-        ("normal angle, median, degrees", "normal_angle_degrees", "median", 1.0),
+        ("normal angle, 99 % but edges, degrees", "normal_angle_degrees_but_edges", "p99", 5.0),
     ):
         where, value = worst(of, which)
         geometry_bars.append(bar(what, value, limit, where))
+    turned = {name: share for name, share in shape["normals_turned"].items() if name in seen}
+    where = max(turned, key=turned.get, default="nothing")
+    what = f"normals more than {metrics.TURNED:g} degrees off, share of pixels but edges"
+    geometry_bars.append(bar(what, turned.get(where), 0.01, where))
     light_bars = [
         bar(
             "mean of Combined against the reference, but rims",

@@ -25,7 +25,8 @@ from .options import chosen, number
 STUDY = True
 
 SCENES = ("suzanne", "cad", "thin")
-BAR_ERROR, BAR_MISMATCH = 0.25, 0.10  # what the project asks of a default render
+BAR_ERROR, BAR_MISMATCH = 0.25, 0.10  # what the project asks of a default render,
+BAR_TURNED = 0.01  # of normals more than metrics.TURNED degrees off
 CUT = 0.25  # footprints, where the picture of errors is brightest
 
 
@@ -79,6 +80,8 @@ class Row:
     error_max: float
     worst: str  # the object that errs most at 99 %
     worst_99: float
+    normal_99: float  # degrees between shading normals
+    turned: float  # share of pixels, but for edges, whose normals are 5 degrees off
     agreeing: int  # pixels that see the same object
     edges: int  # pixels with another object beside them
     mismatch: int  # pixels that see another object
@@ -105,6 +108,8 @@ def judge(name: str, scene: model.Scene) -> tuple[Row, NDArray[np.uint8]]:
         found.error_max,
         found.worst,
         found.worst_99,
+        found.normal_99,
+        found.turned,
         found.agreeing,
         found.edges,
         found.mismatch,
@@ -160,7 +165,9 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
         page.findings(sentences(rows)),
         page.table(
             ["scene", "triangles", "error 50 %", "99 %", "most", "worst object, 99 %",
-             "edge pixels", "see another object", "beyond a pixel", "MB", "model, s", "trace, s"],
+             "normals 99 %, degrees", "over 5 degrees",
+             "edge pixels", "see another object", "beyond a pixel", "MB", "model, s",
+             "trace, s"],
             [
                 [
                     page.esc(row.scene),
@@ -169,6 +176,8 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
                     f"{row.error_99:.3f}",
                     f"{row.error_max:.3g}",
                     page.esc(f"{row.worst} {row.worst_99:.3f}"),
+                    f"{row.normal_99:.2f}",
+                    f"{row.turned:.2%}",
                     f"{row.edges:,}",
                     f"{row.mismatch} ({row.mismatch_share:.2%})",
                     str(row.far),
@@ -198,9 +207,11 @@ def sentences(rows: list[Row]) -> list[str]:
     said = []
     for row in rows:
         holds = row.error_99 <= BAR_ERROR and row.mismatch_share <= BAR_MISMATCH and not row.far
+        holds = holds and row.turned <= BAR_TURNED
         said.append(
             f"{row.scene}: {row.error_99:.3f} footprints at 99 %, {row.mismatch_share:.1%} of the "
-            f"edge pixels see another object, {row.far} of those lie beyond a pixel: "
+            f"edge pixels see another object, {row.far} of those lie beyond a pixel, "
+            f"{row.turned:.2%} of the normals are more than 5 degrees off: "
             f"{'within' if holds else 'outside of'} what is asked for."
         )
     return said

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 Mask = NDArray[np.bool_]
 PERCENTILES = {"median": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
+TURNED = 5.0  # degrees: a normal that is farther off is another one to the eye
 
 
 @dataclass(frozen=True)
@@ -172,6 +173,11 @@ def per_object(
         names.get(int(k), f"index {int(k)}"): percentiles(values[mask & (index == k)])
         for k in np.unique(index[mask])
     }
+
+
+def turned_share(angle: NDArray[np.floating], mask: Mask) -> float:
+    """The share of the mask's pixels whose normals are off by more than TURNED degrees."""
+    return float((angle[mask] > TURNED).mean()) if mask.any() else 0.0
 
 
 def on_lines(view: View, starts: NDArray, ends: NDArray, shape: tuple[int, int]) -> NDArray:

@@ -348,12 +348,14 @@ def object_table(told: dict) -> str:
                 number(depth["n"]),
                 *(number(depth[key]) for key in metrics.PERCENTILES),
                 *(number(angle[key], 2) for key in metrics.PERCENTILES),
+                f"{100 * shape['normals_turned'][name]:.2f} %",
                 number(shadow.get("n")),
                 number(shadow.get("worst_steps")),
             ]
         )
     head = ["", "pixels", "depth error, median", "95 %", "99 %", "max"]
-    head += ["normal, median °", "95 %", "99 %", "max", "lit otherwise", "farthest"]
+    head += ["normal, median °", "95 %", "99 %", "max", f"over {metrics.TURNED:g}°"]
+    head += ["lit otherwise", "farthest"]
     return table(head, rows[:40])
 
 

@@ -20,7 +20,7 @@ from .. import model
 from . import embree, metrics
 
 SAMPLES = Path(__file__).resolve().parents[2] / "blend_samples"
-PASSES = ("Combined", "Depth", "Object Index")
+PASSES = ("Combined", "Depth", "Normal", "Object Index")
 LEAST_PIXELS = 64  # objects that fewer pixels show are left out of the worst
 
 
@@ -134,6 +134,7 @@ class Truth:
     index: NDArray[np.int32]  # (height, width) object index, 0: nothing
     depth: NDArray[np.float64]  # along the camera's axis
     normal: NDArray[np.float64]  # (height, width, 3) of the triangle, world space
+    shading: NDArray[np.float64]  # (height, width, 3) of the mesh's corners, or of the triangle
     position: NDArray[np.float64]  # (height, width, 3)
     view: metrics.View
     triangles: int
@@ -141,7 +142,7 @@ class Truth:
 
 def truth(scene: model.Scene) -> Truth:
     """Embree's view of all instances that the camera sees. Raises ModuleNotFoundError without."""
-    vertices, triangles, owner, base = [], [], [], 0
+    vertices, triangles, owner, smooth, base = [], [], [], [], 0
     for each in scene.instances:
         if not each.visible_camera:
             continue
@@ -149,7 +150,12 @@ def truth(scene: model.Scene) -> Truth:
         vertices.append(mesh.vertices.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])
         triangles.append(mesh.triangles + base)
         owner.append(np.full(len(mesh.triangles), each.object_index, np.int32))
+        corners = np.zeros((len(mesh.triangles), 3, 3))
+        if mesh.corner_normals is not None:
+            corners = metrics.unit(mesh.corner_normals @ np.linalg.inv(matrix[:3, :3]))
+        smooth.append(corners)
         base += len(mesh.vertices)
+    vertices, triangles = np.concatenate(vertices), np.concatenate(triangles)
     camera = scene.camera
     perspective = camera.projection == "perspective"
     x, y = np.meshgrid(np.arange(scene.width) + 0.5, np.arange(scene.height) + 0.5)
@@ -160,9 +166,7 @@ def truth(scene: model.Scene) -> Truth:
     start = camera.eye if perspective else camera.eye + film
     near = camera.clip_start * along
     origins = np.broadcast_to(start, film.shape) + near
-    t, normal, triangle = embree.first_hits(
-        np.concatenate(vertices), np.concatenate(triangles), origins, along / length[:, None]
-    )
+    t, normal, triangle = embree.first_hits(vertices, triangles, origins, along / length[:, None])
     depth = t / length + camera.clip_start
     hit = np.isfinite(t) & (depth <= camera.clip_end)
     shape = scene.height, scene.width
@@ -180,10 +184,33 @@ def truth(scene: model.Scene) -> Truth:
         index.reshape(shape),
         depth.reshape(shape),
         normal.reshape(*shape, 3),
+        shading_normals(
+            vertices[triangles[np.maximum(triangle, 0)]],
+            np.concatenate(smooth)[np.maximum(triangle, 0)],
+            position,
+            normal,
+        ).reshape(*shape, 3),
         position.reshape(*shape, 3),
         view,
-        int(sum(map(len, triangles))),
+        len(triangles),
     )
+
+
+def shading_normals(
+    corners: NDArray, normals: NDArray, points: NDArray, facing: NDArray
+) -> NDArray[np.float64]:
+    """(n, 3): the corners' normals (n, 3, 3) at points (n, 3) of triangles (n, 3, 3), turned to
+    the side that the triangles' own (n, 3) show; these where the corners have none."""
+    sides, reach = corners[:, 1:] - corners[:, :1], points - corners[:, 0]
+    metric = np.einsum("nka,nla->nkl", sides, sides)
+    flat = ~(np.linalg.det(metric) > 0)
+    metric[flat] = np.eye(2)
+    places = np.linalg.solve(metric, np.einsum("nka,na->nk", sides, reach)[..., None])[..., 0]
+    weights = np.clip(np.column_stack([1 - places.sum(axis=1), places]), 0, 1)
+    made = metrics.unit(np.einsum("nk,nka->na", weights, normals))
+    winding = np.einsum("na,na->n", np.cross(sides[:, 0], sides[:, 1]), facing)
+    made *= np.where(winding < 0, -1.0, 1.0)[:, None]
+    return np.where(made.any(axis=1)[:, None], made, facing)
 
 
 # ---- comparing -----------------------------------------------------------
@@ -200,6 +227,8 @@ class Difference:
     error_max: float
     worst: str  # the object of LEAST_PIXELS or more that errs most at 99 %
     worst_99: float
+    normal_99: float  # degrees between shading normals
+    turned: float  # share of pixels, but for edges, whose normals are metrics.TURNED degrees off
     agreeing: int  # pixels
     edges: int  # pixels with another object beside them
     mismatch: int  # pixels that see another object
@@ -228,12 +257,16 @@ def difference(scene: model.Scene, want: Truth, passes: dict[str, NDArray]) -> D
     told = metrics.index_mismatch(want.index, index)
     values = error[agree]
     at = np.percentile(values, (50, 99, 100)) if values.size else (0.0, 0.0, 0.0)
+    angle = metrics.angle(want.shading, passes["Normal"])
+    normal_99 = float(np.percentile(angle[agree], 99)) if values.size else 0.0
     return Difference(
         error,
         index != want.index,
         *map(float, at),
         names.get(worst, ""),
         by_object.get(worst, 0.0),
+        normal_99,
+        metrics.turned_share(angle, agree & ~metrics.mixed(want.index)),
         int(agree.sum()),
         told["n_edge_pixels"],
         told["all"]["n"],
