@@ -166,6 +166,17 @@ def digest(mesh: model.Mesh, outfit: Outfit) -> str:
     return name.hexdigest()
 
 
+def corners_digest(mesh: model.Mesh) -> str:
+    """A name for all that the mesh's corners hold, whether an outfit takes it or not."""
+    name = hashlib.blake2b(digest_size=16)
+    for key in CORNERS:
+        array = getattr(mesh, key)
+        if array is not None:
+            name.update(key.encode())
+            name.update(np.ascontiguousarray(array).view(np.uint8))
+    return name.hexdigest()
+
+
 def slot_sources(mesh: model.Mesh, outfit: Outfit) -> NDArray[np.int32] | None:
     """For each triangle where its colour comes from; None where all are white."""
     if not outfit.sources:

@@ -134,7 +134,7 @@ class Planner(Levels):
         name = objects.digest(mesh)
         if self.settings.layout == "scene" or mesh.modelling.kind == "solid":
             return [(name, mesh)], False
-        key = "parts", name
+        key = "parts", name, bake.corners_digest(mesh)
         known = self.cache.get(key)
         if known is None:
             split = parts.split(mesh, self.watch)

@@ -5,7 +5,7 @@
 
 Run it with Blender's wheel (or `blender -b -P`), in the oldest Blender that is supported: newer
 ones open its files. What is large (subdivision, scattering) is left to modifiers, so that each file
-stays small. The files choose LeapRay, and Cycles gets the same light. The first five are about
+stays small. The files choose LeapRay, and Cycles gets the same light. The first six are about
 shape: diffuse surfaces, one sun without extent, a world of one colour, no bounced light. Those of
 lit_scenes.py are about light.
 
@@ -15,6 +15,7 @@ gallery   instances from 3 m down to 2 cm: mirrored, squeezed, nested in collect
           geometry nodes
 cad       a closed part with holes and creases, seen by an orthographic camera
 thin      open and thin things: paper, a grid of wires, leaves
+lowpoly   meshes of few faces as Blender makes them, smooth and flat: Suzanne, ball, ring, cylinder
 cornell   a box with coloured walls under a square light; light bounces
 still     glass and metal, clear and rough, under a sky with two windows
 textured  images and vertex colours, on solids and on sheets
@@ -402,12 +403,57 @@ def make_thin() -> None:
     camera((-0.1, -9.0, 4.6), (0.28, 0.0, 0.62), lens=47)
 
 
+def make_lowpoly() -> None:
+    new_scene((0.20, 0.26, 0.34))
+
+    def ring(bm) -> None:
+        around, across = 24, 8
+        rows = []
+        for i in range(around):
+            a = 2 * math.pi * i / around
+            row = []
+            for j in range(across):
+                b = 2 * math.pi * j / across
+                r = 0.62 + 0.24 * math.cos(b)
+                row.append(bm.verts.new((r * math.cos(a), r * math.sin(a), 0.24 * math.sin(b))))
+            rows.append(row)
+        for i in range(around):
+            one, two = rows[i], rows[(i + 1) % around]
+            for j in range(across):
+                k = (j + 1) % across
+                bm.faces.new((one[j], two[j], two[k], one[k]))
+
+    shapes = (
+        ("Suzanne", lambda bm: bmesh.ops.create_monkey(bm), OCHRE, (-14, 0, 24), 0.9),
+        ("Ball", lambda bm: bmesh.ops.create_uvsphere(bm, u_segments=16, v_segments=8, radius=0.8),
+         CORAL, (20, 10, 0), 1.0),
+        ("Ring", ring, TEAL, (38, 12, 0), 1.0),
+        ("Cylinder", lambda bm: bmesh.ops.create_cone(
+            bm, cap_ends=True, segments=16, radius1=0.6, radius2=0.6, depth=1.4),
+         LEAF, (0, 0, 8), 1.0),
+    )  # fmt: skip
+    for row, smooth in enumerate((True, False)):
+        for column, (name, build, color, turn, scale) in enumerate(shapes):
+            title = f"{name}, {'smooth' if smooth else 'flat'}"
+            made = mesh(title, build, material(title, color), smooth=smooth)
+            if smooth and name == "Cylinder":
+                made.set_sharp_from_angle(angle=math.radians(50))
+            thing = link(made, title, turn=turn, scale=scale)
+            bpy.context.view_layer.update()
+            lowest = min((thing.matrix_world @ v.co).z for v in made.vertices)
+            thing.location = (2.3 * (column - 1.5), 1.6 - 2.6 * row, -lowest)
+    link(plane("Floor", 60.0, material("Sand", SAND)), "Floor")
+    sun(2.7, (-0.70, -0.60, 0.80))
+    camera((0.0, -12.5, 7.4), (0.0, -0.1, 0.45), lens=50)
+
+
 MAKERS = {
     "sphere": make_sphere,
     "suzanne": make_suzanne,
     "gallery": make_gallery,
     "cad": make_cad,
     "thin": make_thin,
+    "lowpoly": make_lowpoly,
     "cornell": make_cornell,
     "still": make_still,
     "textured": make_textured,
