@@ -65,6 +65,7 @@ class Instance:
     visible_diffuse: bool = True
     visible_glossy: bool = True
     visible_transmission: bool = True
+    holdout: bool = False  # the camera sees a hole in the picture
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,8 @@ class Light:
 
     name: str
     kind: str  # "sun" | "point" | "spot" | "area"
-    color: Color  # sun: irradiance facing it; point, spot: radiant intensity; area: radiance
+    color: Color  # sun: irradiance facing it; point, spot: radiant intensity; area: radiance; what
+    # is negative is taken away
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     direction: tuple[float, float, float] = (0.0, 0.0, 1.0)  # unit: to a sun, else out of it
     axis_u: tuple[float, float, float] = (0.0, 0.0, 0.0)  # an area's whole side or diameter
@@ -119,6 +121,8 @@ class Light:
     angle: float = 0.0  # full: a sun's disc, a spot's cone, an area's spread
     blend: float = 0.0  # of a spot
     shape: str = "disc"  # area: "rectangle" | "ellipse"; point, spot: "sphere" | "disc"
+    plane_margin: float = 0.0  # of an area that lies in a surface: see lr_light
+    max_bounces: int = 1024  # surfaces behind more of them do not ask it
     casts_shadow: bool = True
     visible_camera: bool = False
     visible_diffuse: bool = True
@@ -137,6 +141,7 @@ class World:
         (0.0, 1.0, 0.0),
         (0.0, 0.0, 1.0),
     )
+    max_bounces: int = 1024  # of a world with an image: surfaces behind more of them do not ask it
     visible_camera: bool = True
     visible_diffuse: bool = True
     visible_glossy: bool = True
@@ -217,6 +222,7 @@ class Scene:
     settings: Settings
     passes: tuple[str, ...] = ("Combined", "Depth", "Normal", "Position", "Object Index")
     mist: tuple[float, float, str] = (5.0, 25.0, "QUADRATIC")  # start, depth, Blender's falloff
+    film_exposure: float = 1.0  # multiplies the light of the passes
     warnings: tuple[str, ...] = ()
     seconds_read: float = 0.0
 

@@ -119,15 +119,23 @@ def merge(
             f"One volume holds 65536 ids, but the scene's objects have {len(materials)} material "
             "slots; choose layout 'objects'."
         )
-    if any(len({getattr(i, flag) for i in instances}) > 1 for flag in VISIBILITIES):
-        warnings.append("In layout 'scene' the ray visibility of single objects does not count.")
+    flags = {"ray visibility": VISIBILITIES, "holdout": ("holdout",)}
+    for what, names in flags.items():
+        if any(len({getattr(i, name) for i in instances}) > 1 for name in names):
+            warnings.append(f"In layout 'scene' the {what} of single objects does not count.")
     meshes = []
     for kind in ("solid", "sheet"):
         chosen = [n for n, k in enumerate(kinds) if k.kind == kind]
         if chosen:
             meshes.append(_joined(scene, instances, chosen, first, kinds))
     whole = [
-        model.Instance("Scene", number, np.eye(4), tuple(materials))
+        model.Instance(
+            "Scene",
+            number,
+            np.eye(4),
+            tuple(materials),
+            holdout=all(instance.holdout for instance in instances),
+        )
         for number in range(len(meshes))
     ]
     return dataclasses.replace(scene, meshes=tuple(meshes), instances=tuple(whole)), indices

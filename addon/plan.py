@@ -388,6 +388,7 @@ class Planner(Levels):
                     visible_diffuse=instance.visible_diffuse,
                     visible_glossy=instance.visible_glossy,
                     visible_transmission=instance.visible_transmission,
+                    holdout=instance.holdout,
                     volume_index=index[id(work)],
                     error=work.measure.typical() * objects.scale(instance.world_from_object),
                 )

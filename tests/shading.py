@@ -23,6 +23,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCES = (
     "albedo_glass",
     "albedo_reflection",
+    "area_light",
     "basis",
     "bsdf",
     "environment",

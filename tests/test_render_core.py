@@ -405,7 +405,9 @@ def test_what_is_wrong_with_a_scene_is_said_in_a_sentence(sphere):
         "camera.* finite": dict(camera=replace(cam, eye=(nan, 0, 0))),
         "axis is zero": dict(camera=replace(cam, forward=(0, 0, 0))),
         "clips from 2 to 1": dict(camera=replace(cam, clip_start=2, clip_end=1)),
-        "world .* color": dict(world=leapray.World((-1, 0, 0))),
+        "world .* color": dict(world=leapray.World((nan, 0, 0))),
+        "world .* limit .* -1": dict(world=leapray.World(max_bounces=-1)),
+        "light 0 .* limit .* -1": dict(lights=[replace(lamp, max_bounces=-1)]),
         "slot_objects .*shape": dict(slot_objects=[1, 2]),
     }
     for sentence, change in cases.items():

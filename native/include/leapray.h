@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 22 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 23 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -534,20 +534,24 @@ typedef enum lr_light_shape {
 /* All in world space. color: of a sun the irradiance on a plane that faces it; of
  * a point light the radiant intensity, of a spot light that on its axis (irradiance
  * is color / distance^2); of an area light the radiance that it would send with the
- * widest spread. Neither radius nor angle of a sun change what arrives in all. */
+ * widest spread; a negative one takes light away. Neither radius nor angle of a sun change
+ * what arrives in all. */
 typedef struct lr_light {
     int32_t kind;        /* lr_light_kind */
     int32_t shape;       /* lr_light_shape */
     uint32_t visibility; /* lr_visibility */
-    int32_t reserved;
+    int32_t max_bounces; /* surfaces behind more bounces than these do not ask it */
     double position[3];  /* centre of all but suns */
     double direction[3]; /* unit: towards a sun; the way that spot and area lights shine */
     double axis_u[3];    /* of an area light: its sides, or the diameters of the ellipse, */
-    double axis_v[3];    /* at right angles to direction */
+    double axis_v[3];    /* at right angles to direction and to each other, unless it is sheared */
     double color[3];
     double radius;       /* of point and spot lights, 0 or more */
-    double angle;        /* full, 0..pi: of a sun's disc, of a spot's cone, and the spread of an area */
+    double angle;        /* full, 0..pi: of a sun's disc, of a spot's cone, and the spread of an area;
+                            a spread of 0 is a beam */
     double blend;        /* 0..1: share of the cone in which a spot light fades */
+    double plane_margin; /* of an area light that lies in a surface: so far behind its plane, or before
+                            it where negative, rays to it end, and nearer points before it get none */
 } lr_light;
 
 /* What one part of a surface does to light. */
@@ -591,12 +595,12 @@ typedef struct lr_material_desc {
 
 /* What surrounds the scene. */
 typedef struct lr_world {
-    double color[3];            /* radiance; multiplies the image */
+    double color[3];            /* radiance, which may be negative; multiplies the image */
     double image_from_world[9]; /* rotation that takes directions to those of the image, row-major */
-    const float *pixels;        /* [height][width][3] radiance, 0 or more, or NULL */
+    const float *pixels;        /* [height][width][3] radiance, or NULL */
     int32_t width, height;
     uint32_t visibility;        /* lr_visibility; shadow is not read */
-    int32_t reserved;
+    int32_t max_bounces;        /* as of lr_light; of a world with an image */
 } lr_world;
 
 typedef struct lr_instance {
@@ -607,7 +611,7 @@ typedef struct lr_instance {
     uint32_t first_material; /* id m of a hit has material slots[first_material + min(m, n_materials-1)] */
     uint32_t n_materials;    /* at least 1 */
     int32_t volume_index;    /* the value of the volume pass */
-    int32_t reserved;
+    int32_t holdout;         /* the camera sees a hole in the picture: alpha 0, no light */
     double error;            /* of its surface, in world space, for the error pass */
 } lr_instance;
 

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 22
+LR_ABI = 23
 
 
 class lr_status(IntEnum):
@@ -415,7 +415,7 @@ class lr_light(ctypes.Structure):
         ("kind", ctypes.c_int32),
         ("shape", ctypes.c_int32),
         ("visibility", ctypes.c_uint32),
-        ("reserved", ctypes.c_int32),
+        ("max_bounces", ctypes.c_int32),
         ("position", ctypes.c_double * 3),
         ("direction", ctypes.c_double * 3),
         ("axis_u", ctypes.c_double * 3),
@@ -424,6 +424,7 @@ class lr_light(ctypes.Structure):
         ("radius", ctypes.c_double),
         ("angle", ctypes.c_double),
         ("blend", ctypes.c_double),
+        ("plane_margin", ctypes.c_double),
     )
 
 
@@ -461,7 +462,7 @@ class lr_world(ctypes.Structure):
         ("width", ctypes.c_int32),
         ("height", ctypes.c_int32),
         ("visibility", ctypes.c_uint32),
-        ("reserved", ctypes.c_int32),
+        ("max_bounces", ctypes.c_int32),
     )
 
 
@@ -474,7 +475,7 @@ class lr_instance(ctypes.Structure):
         ("first_material", ctypes.c_uint32),
         ("n_materials", ctypes.c_uint32),
         ("volume_index", ctypes.c_int32),
-        ("reserved", ctypes.c_int32),
+        ("holdout", ctypes.c_int32),
         ("error", ctypes.c_double),
     )
 

@@ -116,6 +116,8 @@ class Light:
     angle: float = 0.0  # full: a sun's disc, a spot's cone, an area's spread
     blend: float = 0.0  # share of the cone in which a spot fades
     shape: str = "disc"  # area: "rectangle" | "ellipse"; point and spot: "sphere" | "disc"
+    plane_margin: float = 0.0  # of an area that lies in a surface: see leapray.h
+    max_bounces: int = 1024  # surfaces behind more do not ask it
     casts_shadow: bool = True
     visible_camera: bool = False
     visible_diffuse: bool = True
@@ -163,6 +165,7 @@ class World:
     color: ArrayLike = (0.0, 0.0, 0.0)  # (3,) radiance
     image: NDArray[np.float32] | None = None  # (height, width, 3) by longitude and latitude
     image_from_world: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    max_bounces: int = 1024  # of a world with an image: surfaces behind more do not ask it
     visible_camera: bool = True
     visible_diffuse: bool = True
     visible_glossy: bool = True
@@ -188,6 +191,7 @@ class Instance:
     visible_transmission: bool = True
     volume_index: int = 0  # of the Volume pass
     error: float = 0.0  # of the surface, in world space, for the Error pass
+    holdout: bool = False  # the camera sees a hole in the picture
 
 
 class Scene:
@@ -367,7 +371,8 @@ def _instances(instances: Sequence[Instance]) -> NDArray:
         for key, structure in structures.items()
     }
     table["structure"] = [addresses[id(i.structure)] for i in instances]
-    for name in ("object_index", "first_material", "n_materials", "volume_index", "error"):
+    numbers = "object_index", "first_material", "n_materials", "volume_index", "error", "holdout"
+    for name in numbers:
         table[name] = [getattr(i, name) for i in instances]
     table["visibility"] = [_visibility(i) for i in instances]
     return table
@@ -387,7 +392,7 @@ def _lights(lights: Sequence[Light]) -> NDArray:
         row["visibility"] = _visibility(light, visible_shadow=light.casts_shadow)
         for name in ("position", "direction", "axis_u", "axis_v", "color"):
             row[name] = _vector(getattr(light, name), f"the {name} of light {i}")
-        for name in ("radius", "angle", "blend"):
+        for name in ("radius", "angle", "blend", "plane_margin", "max_bounces"):
             row[name] = getattr(light, name)
     return table
 
@@ -423,7 +428,7 @@ def _materials(materials: Sequence[Material], lobes: NDArray) -> NDArray:
 
 def _world(world: World) -> tuple[_abi.lr_world, NDArray[np.float32] | None]:
     """The description, and the pixels that it points to."""
-    result = _abi.lr_world(visibility=_visibility(world))
+    result = _abi.lr_world(visibility=_visibility(world), max_bounces=world.max_bounces)
     result.color[:] = _vector(world.color, "the world's color")
     rotation = _vector(world.image_from_world, "the world's rotation", (3, 3))
     result.image_from_world[:] = rotation.ravel()

@@ -53,6 +53,11 @@ static bool find_way(const lr_scene *scene, uint64_t lamp, const double p[3], co
     return true;
 }
 
+static bool black(const double c[3])
+{
+    return !(fabs(c[0]) > 0 || fabs(c[1]) > 0 || fabs(c[2]) > 0);
+}
+
 /* What the light of the way adds to the pixel; false where nothing. chance: how often
  * this lamp is asked. */
 static bool weigh(const lr_surfel *s, const lr_way *way, double chance, double brings[3])
@@ -72,7 +77,7 @@ static bool weigh(const lr_surfel *s, const lr_way *way, double chance, double b
     const double scale = 1 / (chance * way->pdf);
     for (int a = 0; a < 3; a++)
         brings[a] = sum[a] * way->color[a] * s->path->weight[a] * scale;
-    return brings[0] > 0 || brings[1] > 0 || brings[2] > 0;
+    return !black(brings);
 }
 
 /* Ray `ray` goes on as beam `beam` from the surface of a surfel. */
@@ -110,11 +115,6 @@ static uint32_t keep_free(lr_workspace *w, uint32_t n)
         w->carried[kept++] = w->carried[i];
     }
     return kept;
-}
-
-static bool black(const double c[3])
-{
-    return !(c[0] > 0 || c[1] > 0 || c[2] > 0);
 }
 
 /* Take the rays through the transparent surfaces that they have hit. Returns how
@@ -191,6 +191,15 @@ static uint64_t lamp_of(const lr_job *job, const lr_surfel *s, uint32_t ask, dou
     return lamp;
 }
 
+/* Cycles counts so: rays that meet the lamp by themselves find it all the same, with the share
+ * that they would have. */
+static bool is_beyond_limit(const lr_scene *scene, uint64_t lamp, const lr_path *path)
+{
+    const int32_t limit =
+        lamp == scene->n_lights ? scene->world_bounces : scene->lights[lamp].max_bounces;
+    return path->bounces[LR_RAY_CAMERA] > limit;
+}
+
 /* Make beam n by question `ask`, if it brings anything; its ray, if it needs one, is
  * the next one. */
 static bool light_by(const lr_job *job, const lr_surfel *s, uint32_t ask, uint32_t n,
@@ -199,7 +208,7 @@ static bool light_by(const lr_job *job, const lr_surfel *s, uint32_t ask, uint32
     lr_workspace *w = job->workspace;
     double chance;
     const uint64_t lamp = lamp_of(job, s, ask, &chance);
-    if (lamp == LR_LAMP_NONE)
+    if (lamp == LR_LAMP_NONE || is_beyond_limit(job->scene, lamp, s->path))
         return false;
     const uint32_t key = lr_key(s->path->key, FIRST_LAMP + ask);
     double u[2] = {0, 0};

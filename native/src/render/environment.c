@@ -19,11 +19,13 @@ enum { SIDE_MAX = 1 << 15 };
 lr_status lr_environment_check(const lr_world *world, lr_error *error)
 {
     const double *c = world->color, *m = world->image_from_world;
-    for (int a = 0; a < 3; a++)
-        if (!(c[a] >= 0 && isfinite(c[a])))
-            return lr_fail(error, LR_E_ARGUMENT,
-                           "the world must have a finite color of 0 or more, it has (%g, %g, %g)",
-                           c[0], c[1], c[2]);
+    if (!lr_all_finite(c, 3))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the world must have a finite color, it has (%g, %g, %g)", c[0], c[1], c[2]);
+    if (world->max_bounces < 0)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the world must have a limit of bounces of 0 or more, it has %d",
+                       world->max_bounces);
     if (world->pixels == NULL)
         return LR_OK;
     if (world->width < 1 || world->height < 1 || world->width > SIDE_MAX ||
@@ -38,9 +40,9 @@ lr_status lr_environment_check(const lr_world *world, lr_error *error)
                                "the world's image must be placed by a rotation");
     const size_t n = (size_t)world->width * (size_t)world->height * 3;
     for (size_t i = 0; i < n; i++)
-        if (!(world->pixels[i] >= 0 && isfinite(world->pixels[i])))
+        if (!isfinite(world->pixels[i]))
             return lr_fail(error, LR_E_ARGUMENT,
-                           "the world's image must have finite pixels of 0 or more, one is %g",
+                           "the world's image must have finite pixels, one is %g",
                            (double)world->pixels[i]);
     return LR_OK;
 }
@@ -88,10 +90,11 @@ void lr_environment_radiance(const lr_environment *e, const double d[3], double 
 
 /* ---- densities ------------------------------------------------------------ */
 
+/* Whatever its sign: light that is taken away counts as much. */
 static double brightness(const lr_environment *e, int32_t x, int32_t y)
 {
     const float *p = texel(e, x, y);
-    return e->color[0] * p[0] + e->color[1] * p[1] + e->color[2] * p[2];
+    return fabs(e->color[0] * p[0]) + fabs(e->color[1] * p[1]) + fabs(e->color[2] * p[2]);
 }
 
 /* What interpolation brings into a texel, in the mean over it. */

@@ -8,7 +8,7 @@
 
 typedef struct lr_environment {
     double color[3];
-    double brightness; /* mean of the image over all directions, of all colours */
+    double brightness; /* mean of the image over all directions, of all colours, without signs */
     double image_from_world[9];
     int32_t width, height; /* 0 without an image */
     float (*pixels)[3];    /* [height][width] */

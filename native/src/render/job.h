@@ -32,12 +32,12 @@ LR_INLINE lr_status lr_cast_wave(const lr_job *job, uint32_t n, const lr_cast_op
     return lr_cast(job->scene, job->workspace, n, options, job->counters, job->watch, job->error);
 }
 
-/* Add what a ray brings to a pixel; bounces: behind the surface that it lights. */
+/* Add what a ray brings to a pixel, or takes away; bounces: behind the surface that it lights. */
 LR_INLINE void lr_add_light(const lr_job *job, uint32_t pixel, int bounces, const double brings[3])
 {
     double *part = job->workspace->pixels[pixel].part[job->sample % LR_PARTS];
     const double limit = 3 * (bounces > 0 ? job->tile->clamp_indirect : job->tile->clamp_direct);
-    const double sum = brings[0] + brings[1] + brings[2];
+    const double sum = fabs(brings[0]) + fabs(brings[1]) + fabs(brings[2]);
     const double scale = limit > 0 && sum > limit ? limit / sum : 1;
     for (int a = 0; a < 3; a++)
         part[a] += scale * brings[a];

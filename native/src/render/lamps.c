@@ -41,9 +41,10 @@ static double cos_less(double cos_a, double cos_b)
 
 /* ---- nodes ------------------------------------------------------------------ */
 
-static double sum_of(const double c[3])
+/* A light that takes light away counts as much as one that brings it. */
+static double magnitude(const double c[3])
 {
-    return c[0] + c[1] + c[2];
+    return fabs(c[0]) + fabs(c[1]) + fabs(c[2]);
 }
 
 static void area_sides(const lr_light *light, double half[3])
@@ -68,7 +69,7 @@ static lr_lamp_node leaf_of(const lr_light *light, uint32_t lamp)
     }
     node.cos_facing = light->kind == LR_LIGHT_POINT ? -1 : 1;
     node.cos_shining = light->kind == LR_LIGHT_POINT ? 0 : fmax(cos(0.5 * light->angle), 0);
-    node.power = sum_of(light->color) * lr_light_intensity(light);
+    node.power = magnitude(light->color) * lr_light_intensity(light);
     return node;
 }
 
@@ -301,7 +302,7 @@ static double bound(const lr_lamp_node *node, const double p[3], const double n[
 
 static double bound_sun(const lr_light *sun, const double n[3])
 {
-    return sum_of(sun->color) * facing(n, sun->direction, cos(0.5 * sun->angle));
+    return magnitude(sun->color) * facing(n, sun->direction, cos(0.5 * sun->angle));
 }
 
 /* Of all lamps beside each other: the tree, the suns, the world. */

@@ -20,7 +20,7 @@ typedef struct lr_lamp_node {
     double axis[3];      /* they face directions within an angle of this (unit); */
     double cos_facing;   /* its cosine. */
     double cos_shining;  /* Each shines up to this angle, at most a right one, beside them. */
-    double power;        /* sum of their intensities, of all colours */
+    double power;        /* sum of their intensities, of all colours, whatever their sign */
     uint32_t child;      /* the first of two neighbours; or the lamp | LR_LAMP_LEAF */
     uint32_t parent;     /* of the root itself */
     bool met;            /* by rays: some has extent */

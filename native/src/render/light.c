@@ -2,25 +2,19 @@
  *
  * A sun is a disc of even radiance; point and spot lights are spheres, or discs
  * that turn to what they light, so that their radiance is their intensity over
- * pi radius^2. Area lights obey Lambert's law; a narrower spread is that of a grid
- * of slats before them, brightened so that as much light leaves as without it.
- *
- * Rectangles are sampled evenly by the solid angle in which they are seen, all other
- * surfaces by their area.
+ * pi radius^2. Spheres and suns are sampled evenly by the solid angle in which they
+ * are seen, discs by their area. Area lights: area_light.c.
  *
  * Source: the lights of Blender's manual; their units and fading were measured in
- * Cycles (tests/test_shading_cycles.py). Urena, Fajardo, King, An area-preserving
- * parametrization for spherical rectangles, 2013.
+ * Cycles (tests/test_shading_cycles.py).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/light.h"
 
 #include "error.h"
+#include "render/area_light.h"
 
 static const double PI = 3.141592653589793;
-
-/* The cosine beyond which slats of any grid let everything through. */
-static const double SPREAD_FULL = 1e-6;
 
 lr_status lr_light_check(const lr_light *light, uint64_t i, lr_error *error)
 {
@@ -32,10 +26,14 @@ lr_status lr_light_check(const lr_light *light, uint64_t i, lr_error *error)
     if (light->shape != LR_LIGHT_ROUND && light->shape != LR_LIGHT_FULL)
         return lr_fail(error, LR_E_ARGUMENT, "light %llu must have shape %d or %d, it has %d", k,
                        LR_LIGHT_ROUND, LR_LIGHT_FULL, light->shape);
-    if (!lr_all_finite(c, 3) || !(c[0] >= 0 && c[1] >= 0 && c[2] >= 0))
+    if (!lr_all_finite(c, 3))
         return lr_fail(error, LR_E_ARGUMENT,
-                       "light %llu must have a finite color of 0 or more, it has (%g, %g, %g)", k,
-                       c[0], c[1], c[2]);
+                       "light %llu must have a finite color, it has (%g, %g, %g)", k, c[0], c[1],
+                       c[2]);
+    if (light->max_bounces < 0)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "light %llu must have a limit of bounces of 0 or more, it has %d", k,
+                       light->max_bounces);
     if (light->kind != LR_LIGHT_SUN && !lr_all_finite(light->position, 3))
         return lr_fail(error, LR_E_ARGUMENT, "light %llu must have a finite position", k);
     const double length = sqrt(lr_dot(d, d));
@@ -54,6 +52,10 @@ lr_status lr_light_check(const lr_light *light, uint64_t i, lr_error *error)
                        light->blend);
     if (light->kind != LR_LIGHT_AREA)
         return LR_OK;
+    if (!isfinite(light->plane_margin))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "light %llu must have a finite plane margin, it has %g", k,
+                       light->plane_margin);
     const double *u = light->axis_u, *v = light->axis_v;
     const double n[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2],
                          u[0] * v[1] - u[1] * v[0]};
@@ -72,27 +74,16 @@ static double smoothstep(double x)
     return y * y * (3 - 2 * y);
 }
 
-/* What a spot or area light lets out along d, which leads to it, as a share of its color. */
+/* What a spot lets out along d, which leads to it, as a share of its color. */
 static double let_out(const lr_light *light, const double d[3])
 {
-    const double cosine = -lr_dot(d, light->direction);
-    const double half = 0.5 * light->angle;
-    if (light->kind == LR_LIGHT_SPOT) {
-        const double edge = cos(half);
-        if (!(cosine > edge))
-            return 0;
-        const double fade = (1 - edge) * light->blend;
-        return fade > 0 ? smoothstep((cosine - edge) / fade) : 1;
-    }
-    if (light->kind != LR_LIGHT_AREA)
+    if (light->kind != LR_LIGHT_SPOT)
         return 1;
-    if (!(cosine > 0))
+    const double cosine = -lr_dot(d, light->direction), edge = cos(0.5 * light->angle);
+    if (!(cosine > edge))
         return 0;
-    if (cos(half) < SPREAD_FULL)
-        return 1;
-    const double steepest = tan(half);
-    const double slope = sqrt(fmax(1 - cosine * cosine, 0)) / cosine;
-    return half > 0 ? fmax(steepest - slope, 0) / (steepest - half) : 0;
+    const double fade = (1 - edge) * light->blend;
+    return fade > 0 ? smoothstep((cosine - edge) / fade) : 1;
 }
 
 /* color x scale x what is let out; false where that is nothing. */
@@ -117,18 +108,9 @@ static double sun_scale(const lr_light *light)
     return 1 / (PI * s * s);
 }
 
-static double area_of(const lr_light *light)
-{
-    const double *u = light->axis_u, *v = light->axis_v;
-    const double n[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2],
-                         u[0] * v[1] - u[1] * v[0]};
-    return sqrt(lr_dot(n, n)) * (light->shape == LR_LIGHT_ROUND ? PI / 4 : 1);
-}
-
 double lr_light_intensity(const lr_light *light)
 {
-    const double *n = light->direction, against[3] = {-n[0], -n[1], -n[2]};
-    return light->kind == LR_LIGHT_AREA ? area_of(light) * let_out(light, against) : 1;
+    return light->kind == LR_LIGHT_AREA ? lr_area_light_intensity(light) : 1;
 }
 
 /* ---- sampling ------------------------------------------------------------- */
@@ -232,105 +214,11 @@ static bool sample_bulb(const lr_light *light, const double p[3], const double u
     return shine(light, ray->direction, 1 / (PI * r * r), ray->color);
 }
 
-/* A rectangle as seen from the origin of a frame along its sides, its plane below. */
-typedef struct lr_seen_rectangle {
-    double axis[3][3], x0, x1, y0, y1, z;
-    double b0, b1, k, angle; /* names of the source; angle: solid */
-} lr_seen_rectangle;
-
-/* Below it the excess of the angles is inexact, and a rectangle is as good as flat. */
-static const double ANGLE_MIN = 1e-4;
-
-/* The cosine of a plane through the origin and a side at that height. */
-static double tilt(double side, double z)
-{
-    return side / sqrt(side * side + z * z);
-}
-
-/* False where the area light is no rectangle, or is seen as too small. */
-static bool see_rectangle(const lr_light *light, const double p[3], lr_seen_rectangle *r)
-{
-    const double *u = light->axis_u, *v = light->axis_v;
-    const double length_u = sqrt(lr_dot(u, u)), length_v = sqrt(lr_dot(v, v));
-    if (light->shape != LR_LIGHT_FULL || fabs(lr_dot(u, v)) > 1e-6 * length_u * length_v)
-        return false;
-    double to[3];
-    for (int a = 0; a < 3; a++) {
-        r->axis[0][a] = u[a] / length_u;
-        r->axis[1][a] = v[a] / length_v;
-        to[a] = light->position[a] - p[a];
-    }
-    const double *x = r->axis[0], *y = r->axis[1];
-    const double n[3] = {x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2],
-                         x[0] * y[1] - x[1] * y[0]};
-    const double height = lr_dot(to, n);
-    for (int a = 0; a < 3; a++)
-        r->axis[2][a] = height > 0 ? -n[a] : n[a];
-    r->z = -fabs(height);
-    if (r->z == 0)
-        return false;
-    r->x0 = lr_dot(to, x) - 0.5 * length_u;
-    r->x1 = r->x0 + length_u;
-    r->y0 = lr_dot(to, y) - 0.5 * length_v;
-    r->y1 = r->y0 + length_v;
-    const double n0 = -tilt(r->y0, r->z), n1 = tilt(r->x1, r->z);
-    const double n2 = tilt(r->y1, r->z), n3 = -tilt(r->x0, r->z);
-    r->b0 = n0;
-    r->b1 = n2;
-    r->k = 2 * PI - acos(-n2 * n3) - acos(-n3 * n0);
-    r->angle = acos(-n0 * n1) + acos(-n1 * n2) - r->k;
-    return r->angle > ANGLE_MIN;
-}
-
-/* The point of the rectangle for u, from the origin of its frame. */
-static void point_of(const lr_seen_rectangle *r, const double u[2], double to[3])
-{
-    const double a = u[0] * r->angle + r->k;
-    const double f = (cos(a) * r->b0 - r->b1) / sin(a);
-    const double c = lr_clamp(copysign(1 / sqrt(f * f + r->b0 * r->b0), f), -1, 1);
-    const double x = lr_clamp(-c * r->z / sqrt(fmax(1 - c * c, 1e-300)), r->x0, r->x1);
-    const double d = sqrt(x * x + r->z * r->z);
-    const double h0 = tilt(r->y0, d), h1 = tilt(r->y1, d), h = h0 + u[1] * (h1 - h0);
-    const double y = lr_clamp(h * d / sqrt(fmax(1 - h * h, 1e-300)), r->y0, r->y1);
-    for (int k = 0; k < 3; k++)
-        to[k] = x * r->axis[0][k] + y * r->axis[1][k] + r->z * r->axis[2][k];
-}
-
-static bool sample_rectangle(const lr_light *light, const lr_seen_rectangle *seen,
-                             const double u[2], lr_light_ray *ray)
-{
-    double to[3];
-    point_of(seen, u, to);
-    ray->distance = sqrt(lr_dot(to, to));
-    ray->pdf = 1 / seen->angle;
-    for (int a = 0; a < 3; a++)
-        ray->direction[a] = to[a] / ray->distance;
-    return shine(light, ray->direction, 1, ray->color);
-}
-
-static bool sample_area(const lr_light *light, const double p[3], const double u[2],
-                        lr_light_ray *ray)
-{
-    lr_seen_rectangle seen;
-    if (see_rectangle(light, p, &seen))
-        return sample_rectangle(light, &seen, u, ray);
-    double x = u[0] - 0.5, y = u[1] - 0.5, q[3];
-    if (light->shape == LR_LIGHT_ROUND) {
-        const double r = 0.5 * sqrt(u[0]);
-        x = r * cos(2 * PI * u[1]);
-        y = r * sin(2 * PI * u[1]);
-    }
-    for (int a = 0; a < 3; a++)
-        q[a] = light->position[a] + x * light->axis_u[a] + y * light->axis_v[a];
-    return aim(p, q, light->direction, area_of(light), ray) &&
-           shine(light, ray->direction, 1, ray->color);
-}
-
 bool lr_light_sample(const lr_light *light, const double p[3], const double u[2], lr_light_ray *ray)
 {
     ray->delta = false;
     if (light->kind == LR_LIGHT_AREA)
-        return sample_area(light, p, u, ray);
+        return lr_area_light_sample(light, p, u, ray);
     if (light->kind != LR_LIGHT_SUN)
         return sample_bulb(light, p, u, ray);
     ray->distance = INFINITY;
@@ -385,31 +273,6 @@ static bool hit_bulb(const lr_light *light, const double o[3], const double d[3]
     return *t > 0 && shine(light, d, 1 / (PI * r * r), color);
 }
 
-static bool hit_area(const lr_light *light, const double o[3], const double d[3], double *t,
-                     double color[3], double *pdf)
-{
-    const double *u = light->axis_u, *v = light->axis_v;
-    const double cosine = -lr_dot(d, light->direction);
-    double q[3];
-    if (!(cosine > 0))
-        return false;
-    for (int a = 0; a < 3; a++)
-        q[a] = o[a] - light->position[a];
-    *t = lr_dot(q, light->direction) / cosine;
-    for (int a = 0; a < 3; a++)
-        q[a] += *t * d[a];
-    const double uu = lr_dot(u, u), vv = lr_dot(v, v), uv = lr_dot(u, v);
-    const double qu = lr_dot(q, u), qv = lr_dot(q, v), det = uu * vv - uv * uv;
-    const double x = (qu * vv - qv * uv) / det, y = (qv * uu - qu * uv) / det;
-    const bool inside =
-        light->shape == LR_LIGHT_ROUND ? x * x + y * y <= 0.25 : fabs(x) <= 0.5 && fabs(y) <= 0.5;
-    if (!(*t > 0) || !inside)
-        return false;
-    lr_seen_rectangle seen;
-    *pdf = see_rectangle(light, o, &seen) ? 1 / seen.angle : *t * *t / (area_of(light) * cosine);
-    return shine(light, d, 1, color);
-}
-
 bool lr_light_hit(const lr_light *light, const double o[3], const double d[3], double t_max,
                   double *t, double color[3], double *pdf)
 {
@@ -417,7 +280,7 @@ bool lr_light_hit(const lr_light *light, const double o[3], const double d[3], d
     case LR_LIGHT_SUN:
         return hit_sun(light, d, t_max, t, color, pdf);
     case LR_LIGHT_AREA:
-        return hit_area(light, o, d, t, color, pdf) && *t < t_max;
+        return lr_area_light_hit(light, o, d, t, color, pdf) && *t < t_max;
     default:
         return hit_bulb(light, o, d, t, color, pdf) && *t < t_max;
     }

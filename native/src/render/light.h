@@ -18,9 +18,9 @@ typedef struct lr_light_ray {
 /* Can rays meet it? */
 LR_INLINE bool lr_light_has_extent(const lr_light *light)
 {
-    if (light->kind == LR_LIGHT_SUN)
+    if (light->kind == LR_LIGHT_SUN || light->kind == LR_LIGHT_AREA)
         return light->angle > 0;
-    return light->kind == LR_LIGHT_AREA || light->radius > 0;
+    return light->radius > 0;
 }
 
 /* Its radiant intensity where it shines brightest, as a share of color; not of a sun. */

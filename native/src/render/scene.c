@@ -142,6 +142,7 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
         .n_materials = instance->n_materials,
         .volume_index = instance->volume_index,
         .error = instance->error,
+        .holdout = instance->holdout != 0,
     };
     if (!lr_affine_invert(instance->world_from_object, placed->object_from_world))
         return lr_fail(error, LR_E_ARGUMENT,
@@ -208,8 +209,9 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     scene->n_instances = (uint32_t)desc->n_instances;
     scene->n_lights = desc->n_lights;
     scene->world_visibility = desc->world.visibility;
+    scene->world_bounces = desc->world.max_bounces;
     for (int a = 0; a < 3; a++)
-        scene->world_shines |= desc->world.color[a] > 0;
+        scene->world_shines |= desc->world.color[a] != 0;
     scene->mist_start = desc->mist_start;
     scene->mist_depth = desc->mist_depth;
     scene->mist_power = desc->mist_power;

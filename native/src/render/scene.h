@@ -20,6 +20,7 @@ typedef struct lr_placed {
     double error;   /* of its surface, in world space */
     bool clear;     /* lets some light straight through */
     bool enterable; /* a solid that bends or absorbs light */
+    bool holdout;
 } lr_placed;
 
 struct lr_scene {
@@ -35,6 +36,7 @@ struct lr_scene {
     int32_t *slot_objects; /* or NULL */
     lr_environment environment;
     uint32_t world_visibility; /* lr_visibility */
+    int32_t world_bounces;     /* limit of those behind which it is not asked */
     bool world_shines;         /* its color is not black */
     bool has_clear, has_media; /* instances that are clear, enterable */
     bool has_lamps;            /* lights that rays can meet */

@@ -159,7 +159,7 @@ static double noise(const lr_sum *pixel, uint32_t n)
         sum += mean / n;
         error += sqrt(spread / (LR_PARTS * (LR_PARTS - 1))) / n;
     }
-    return error / (1e-4 + sqrt(sum)); /* Cycles' guard against black */
+    return error / (1e-4 + sqrt(fabs(sum))); /* Cycles' guard against black */
 }
 
 /* Cycles' choice where the user makes none. */

@@ -124,6 +124,23 @@ static void shine(const lr_job *job, const lr_surfel *s)
         pixel->emission[a] += s->path->weight[a] * s->bsdf.emission[a];
 }
 
+/* What the camera sees of a holdout is a hole in the picture; what its material lets straight
+ * through is left. True where that is nothing. */
+static bool hold_out(const lr_job *job, lr_surfel *s)
+{
+    double held = 0, left = 0;
+    for (int a = 0; a < 3; a++) {
+        held += s->path->weight[a] * (1 - s->bsdf.transparency[a]) / 3;
+        left = fmax(left, s->bsdf.transparency[a]);
+    }
+    job->workspace->pixels[s->path->pixel].alpha -= held;
+    for (int kind = LR_RAY_DIFFUSE; kind <= LR_RAY_TRANSMISSION; kind++)
+        s->bsdf.share[kind] = 0;
+    memset(s->bsdf.emission, 0, sizeof s->bsdf.emission);
+    s->bsdf.n = 0;
+    return !(left > 0);
+}
+
 /* Lamps, world and surfaces that the wave has found; the surfaces are the
  * surfels. Returns how many. */
 static uint32_t see(const lr_job *job, uint32_t n, bool any)
@@ -149,7 +166,10 @@ static uint32_t see(const lr_job *job, uint32_t n, bool any)
             s->path = path;
             s->ray = i;
             s->left = (path->t_max - w->wave.t[i]) * unit;
-            shine(job, s);
+            if (path->seen && job->scene->instances[s->instance].holdout && hold_out(job, s))
+                n_surfels--;
+            else
+                shine(job, s);
         }
     }
     return n_surfels;
