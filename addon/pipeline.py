@@ -206,7 +206,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
     placed = leapray.Scene(
         scene.camera,
         planned.instances,
-        scene.lights,
+        planned.lights,
         scene.materials,
         planned.slots,
         world=scene.world,
@@ -242,6 +242,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
                     counters=counters,
                     **sampling,
                 )
+                _expose(parts, scene.film_exposure)
                 put((tile, parts))
 
         return job
@@ -257,6 +258,13 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
             on_tile(*tile, parts)
     crew.progress(1.0, crew.phase)
     return passes, leapray.add_counters(totals), sum(sizes)
+
+
+def _expose(parts: dict[str, np.ndarray], exposure: float) -> None:
+    """Multiply what is light in the passes (alpha is not)."""
+    for name in ("Combined", "Emission", "Environment") if exposure != 1.0 else ():
+        if name in parts:
+            parts[name][..., :3] *= np.float32(exposure)
 
 
 # ---- where it ran --------------------------------------------------------------

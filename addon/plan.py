@@ -20,14 +20,14 @@ from __future__ import annotations
 import heapq
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 import leapray
 
-from . import bake, errors, model, objects, parts, reach, steps
+from . import bake, errors, light_planes, model, objects, parts, reach, steps
 from . import cache as caches
 from . import shelf as shelves
 from .levels import MB, Levels, Work
@@ -50,6 +50,7 @@ class Plan:
 
     instances: list[leapray.Instance]
     slots: list[int]
+    lights: tuple[model.Light, ...]  # the scene's, as the structures have them
     slot_objects: list[int] | None  # object index per slot, where one volume holds several objects
     volumes: list[dict[str, object]]  # one row per volume, for the report
     warnings: list[str]
@@ -349,9 +350,12 @@ class Planner(Levels):
         self.cache.end()
         self.peak = max(self.peak, self.held() + self.cache.unused())
         placed, slots = self._place(instances)
+        surfaces = self._surfaces(instances)
+        lights = light_planes.with_margins(self.scene.lights, surfaces, self.warnings)
         return Plan(
             instances=placed,
             slots=slots,
+            lights=lights,
             slot_objects=None,
             volumes=[self._row(w) for w in self.works],
             warnings=self.warnings
@@ -364,10 +368,24 @@ class Planner(Levels):
             seconds=self.seconds,
         )
 
-    def _place(self, instances: list[model.Instance]) -> tuple[list[leapray.Instance], list[int]]:
+    def _surfaces(self, instances: list[model.Instance]) -> Iterator[light_planes.Surface]:
+        """What stops light, and how exactly it is modelled."""
+        works = self._works()
+        for instance in instances:
+            for work in works.get(self._dressed(instance), []) if instance.visible_shadow else ():
+                off = work.measure.step + work.measure.typical()
+                matrix = np.asarray(instance.world_from_object, np.float64)
+                scale = np.linalg.norm(matrix[:3, :3], 2)
+                yield light_planes.Surface(instance.name, work.mesh, matrix, off * scale)
+
+    def _works(self) -> dict[tuple[int, bake.Outfit], list[Work]]:
         works: dict[tuple[int, bake.Outfit], list[Work]] = {}
         for work in self.works:
             works.setdefault((work.index, work.outfit), []).append(work)
+        return works
+
+    def _place(self, instances: list[model.Instance]) -> tuple[list[leapray.Instance], list[int]]:
+        works = self._works()
         index = {id(work): n for n, work in enumerate(self.works, 1)}
         first: dict[tuple[int, ...], int] = {}
         slots: list[int] = []

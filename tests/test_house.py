@@ -41,7 +41,7 @@ LAYERS = {
     ],
     "addon": [
         "model",
-        "objects bake tiles probes reach volumes",
+        "objects bake tiles probes reach light_planes volumes",
         "cache errors parts shelf steps",
         "levels",
         "plan",
