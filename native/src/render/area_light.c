@@ -279,9 +279,15 @@ bool lr_area_light_sample(const lr_light *light, const double p[3], const double
     for (int a = 0; a < 3; a++)
         ray->direction[a] = to[a] / distance;
     ray->distance = end_of(light, r.height, distance);
+    if (!(ray->pdf > 0 && ray->pdf < INFINITY))
+        return false;
+    if (light->shape == LR_LIGHT_FULL &&
+        is_full(light)) { /* sheared: before and behind, as Cycles */
+        memcpy(ray->color, light->color, sizeof ray->color);
+        return true;
+    }
     const bool all = r.kind == LR_PART_ELLIPSE || light->shape == LR_LIGHT_FULL;
-    return ray->pdf > 0 && ray->pdf < INFINITY && (all || holds(&r, light->shape, to)) &&
-           shine(light, ray->direction, ray->color);
+    return (all || holds(&r, light->shape, to)) && shine(light, ray->direction, ray->color);
 }
 
 bool lr_area_light_hit(const lr_light *light, const double o[3], const double d[3], double *t,

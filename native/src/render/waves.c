@@ -55,6 +55,8 @@ static void find_lamp(const lr_job *job, const lr_path *path, uint64_t lamp, con
     memcpy(weight, path->weight, sizeof weight);
     lr_insides_absorb(job->scene, &path->insides, t - path->travelled, weight);
     add(job, path, color, weight, found_share(job, path, lamp, o, pdf));
+    for (int a = 0; a < 3 && path->seen; a++)
+        job->workspace->pixels[path->pixel].emission[a] += weight[a] * color[a];
 }
 
 /* Lamps with extent that the path meets before its end. */
@@ -77,20 +79,21 @@ static void miss(const lr_job *job, const lr_path *path, const double d[3])
 {
     const lr_scene *scene = job->scene;
     lr_sum *pixel = &job->workspace->pixels[path->pixel];
+    const bool transparent = path->seen && scene->film_transparent;
     double rgb[3];
-    if (path->seen && scene->film_transparent) {
+    if (transparent)
         pixel->alpha -= (path->weight[0] + path->weight[1] + path->weight[2]) / 3;
-        return;
-    }
     if ((scene->world_visibility & path->visibility) == 0)
         return;
     lr_environment_radiance(&scene->environment, d, rgb);
+    for (int a = 0; a < 3 && path->seen; a++)
+        pixel->environment[a] += path->weight[a] * rgb[a];
+    if (transparent)
+        return;
     double o[3];
     scattered_at(path, d, o);
     add(job, path, rgb, path->weight,
         found_share(job, path, scene->n_lights, o, lr_environment_pdf(&scene->environment, d)));
-    for (int a = 0; a < 3 && path->seen; a++)
-        pixel->environment[a] += path->weight[a] * rgb[a];
 }
 
 /* Take up to `room` rays of whole pixels from *pixel on into a wave; those of
