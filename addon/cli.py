@@ -328,6 +328,8 @@ def override(scene, args: argparse.Namespace) -> None:
                 f"and is {value}"
             )
         setattr(scene.leapray, field.name, value)
+        for layer in scene.view_layers if field.name == "samples" else ():
+            layer.samples = 0  # its own, which would count more than the scene's
 
 
 # ---- files ---------------------------------------------------------------

@@ -101,7 +101,7 @@ class LeapRayEngine(bpy.types.RenderEngine):
 
     def _settings(self, depsgraph):
         """The scene's settings; those of a material's preview are Blender's, so small ones."""
-        chosen = properties.settings(depsgraph.scene_eval)
+        chosen = properties.settings(depsgraph.scene_eval, depsgraph.view_layer_eval)
         if self.is_preview:
             return replace(chosen, samples=4, pixel_error=1.0, memory_mb=128, cache_folder="")
         return chosen

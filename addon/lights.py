@@ -12,6 +12,7 @@ object. `notes` are told what is not followed.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -25,6 +26,7 @@ from .nodes import Folder, Place, Unfolded, output_of, own_value, source, title
 KINDS = {"SUN": "sun", "POINT": "point", "SPOT": "spot", "AREA": "area"}
 RAYS = ("camera", "diffuse", "glossy", "transmission")
 EVEN = 1e-3  # scales of an object that differ by less are taken as one
+UNLIMITED = 1024  # bounces: what Blender's limits begin with
 TURN = 1e-4  # a matrix that is no rotation by more than this is not one
 
 
@@ -37,6 +39,7 @@ def of_light(light, matrix: NDArray[np.float64], shown: list, name: str, notes):
     kind = KINDS[light.type]
     cycles = getattr(light, "cycles", None)
     if kind == "area" and cycles and cycles.is_portal:
+        notes.unsupported("Light portals are", name)
         return None
     color = _color(light, name, notes)
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
@@ -45,10 +48,10 @@ def of_light(light, matrix: NDArray[np.float64], shown: list, name: str, notes):
     more: dict[str, object] = {"angle": light.angle} if sun else {}
     if kind == "area":
         u, v = _sides(light, matrix)
-        area = np.linalg.norm(np.cross(u, v))
+        area = np.linalg.norm(u) * np.linalg.norm(v)  # though it is sheared, as Cycles takes it
         if light.shape in ("DISK", "ELLIPSE"):
             area *= math.pi / 4
-        if not area:
+        if not area or not np.cross(u, v).any():
             notes.skipped("it is an area light without an area", name)
             return None
         color /= math.pi * (area if light.normalize else 1.0)
@@ -71,16 +74,29 @@ def of_light(light, matrix: NDArray[np.float64], shown: list, name: str, notes):
     seen = {f"visible_{ray}": all(getattr(o, f"visible_{ray}") for o in shown) for ray in RAYS}
     if not color.any() or not any(seen.values()):
         return None
-    return model.Light(
+    found = model.Light(
         name=name,
         kind=kind,
         color=_tuple(color),
         position=_tuple(matrix[:3, 3]),
         direction=_tuple(axes[:, 2] if sun else -axes[:, 2]),
         casts_shadow=light.use_shadow,
+        max_bounces=getattr(cycles, "max_bounces", UNLIMITED),
         **seen,
         **more,
     )
+    if not _finite(found):
+        notes.skipped("its strength, its place or its size is not a finite number", name)
+        return None
+    return found
+
+
+def _finite(light: model.Light) -> bool:
+    """Whether all its numbers are, in the f32 of pictures too."""
+    numbers = (light.radius, light.angle, light.blend, *light.color, *light.position)
+    more = (*light.direction, *light.axis_u, *light.axis_v)
+    with np.errstate(over="ignore"):
+        return bool(np.isfinite(np.float32((*numbers, *more))).all())
 
 
 def _sides(light, matrix: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
@@ -95,7 +111,8 @@ def _tuple(values: NDArray) -> tuple[float, float, float]:
 
 def _color(light, name: str, notes) -> NDArray[np.float64]:
     """Energy times color, by the light's panel and its nodes."""
-    color = light.energy * 2.0**light.exposure * np.array(light.color, np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        color = light.energy * np.exp2(light.exposure) * np.array(light.color, np.float64)
     if light.use_temperature:
         color *= light.temperature_color
     output = output_of(light)
@@ -103,7 +120,7 @@ def _color(light, name: str, notes) -> NDArray[np.float64]:
         shader = _Emitters(Folder(_falloff), name, notes)
         color *= shader.sum(output)
         shader.tell()
-    return np.maximum(color, 0.0)
+    return color
 
 
 def _falloff(out: Place) -> NDArray:
@@ -119,23 +136,44 @@ def of_world(world, notes) -> model.World:
         return model.World()
     flags = getattr(world, "cycles_visibility", None)  # where Blender has Cycles
     seen = {f"visible_{ray}": getattr(flags, ray, True) for ray in RAYS}
+    seen["max_bounces"] = getattr(getattr(world, "cycles", None), "max_bounces", UNLIMITED)
     output = output_of(world)
     if output is None:
-        return model.World(tuple(world.color), **seen)
+        return _checked(model.World(tuple(world.color), **seen), world.name, notes)
     if source(Place(output.node.inputs["Volume"]))[0]:
         notes.unsupported("Volumes are", world.name)
     sky = _Sky(notes)
     shader = _Emitters(Folder(sky.table), world.name, notes)
-    radiance = np.maximum(shader.sum(output), 0.0)
+    radiance = shader.sum(output)
     shader.tell()
     if radiance.ndim == 1:
-        return model.World(_tuple(radiance), **seen)
-    return model.World(
-        (1.0, 1.0, 1.0),
-        image=radiance.astype(np.float32),
-        image_from_world=tuple(_tuple(row) for row in sky.rotation),
-        **seen,
+        return _checked(model.World(_tuple(radiance), **seen), world.name, notes)
+    with np.errstate(over="ignore"):
+        image = radiance.astype(np.float32)
+    return _checked(
+        model.World(
+            (1.0, 1.0, 1.0),
+            image=image,
+            image_from_world=tuple(_tuple(row) for row in sky.rotation),
+            **seen,
+        ),
+        world.name,
+        notes,
     )
+
+
+def _checked(world: model.World, name: str, notes) -> model.World:
+    """The world, if its numbers are finite; black, and noted, where its color is not. Pixels that
+    are not give no light, as in Cycles."""
+    with np.errstate(over="ignore"):
+        if not np.isfinite(np.float32(world.color)).all():
+            notes.skipped("its strength is not a finite number", name)
+            return dataclasses.replace(world, color=(0.0, 0.0, 0.0), image=None)
+    if world.image is None or np.isfinite(world.image).all():
+        return world
+    bad = ~np.isfinite(world.image).all(axis=-1)
+    notes.missing("World", name, f"has {bad.sum()} pixels that are not finite: they give no light")
+    return dataclasses.replace(world, image=np.where(bad[..., None], np.float32(0), world.image))
 
 
 class _Emitters:

@@ -461,8 +461,8 @@ def apply(scene, values: dict[str, object]) -> None:
         setattr(scene.leapray, name, value)
 
 
-def settings(scene) -> model.Settings:
-    """The scene's settings as plain values.
+def settings(scene, view_layer=None) -> model.Settings:
+    """The scene's settings as plain values, with the view layer's own number of samples.
 
     Raises LeapRayError for a choice that this LeapRay does not know, as from the
     file of a newer one: Blender reads it as an empty name.
@@ -481,8 +481,20 @@ def settings(scene) -> model.Settings:
                 f"{leapray.__version__}; choose one in the Render properties"
             )
     values["cache_folder"] = bpy.path.abspath(values["cache_folder"])
+    if view_layer is not None:
+        values["samples"] = _samples_of(view_layer, scene, values["samples"])
     fixed = scene.render.threads_mode == "FIXED"
     return model.Settings(**values, threads=scene.render.threads if fixed else 0)
+
+
+def _samples_of(view_layer, scene, samples: int) -> int:
+    """What the view layer's own number of samples makes of the scene's; 0: it has none.
+
+    Cycles' setting says whether it overrides the scene's, bounds it, or is ignored.
+    """
+    use = getattr(getattr(scene, "cycles", None), "use_layer_samples", "USE")
+    own = 0 if use == "IGNORE" else view_layer.samples
+    return min(samples, own or samples) if use == "BOUNDED" else own or samples
 
 
 OWNERS = (  # the type that has `leapray`, the properties, what the user is told

@@ -55,6 +55,24 @@ def wanted(view_layer) -> tuple[str, ...]:
     return tuple(each.name for each in PASSES if each.wanted(view_layer))
 
 
+def not_made(view_layer) -> tuple[str, ...]:
+    """What the passes are called that the view layer asks for and LeapRay does not make."""
+    made = {each.switch for each in PASSES}
+    made |= {"use_pass_combined", "use_pass_cryptomatte_accurate"}  # the latter is none
+    asked = []
+    for owner, prefixes in (
+        (view_layer, ("use_pass_",)),
+        (getattr(view_layer, "cycles", None), ("use_pass_", "pass_debug_")),  # where it is loaded
+    ):
+        for each in owner.bl_rna.properties if owner is not None else ():
+            named = each.identifier.startswith(prefixes) and each.type == "BOOLEAN"
+            if named and each.identifier not in made and getattr(owner, each.identifier):
+                asked.append(each.name)
+    asked += [f"Shader AOV {each.name}" for each in view_layer.aovs if each.is_valid]
+    asked += [f"Light Group {each.name}" for each in view_layer.lightgroups]
+    return tuple(asked)
+
+
 def register_passes(engine, scene, view_layer) -> None:
     """Tell Blender which passes the view layer will get."""
     for each in PASSES:

@@ -67,31 +67,34 @@ def read(
     start = time.perf_counter()
     scene = depsgraph.scene_eval
     if settings is None:
-        settings = properties.settings(scene)
+        settings = properties.settings(scene, depsgraph.view_layer_eval)
     if width < 1 or height < 1:
         raise LeapRayError(f"The resolution is {width} x {height} pixels; it needs at least 1 x 1")
     border = render_border(scene.render, width, height)
     notes = Notes()
     film = _camera(camera or scene.camera, scene, width, height, border, notes)
     _note_scene(scene, notes)
+    _note_passes(depsgraph.view_layer, notes)
     _note_libraries(notes)
     objects = _Objects(depsgraph, notes, stop)
-    if not objects.instances:
+    if not objects.instances and depsgraph.view_layer_eval.use_solid:
         _nothing_shown(depsgraph, notes)
     world = getattr(depsgraph.view_layer_eval, "world_override", None) or scene.world
+    sky = world if depsgraph.view_layer_eval.use_sky else None
     return model.Scene(
         meshes=tuple(objects.meshes),
         instances=tuple(objects.instances),
         materials=tuple(objects.materials),
         lights=tuple(objects.lights),
         camera=film,
-        world=lights.of_world(world, notes),
+        world=lights.of_world(sky, notes),
         film_transparent=scene.render.film_transparent,
         width=border.width,
         height=border.height,
         settings=settings,
         passes=result.wanted(depsgraph.view_layer),
         mist=_mist(world),
+        film_exposure=_exposure(scene),
         warnings=notes.sentences(),
         seconds_read=time.perf_counter() - start,
     )
@@ -174,6 +177,11 @@ def _mist(world) -> tuple[float, float, str]:
     return mist.start, mist.depth, mist.falloff
 
 
+def _exposure(scene) -> float:
+    """Cycles' exposure of the film, where Blender has Cycles: the panel shows it, too."""
+    return getattr(getattr(scene, "cycles", None), "film_exposure", 1.0)
+
+
 # ---- objects -------------------------------------------------------------
 
 
@@ -190,7 +198,8 @@ class _Objects:
         self._textures: list[materials.Texture | None] = []  # of the materials
         self._mesh_at: dict[tuple, int | str] = {}  # index, or what is wrong with it
         self._material_at: dict[str, int] = {}
-        self._override = depsgraph.view_layer_eval.material_override
+        self._view_layer = depsgraph.view_layer_eval
+        self._override = self._view_layer.material_override
         self._instancers: set[str] = set()
         asked = time.monotonic()
         for instance in depsgraph.object_instances:
@@ -212,7 +221,8 @@ class _Objects:
         if not instance.show_self:
             return
         if ob.type == "MESH":
-            self._take_mesh(instance, ob)
+            if self._view_layer.use_solid:
+                self._take_mesh(instance, ob)
         elif ob.type == "LIGHT":
             self._take_light(instance, ob)
         elif ob.type in UNSUPPORTED_TYPES:
@@ -222,6 +232,8 @@ class _Objects:
         seen = {
             flag: all(getattr(each, flag) for each in _shown(instance, ob)) for flag in VISIBILITIES
         }
+        holdout, indirect_only = self._layer_flags(instance, ob)
+        seen["visible_camera"] = seen["visible_camera"] and not indirect_only
         if not any(seen.values()):
             return
         world_from_object = np.array(instance.matrix_world, np.float64)
@@ -235,10 +247,8 @@ class _Objects:
         if isinstance(mesh, str):
             self.notes.skipped(mesh, ob.name)
             return
-        self._note_linking(ob)
-        if ob.is_holdout:
-            self.notes.unsupported("Holdout is", ob.name)
-        if ob.is_shadow_catcher:
+        self._note_linking(instance, ob)
+        if any(each.is_shadow_catcher for each in _shown(instance, ob)):
             self.notes.unsupported("Shadow catchers are", ob.name)
         self.instances.append(
             model.Instance(
@@ -247,14 +257,24 @@ class _Objects:
                 world_from_object=world_from_object,
                 materials=slots,
                 object_index=ob.pass_index,
+                holdout=holdout,
                 **seen,
             )
         )
 
-    def _note_linking(self, ob) -> None:
-        linking = ob.light_linking
-        if linking.receiver_collection or linking.blocker_collection:
-            self.notes.unsupported("Light linking is", ob.name)
+    def _layer_flags(self, instance, ob) -> tuple[bool, bool]:
+        """Holdout and indirect-only, of the object and its collections; an instancer's count for
+        what it instances, whose own do not, as in Cycles."""
+        owner = instance.parent if instance.is_instance else ob
+        holdout = owner.holdout_get(view_layer=self._view_layer)
+        return holdout, not holdout and owner.indirect_only_get(view_layer=self._view_layer)
+
+    def _note_linking(self, instance, ob) -> None:
+        for each in _shown(instance, ob):
+            if each.light_linking.receiver_collection:
+                self.notes.unsupported("Light linking is", ob.name)
+            if each.light_linking.blocker_collection:
+                self.notes.unsupported("Shadow linking is", ob.name)
 
     def _mesh(self, ob, slots: tuple[int, ...], own: model.Modelling) -> int | str:
         """The index of the object's mesh as its materials want it, or what is wrong with it."""
@@ -297,10 +317,11 @@ class _Objects:
         if not np.isfinite(matrix).all() or not np.any(matrix[:3, 2]):
             self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
             return
-        self._note_linking(ob)
+        self._note_linking(instance, ob)
         light = lights.of_light(ob.data, matrix, _shown(instance, ob), ob.name, self.notes)
         if light is not None:
-            self.lights.append(light)
+            seen = light.visible_camera and not self._layer_flags(instance, ob)[1]
+            self.lights.append(replace(light, visible_camera=seen))
 
 
 def _shown(instance, ob) -> list:
@@ -347,6 +368,16 @@ def _note_scene(scene, notes: Notes) -> None:
         notes.unsupported("Motion blur is", scene.name)
     if scene.render.use_multiview:
         notes.unsupported("Stereoscopy is", scene.name)
+    film = getattr(scene, "cycles", None)
+    if scene.render.film_transparent and getattr(film, "film_transparent_glass", False):
+        notes.unsupported("Transparent glass before a transparent film is", scene.name)
+
+
+def _note_passes(view_layer, notes: Notes) -> None:
+    asked = result.not_made(view_layer)
+    if asked:
+        what = f"asks for passes that LeapRay does not make: {', '.join(asked)}"
+        notes.missing("View layer", view_layer.name, what)
 
 
 def _note_libraries(notes: Notes) -> None:

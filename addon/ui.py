@@ -175,6 +175,8 @@ class RENDER_PT_leapray_film(_Panel, bpy.types.Panel):
     def draw(self, context) -> None:
         column, settings = self.columns(keyed=True), context.scene.leapray
         column.prop(context.scene.render, "film_transparent", text="Transparent")
+        if hasattr(context.scene, "cycles"):
+            column.prop(context.scene.cycles, "film_exposure")
         column.prop(settings, "pixel_filter")
         width = column.column()
         width.active = settings.pixel_filter != "box"

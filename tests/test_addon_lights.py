@@ -20,7 +20,7 @@ from blender_scenes import (
 from mathutils import Vector
 from numpy.testing import assert_allclose
 
-from addon import nodes
+from addon import nodes, pipeline
 
 
 @pytest.fixture
@@ -204,3 +204,102 @@ def test_a_world_is_seen_by_the_rays_that_may_see_it(scene):
     got = read().world
     seen = (got.visible_camera, got.visible_diffuse, got.visible_glossy, got.visible_transmission)
     assert seen == (False, True, True, False)
+
+
+def test_worlds_have_limits_and_may_be_negative(scene):
+    put("Cube", mesh())
+    background = nodes_of(scene.world).nodes["Background"].inputs
+    background["Color"].default_value = (0.5, 0.25, 1, 1)
+    background["Strength"].default_value = -2.0
+    scene.world.cycles.max_bounces = 3
+    got = read().world
+    assert_allclose(got.color, (-1, -0.5, -2))
+    assert got.max_bounces == 3
+
+
+# ---- what is not finite, and what is not followed ---------------------------------
+
+INFINITE = {
+    "energy": ("POINT", {"energy": math.inf}),
+    "no energy": ("SUN", {"energy": math.nan}),
+    "overflow": ("SPOT", {"energy": 3e38, "color": (99.0, 99.0, 99.0), "spot_size": 1.0}),
+    "exposure": ("AREA", {"energy": 1.0, "exposure": 1e4}),
+    "color": ("POINT", {"color": (1.0, math.nan, 0.0)}),
+    "radius": ("POINT", {"shadow_soft_size": math.inf}),
+    "size": ("AREA", {"size": math.inf}),
+    "no size": ("AREA", {"size": math.nan}),
+    "angle": ("SUN", {"angle": math.nan}),
+    "spread": ("AREA", {"spread": math.nan}),
+    "cone": ("SPOT", {"spot_size": math.nan}),
+    "blend": ("SPOT", {"spot_blend": math.nan}),
+}
+
+
+@pytest.mark.parametrize("name", INFINITE)
+def test_a_light_that_is_not_finite_is_left_out_by_name(scene, name):
+    kind, attributes = INFINITE[name]
+    put("Cube", mesh())
+    put("Good", light("POINT"))
+    bad = light(kind)
+    for key, value in attributes.items():
+        setattr(bad, key, value)
+    kept = all(np.allclose(getattr(bad, k), v, equal_nan=True) for k, v in attributes.items())
+    put("Bad", bad)
+    got = read()
+    if not kept:  # Blender itself does not take the value
+        assert got.warnings == ()
+        return
+    assert [each.name for each in got.lights] == ["Good"]
+    (sentence,) = got.warnings
+    assert sentence.startswith("Skipped 'Bad'")
+    pipeline.render(got)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3e38])
+def test_strengths_from_nodes_that_are_not_finite_are_named(scene, value):
+    put("Cube", mesh())
+    bad = light("POINT", energy=100.0)
+    nodes_of(bad).nodes["Emission"].inputs["Strength"].default_value = value
+    put("Bad", bad)
+    nodes_of(scene.world).nodes["Background"].inputs["Color"].default_value = (9, 1, 1, 1)
+    nodes_of(scene.world).nodes["Background"].inputs["Strength"].default_value = value
+    got = read()
+    assert got.lights == () and got.world.color == (0, 0, 0)
+    assert len(got.warnings) == 1 or all("finite" in each for each in got.warnings)
+    assert "'Bad'" in str(got.warnings) and "'World'" in str(got.warnings)
+    assert np.isfinite(pipeline.render(got).passes["Combined"]).all()
+
+
+def test_pixels_of_the_sky_that_are_not_finite_give_no_light(scene):
+    put("Cube", mesh())
+    pixels = np.ones((4, 8, 3), np.float32)
+    pixels[1, 2] = math.nan, 1, 1
+    pixels[3, 5] = math.inf
+    environment(scene, pixels)
+    got = read()
+    assert not got.world.image[1, 2].any() and not got.world.image[3, 5].any()
+    assert got.world.image.sum() == pytest.approx(30 * 3, rel=1e-5)
+    (sentence,) = got.warnings
+    assert sentence == "World 'World' has 2 pixels that are not finite: they give no light"
+    assert np.isfinite(pipeline.render(got).passes["Combined"]).all()
+
+
+def test_what_lights_are_not_followed_in_is_named(scene):
+    cube = put("Cube", mesh())
+    portal = light("AREA")
+    portal.cycles.is_portal = True
+    put("Portal", portal)
+    linked, blocked, measured = (put(n, light("POINT")) for n in ("Linked", "Blocked", "Measured"))
+    linked.light_linking.receiver_collection = bpy.data.collections.new("Receivers")
+    blocked.light_linking.blocker_collection = bpy.data.collections.new("Blockers")
+    cube.light_linking.receiver_collection = bpy.data.collections.new("Receivers")
+    tree = nodes_of(measured.data)
+    profile = tree.nodes.new("ShaderNodeTexIES")
+    tree.links.new(profile.outputs[0], tree.nodes["Emission"].inputs["Strength"])
+    said = sorted(read().warnings)
+    assert said[0].startswith("Light linking is not supported yet: ")
+    assert "'Cube'" in said[0] and "'Linked'" in said[0]
+    assert said[1] == "Light portals are not supported yet: 'Portal'"
+    assert said[2].startswith("Not understood") and "IES Texture" in said[2]
+    assert "'Measured'" in said[2]
+    assert said[3:] == ["Shadow linking is not supported yet: 'Blocked'"]
