@@ -25,6 +25,7 @@ def bare(width=24, height=24):
     cycles.use_denoising = cycles.use_adaptive_sampling = False
     cycles.pixel_filter_type, cycles.blur_glossy = "BOX", 0.0
     cycles.sample_clamp_indirect = scene.leapray.clamp_indirect = 0.0
+    scene.leapray.pixel_filter, scene.leapray.noise_threshold = "box", 0.0
     for layer in scene.view_layers:
         layer.use_pass_z = layer.use_pass_object_index = True
         layer.use_pass_emit = layer.use_pass_environment = True
