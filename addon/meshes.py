@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import bpy
 import numpy as np
 from numpy.typing import NDArray
 
@@ -111,10 +112,56 @@ class _Corners:
         self.corners, self.slots, self.notes = corners, slots, notes
 
     def normals(self) -> NDArray[np.float32]:
-        """Shading normals: of smooth and sharp faces and edges, or the mesh's own custom ones."""
-        flat = np.empty((len(self.mesh.loops), 3), np.float32)
-        self.mesh.corner_normals.foreach_get("vector", flat.ravel())
-        return flat[self.corners]
+        """Shading normals: of smooth and sharp faces and edges, or the mesh's own custom ones.
+
+        As the Cycles of this Blender takes them: up to Blender 4 the triangles of flat faces
+        have their own.
+        """
+        if self._smooth_across_flat_faces():
+            of_vertex = np.empty((len(self.vertices), 3), np.float32)
+            self.mesh.vertex_normals.foreach_get("vector", of_vertex.ravel())
+            normals = of_vertex[self.triangles]
+        else:
+            of_corner = np.empty((len(self.mesh.loops), 3), np.float32)
+            self.mesh.corner_normals.foreach_get("vector", of_corner.ravel())
+            normals = of_corner[self.corners]
+        flat = self._flat() if bpy.app.version < (5, 0) else None
+        if flat is not None:
+            a, b, c = (self.vertices[self.triangles[flat, k]].astype(np.float64) for k in range(3))
+            own = np.cross(b - a, c - a)
+            length = np.linalg.norm(own, axis=1, keepdims=True)
+            own = np.divide(own, length, out=np.zeros_like(own), where=length > 0)
+            normals[flat] = own[:, None].astype(np.float32)
+        return normals
+
+    def _smooth_across_flat_faces(self) -> bool:
+        """Whether Cycles smooths a smooth face with the flat ones around: in Blender 4 it does,
+        unless some edge is sharp or normals are custom."""
+        sharp = self.mesh.attributes.get("sharp_edge")
+        if bpy.app.version >= (5, 0) or self.mesh.has_custom_normals:
+            return False
+        if sharp is None or sharp.domain != "EDGE" or sharp.data_type != "BOOLEAN":
+            return True
+        values = np.empty(len(sharp.data), bool)
+        sharp.data.foreach_get("value", values)
+        return not values.any()
+
+    def _flat(self) -> NDArray[np.bool_] | None:
+        """Which triangles are of flat faces; None: none."""
+        found = self.mesh.attributes.get("sharp_face")
+        if found is None or found.domain != "FACE" or found.data_type != "BOOLEAN":
+            return None
+        of_face = np.empty(len(self.mesh.polygons), bool)
+        found.data.foreach_get("value", of_face)
+        if not of_face.any():
+            return None
+        return of_face[self._faces()]
+
+    def _faces(self) -> NDArray[np.int32]:
+        """The face of each triangle."""
+        n = len(self.triangles)
+        fans = len(self.mesh.polygons) != n or len(self.mesh.loops) != 3 * n
+        return _face_of(self.mesh, n) if fans else np.arange(n, dtype=np.int32)
 
     def of(self, textures, source: str, channels: int) -> NDArray[np.float32]:
         """What the textures of one source want, each in the triangles of its slots."""
@@ -159,10 +206,7 @@ class _Corners:
             return self.corners[mine]
         if domain == "POINT":
             return self.triangles[mine]
-        n = len(self.triangles)
-        fans = len(self.mesh.polygons) != n or len(self.mesh.loops) != 3 * n
-        faces = _face_of(self.mesh, n) if fans else np.arange(n, dtype=np.int32)
-        return np.repeat(faces[mine][:, None], 3, axis=1)
+        return np.repeat(self._faces()[mine][:, None], 3, axis=1)
 
     def _places(self, texture: Texture, mine) -> NDArray[np.float32]:
         """The texture coordinates of the corners, before the material's mapping: (.., 3, 3)."""
