@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Long builds hear the stop word within 100 ms, however large the table of bricks is."""
+"""Long builds and tiles hear the stop word within 100 ms, however large a table or a wave is."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+import stage
 
 import leapray
 
@@ -73,4 +74,24 @@ def test_a_distance_ends_within_100_ms_of_the_stop_word(metric):
         )
         late += [] if after is None else [after]
     assert late
+    assert max(late) < LATEST
+
+
+@pytest.mark.parametrize("kind", ["area", "sun"])
+def test_a_tile_ends_within_100_ms_of_the_stop_word(kind, sphere):
+    """A wave of a thousand rays asks and meets twenty thousand lights."""
+    large = dict(axis_u=(9, 0, 0), axis_v=(0, 9, 0), direction=(0, 0, -1), angle=3.0)
+    more = dict(direction=(0, 0.6, 0.8)) if kind == "sun" else dict(position=(0, 0, 3), **large)
+    lights = [leapray.Light(kind, (1, 1, 1), **more)] * 20_000
+    view = stage.camera((0, -4, 1), size=(32, 32))
+    scene = leapray.Scene(view, [stage.one(sphere)], lights, stage.WHITE, [0])
+
+    def work(watch):
+        scene.render_tile(0, 0, 32, 32, samples=2, diffuse_bounces=2, watch=watch)
+
+    late = []
+    for after in (0.05, 0.15, 0.3):
+        whole, spent = end_of(work, after)
+        assert spent is not None, whole  # it takes longer than that
+        late.append(spent)
     assert max(late) < LATEST

@@ -13,6 +13,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/direct.h"
 
+#include "error.h"
 #include "render/environment.h"
 #include "render/inside.h"
 #include "render/light.h"
@@ -246,6 +247,8 @@ lr_status lr_light_surfels(const lr_job *job, uint32_t n)
     for (uint32_t ask = 0; ask < most; ask++)
         for (uint32_t k = 0; k < n; k++) {
             const lr_surfel *s = &job->workspace->surfels[k];
+            if (lr_stopped(job->watch))
+                return lr_fail_stopped(job->error);
             if (ask >= asked(job, s) || !light_by(job, s, ask, n_beams, &n_rays))
                 continue;
             if (++n_beams < job->workspace->room)

@@ -19,6 +19,9 @@
 /* Weights below this are left to chance: splitting costs as much as for large ones. */
 static const double LIGHT_WEIGHT = 1.0 / 64;
 
+/* Numbers of 32 bits tell no smaller chance from none. */
+static const double CHANCE_MIN = 0x1p-32;
+
 enum { LOTTERY = 8, LIVE = 16, TURN = 24, TURN_MORE = 32, CHILD = 40 }; /* choices: see lr_key */
 
 static double heaviest(const double weight[3])
@@ -57,6 +60,12 @@ static bool worth(const lr_job *job, const lr_surfel *s, int kind)
     return !s->path->last && (job->last_brings || !is_last(job, s->path, kind));
 }
 
+/* A share of a group as one that sums and quotients can take. */
+static double bounded(double share)
+{
+    return fmin(share, 0x1p1000);
+}
+
 void lr_scatter_choose(const lr_job *job, lr_surfel *s, uint32_t *spare)
 {
     int order[LR_RAY_KINDS];
@@ -64,6 +73,7 @@ void lr_scatter_choose(const lr_job *job, lr_surfel *s, uint32_t *spare)
     double rest = 0;
     for (int kind = 0; kind < LR_RAY_KINDS; kind++) {
         s->chance[kind] = 0;
+        s->sure[kind] = false;
         if (kind == LR_RAY_CAMERA || !worth(job, s, kind))
             continue;
         uint32_t at = n++;
@@ -74,15 +84,20 @@ void lr_scatter_choose(const lr_job *job, lr_surfel *s, uint32_t *spare)
     const double weight = heaviest(s->path->weight);
     while (sure < n && sure < *spare + (*spare + 1 >= n) &&
            s->bsdf.share[order[sure]] * weight >= LIGHT_WEIGHT)
-        s->chance[order[sure++]] = 1;
+        s->sure[order[sure++]] = true;
+    if (sure + 1 == n) /* nothing to choose from */
+        s->sure[order[sure++]] = true;
+    for (uint32_t k = 0; k < sure; k++)
+        s->chance[order[k]] = 1;
     for (uint32_t k = sure; k < n; k++)
-        rest += s->bsdf.share[order[k]];
-    for (uint32_t k = sure; k < n; k++)
-        s->chance[order[k]] = k + 1 == n && k == sure ? 1 : s->bsdf.share[order[k]] / rest;
+        rest += bounded(s->bsdf.share[order[k]]);
+    for (uint32_t k = sure; k < n; k++) {
+        const double chance = bounded(s->bsdf.share[order[k]]) / rest;
+        s->chance[order[k]] = chance >= CHANCE_MIN ? chance : 0;
+    }
     const uint32_t followed = sure + (sure < n);
     *spare -= followed > 1 ? followed - 1 : 0;
-    s->followed = followed;
-    s->gambles = n - sure > 1;
+    s->gambles = sure < n;
 }
 
 /* Of the kinds that are left to chance the one whose turn it is, or none (0). */
@@ -91,7 +106,7 @@ static int draw(const lr_surfel *s)
     double u = lr_sample_one(lr_key(s->path->key, LOTTERY), s->path->sample);
     int drawn = 0;
     for (int kind = 0; kind < LR_RAY_KINDS; kind++) {
-        if (!(s->chance[kind] > 0 && s->chance[kind] < 1))
+        if (s->sure[kind] || !(s->chance[kind] > 0))
             continue;
         drawn = kind; /* the last one where rounding left a rest */
         if (u < s->chance[kind])
@@ -166,6 +181,7 @@ static void follow(const lr_job *job, const lr_surfel *s, int kind)
 {
     lr_workspace *w = job->workspace;
     const uint32_t pixel = s->path->pixel;
+    assert(w->next.n[pixel] < job->branches); /* what lr_scatter_choose has counted */
     lr_path *child = &w->next.paths[(size_t)pixel * job->branches + w->next.n[pixel]];
     *child = *s->path;
     for (int a = 0; a < 3; a++)
@@ -196,7 +212,7 @@ static void follow(const lr_job *job, const lr_surfel *s, int kind)
 void lr_scatter_on(const lr_job *job, const lr_surfel *s)
 {
     const int drawn = s->gambles ? draw(s) : 0;
-    for (int kind = LR_RAY_DIFFUSE; kind < LR_RAY_KINDS && s->followed > 0; kind++)
-        if (s->chance[kind] >= 1 || (kind == drawn && drawn != 0))
+    for (int kind = LR_RAY_DIFFUSE; kind < LR_RAY_KINDS; kind++)
+        if (s->sure[kind] || kind == drawn)
             follow(job, s, kind);
 }

@@ -117,7 +117,7 @@ static void aim(const lr_job *job, uint64_t first, uint32_t n)
     for (uint32_t i = 0; i < n; i++) {
         double u, v;
         w->now.n[i] = 0;
-        if (w->settled[i])
+        if (w->settled[i] || lr_stopped(job->watch))
             continue;
         const int32_t x = tile->x + (int32_t)((first + i) % (uint64_t)tile->width);
         const int32_t y = tile->y + (int32_t)((first + i) / (uint64_t)tile->width);

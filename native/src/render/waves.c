@@ -8,6 +8,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/waves.h"
 
+#include "error.h"
 #include "render/direct.h"
 #include "render/environment.h"
 #include "render/inside.h"
@@ -145,12 +146,12 @@ static bool hold_out(const lr_job *job, lr_surfel *s)
 }
 
 /* Lamps, world and surfaces that the wave has found; the surfaces are the
- * surfels. Returns how many. */
+ * surfels. Returns how many; some are missing where the watch says stop. */
 static uint32_t see(const lr_job *job, uint32_t n, bool any)
 {
     lr_workspace *w = job->workspace;
     uint32_t n_surfels = 0;
-    for (uint32_t i = 0; i < n; i++) {
+    for (uint32_t i = 0; i < n && !lr_stopped(job->watch); i++) {
         lr_path *path = w->flying[i];
         const bool hit = w->wave.instance[i] != LR_NOWHERE;
         const double unit = sqrt(lr_dot(path->direction, path->direction));
@@ -243,6 +244,8 @@ lr_status lr_follow(const lr_job *job, uint32_t n_pixels, uint64_t first, bool g
             w->next.n[p] = 0;
             w->spare[p] = job->branches - w->now.n[p];
         }
+        if (lr_stopped(job->watch))
+            return lr_fail_stopped(job->error);
         if (n == 0)
             return LR_OK;
         const lr_status status = fly_all(job, n_pixels, first, camera, geometry && camera);

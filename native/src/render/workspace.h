@@ -89,9 +89,9 @@ typedef struct lr_surfel {
     const lr_material *material;
     uint32_t instance, material_index;
     int32_t object_index;
-    uint32_t followed;           /* rays that go on from here */
-    bool gambles;                /* one of them is chosen at random */
-    double chance[LR_RAY_KINDS]; /* that rays of this kind are followed: 1, 0 or between */
+    bool sure[LR_RAY_KINDS];     /* kinds that are followed, */
+    bool gambles;                /* and one more of the others, chosen at random */
+    double chance[LR_RAY_KINDS]; /* that rays of this kind are followed: 1 where that is sure */
     lr_bsdf bsdf;                /* large, and mostly not used: so it comes last */
 } lr_surfel;
 
