@@ -30,9 +30,14 @@ bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
                   const lr_leaving *leaving, const lr_trace_options *options, int *side,
                   lr_found *found, uint64_t *n_samples);
 
-/* In a cell of the field, where an exact cell has handed a side on: the side on which
- * the search starts, 0: as the field says; or LR_STILL where the field leaves the cell
- * on the other side, by no more than it may be off: then there is nothing to be hit yet. */
+/* The hit test in a cell of a solid's field, where an exact cell has handed a side on. */
+bool lr_hit_handed(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
+                   const lr_trace_options *options, int *side, lr_found *found,
+                   uint64_t *n_samples);
+
+/* The same of a sheet, which rays may pass by: the side on which the search starts, 0: as the
+ * field says; or LR_STILL where the field leaves the cell on the other side, by no more than
+ * it may be off: then there is nothing to be hit yet. */
 enum { LR_STILL = INT32_MAX };
 int lr_handed_on(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side,
                  uint64_t *n_samples);
@@ -66,6 +71,15 @@ LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_spacing spacing, c
         }
         if (abs(start) == 1 && lr_starts_off(v, &ray, &cursor, start))
             *side = start = 2 * start;
+        if (abs(start) > 1 && v->desc.kind == LR_KIND_SOLID && v->objects == NULL) {
+            lr_found own;
+            const bool hit = lr_hit_handed(v, &ray, &cursor, options, &start, &own, &more);
+            *n_samples += more;
+            *side = start;
+            if (hit)
+                *found = own;
+            return hit;
+        }
         if (abs(start) > 1)
             start = lr_handed_on(v, &ray, &cursor, start, &more);
         *n_samples += more;

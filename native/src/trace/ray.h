@@ -44,9 +44,10 @@ typedef struct lr_cursor {
 /* A component so small beside the others moves less than 1e-24 voxel over a
  * million voxels; taking it as 0 keeps its reciprocal finite. */
 #define LR_TINY_COMPONENT 1e-30
+#define LR_LEAST_COMPONENT 0x1p-1021
 
 /* From object space; false for a ray without direction or with a NaN or an
- * infinity. t is the same in both spaces. */
+ * infinity; a component whose reciprocal is infinite is none. t is the same in both spaces. */
 LR_INLINE bool lr_ray_setup(lr_ray *r, const lr_volume *v, const double o[3], const double d[3],
                             double t_max)
 {
@@ -59,11 +60,12 @@ LR_INLINE bool lr_ray_setup(lr_ray *r, const lr_volume *v, const double o[3], co
         largest = size > largest ? size : largest;
         sum += r->o[a] - r->o[a] + (size - size); /* 0, or NaN where one is not finite */
     }
-    if (!(largest > 0.0) || sum != 0.0)
+    if (!(largest >= LR_LEAST_COMPONENT) || sum != 0.0)
         return false;
+    const double least = fmax(LR_TINY_COMPONENT * largest, LR_LEAST_COMPONENT);
     for (int a = 0; a < 3; a++) {
         double x = r->d[a];
-        r->s[a] = fabs(x) < LR_TINY_COMPONENT * largest ? 0 : (x > 0.0) - (x < 0.0);
+        r->s[a] = fabs(x) < least ? 0 : (x > 0.0) - (x < 0.0);
         r->inv[a] = r->s[a] != 0 ? 1.0 / x : 0.0;
         r->never[a] = r->s[a] != 0 ? 0.0 : INFINITY;
     }
@@ -117,6 +119,8 @@ LR_INLINE bool lr_enter(lr_ray *r, lr_spacing spacing, lr_cursor *u, const int32
     const double wider = 1.0 + 8.0 * 0x1p-53;
     double t0 = t_min, t1 = r->t_max;
     int32_t axis = -1;
+    if (lo[0] > hi[0]) /* no cells: nothing holds of such bounds */
+        return false;
     for (int a = 0; a < 3; a++) {
         r->lo[a] = lo[a];
         r->hi[a] = hi[a];
