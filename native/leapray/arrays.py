@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Mapping
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
-from ._lib import LeapRayError
+from ._lib import LeapRayError, OutOfMemory
+
+T = TypeVar("T")
 
 SAMPLE_TYPES = {
     "u8": (_abi.LR_U8, np.dtype(np.uint8)),
@@ -28,11 +32,25 @@ def pointer(array: NDArray | None, c_type=ctypes.c_double):
     return None if array is None else array.ctypes.data_as(ctypes.POINTER(c_type))
 
 
+def empty(shape: tuple[int, ...], dtype) -> NDArray:
+    """An array to be filled. Raises OutOfMemory, LeapRayError for sides that are none."""
+    if min(shape, default=0) < 0:
+        raise LeapRayError(f"sides of an array must be 0 or more; they are {shape}")
+    try:
+        return np.empty(shape, dtype)
+    except (MemoryError, ValueError, OverflowError) as error:  # as numpy says of too many bytes
+        raise OutOfMemory(f"there is no room for an array of {shape}: {error}") from None
+
+
 def triple(values, c_type=ctypes.c_int32):
     """Three numbers as a C array. Raises LeapRayError where ctypes would wrap one around."""
-    array = (c_type * 3)(*values)
-    if list(array) != list(values):
-        raise LeapRayError(f"three whole numbers of 32 bits are needed, not {tuple(values)}")
+    values = tuple(values)
+    try:
+        array = (c_type * 3)(*values)
+    except (TypeError, IndexError):
+        array = ()
+    if tuple(array) != values:
+        raise LeapRayError(f"three whole numbers of 32 bits are needed, not {values}")
     return array
 
 
@@ -64,8 +82,8 @@ def per_ray(value: ArrayLike | None, n: int, name: str) -> NDArray[np.float64] |
     return np.ascontiguousarray(np.broadcast_to(array, (n,)))
 
 
-def choice(names: dict[str, int], value: str, what: str) -> int:
-    """The number that a name stands for. Raises LeapRayError that lists the names."""
+def choice(names: Mapping[str, T], value: str, what: str) -> T:
+    """What a name stands for. Raises LeapRayError that lists the names."""
     if value not in names:
         raise LeapRayError(f"unknown {what} {value!r}; there are {', '.join(names)}")
     return names[value]

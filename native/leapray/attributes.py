@@ -67,6 +67,10 @@ class Texture:
         weakref.finalize(self, lib.lr_texture_free, self.handle)
         self.nbytes = self.pixels.nbytes + lib.lr_texture_nbytes(self.handle)
 
+    def __repr__(self) -> str:
+        height, width, _ = self.pixels.shape
+        return f"<Texture of {width} x {height} texels, {self.pixels.dtype}>"
+
     def sample(self, uvs: ArrayLike, footprints: ArrayLike | None = None) -> NDArray[np.float32]:
         """Colours (n, 3) at uvs (n, 2), averaged over footprints (n, 3); None: at points.
 

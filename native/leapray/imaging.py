@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, lib
-from .arrays import choice, pointer
+from .arrays import choice, empty, pointer
 from .rendering import Camera, camera_struct
 from .threads import check_threads, cores, run_parts
 from .tracing import METRICS, add_counters
@@ -43,8 +43,11 @@ class Clearance:
         self.nbytes = lib.lr_radii_nbytes(self.handle)
         weakref.finalize(self, lib.lr_radii_free, self.handle)
 
+    def __repr__(self) -> str:
+        return f"<Clearance {self.metric}, {self.nbytes / 1e6:.3g} MB, of {self.volume!r}>"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class FirstCells:
     """What lies behind each pixel; row 0 is the lowest."""
 
@@ -53,6 +56,13 @@ class FirstCells:
     hit: NDArray[np.bool_]  # (height, width)
     skipped: NDArray[np.bool_]  # (height, width) not traced, as a neighbour had shown a miss
     counters: dict[str, int]  # of the rays that were traced
+
+    def __repr__(self) -> str:
+        height, width = self.t.shape
+        return (
+            f"<FirstCells of {width} x {height} pixels, {self.hit.sum()} hit, "
+            f"{self.skipped.sum()} skipped>"
+        )
 
 
 def first_cells(
@@ -78,8 +88,8 @@ def first_cells(
     if width < 1 or height < 1:
         raise LeapRayError(f"an image needs pixels; there are {width} x {height}")
     number, seen = choice(SKIPS, skip, "skip"), camera_struct(camera)
-    t, cell = np.empty((height, width)), np.empty((height, width, 3), np.int32)
-    pixel = np.empty((height, width), np.uint8)
+    t, cell = empty((height, width), float), empty((height, width, 3), np.int32)
+    pixel = empty((height, width), np.uint8)
     watch = watch or Watch()
 
     def band(first: int, last: int) -> _abi.lr_counters:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import choice, pointer
+from .arrays import choice, empty, pointer
 from .tracing import Structure, trace_options
 
 # Channels of every pass, by Blender's names; those that show what is seen first come from the
@@ -217,6 +217,7 @@ class Scene:
         mist: tuple[float, float, str] = (5.0, 25.0, "QUADRATIC"),
     ) -> None:
         self._structures = [i.structure for i in instances]  # kept alive
+        self._told = f"{len(instances)} instances, {len(lights)} lights, {len(materials)} materials"
         lobes = _lobes(materials)
         tables = {
             "instances": _instances(instances),
@@ -245,6 +246,9 @@ class Scene:
         check(status, error)
         del lobes, pixels  # copied
         weakref.finalize(self, lib.lr_scene_free, self.handle)
+
+    def __repr__(self) -> str:
+        return f"<Scene of {self._told}>"
 
     def workspace(self, width: int, height: int, branches: int = 4) -> NDArray[np.uint8]:
         """Working memory for tiles of up to that size; one per thread, to be used again."""
@@ -448,7 +452,7 @@ def _buffer(
     """The caller's array, checked, or a new one."""
     shape = (max(height, 0), max(width, 0), PASSES[name])
     if array is None:
-        return np.empty(shape, np.float32)
+        return empty(shape, np.float32)
     fits = array.dtype == np.float32 and array.shape == shape
     if not (fits and array.flags.c_contiguous and array.flags.writeable):
         raise LeapRayError(

@@ -162,6 +162,9 @@ class Structure:
         self.nbytes = lib.lr_structure_nbytes(handle)
         weakref.finalize(self, lib.lr_structure_free, handle)
 
+    def __repr__(self) -> str:
+        return f"<Structure {self.traverser.spec}, {self.nbytes / 1e6:.3g} MB, of {self.volume!r}>"
+
 
 def build(
     volume: Volume,
@@ -176,6 +179,11 @@ def build(
     threads is taken for the builders that can use them; none of today's does.
     Raises LeapRayError for an unknown name, Stopped when watch was told to stop.
     """
+    if not isinstance(volume, Volume):
+        raise LeapRayError(
+            f"structures are built for a leapray.Volume, which leapray.Volume(samples) makes; "
+            f"this is of type {type(volume).__name__}"
+        )
     entry = spec if isinstance(spec, Traverser) else traverser(spec)
     numbers = [o.choices.index(c) for o, c in zip(entry.options, entry.chosen, strict=True)]
     choices = (ctypes.c_int32 * max(len(numbers), 1))(*numbers)
@@ -191,7 +199,7 @@ def build(
     return Structure(volume, entry, handle)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Hits:
     """One entry per ray. Points are origins + t * directions."""
 
@@ -201,6 +209,11 @@ class Hits:
     field_normal: NDArray[np.float64]  # (n, 3) of the trilinear field itself
     id: NDArray[np.int32]  # (n,)
     counters: dict[str, int]  # as add_counters gives them; empty if not asked
+
+    def __repr__(self) -> str:
+        near = self.t[np.isfinite(self.t)]
+        told = f", t from {near.min():.6g} to {near.max():.6g}" if len(near) else ""
+        return f"<Hits of {len(near)} of {len(self.t)} rays{told}>"
 
 
 def trace_options(
@@ -292,7 +305,7 @@ def trace(
 def add_counters(parts: list[_abi.lr_counters]) -> dict[str, int]:
     """Totals of rays, cells, jumps, nodes, tests, ..., and of most_cells the largest."""
     return {
-        name: (max if name == "most_cells" else sum)(getattr(part, name) for part in parts)
+        name: (max if name == "most_cells" else sum)([0, *(getattr(part, name) for part in parts)])
         for name, _ in _abi.lr_counters._fields_
     }
 

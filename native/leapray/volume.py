@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import NORMALS, SAMPLE_TYPES, choice, matrix, pointer, triple
+from .arrays import NORMALS, SAMPLE_TYPES, choice, empty, matrix, pointer, triple
 
 BRICK = 8  # samples along a brick
 
@@ -138,6 +138,15 @@ class Volume:
         weakref.finalize(self, lib.lr_volume_free, handle)
         self.info = self._read_info(planes)
 
+    def __repr__(self) -> str:
+        info = self.info
+        size = " x ".join(map(str, info.size))
+        exact = f", {info.n_exact_cells} of them exact" * (info.n_exact_cells > 0)
+        return (
+            f"<Volume of {size} samples, {info.dtype}, {info.kind}, "
+            f"{info.n_surface_cells} surface cells{exact}, {info.nbytes / 1e6:.3g} MB>"
+        )
+
     def _read_info(self, planes) -> VolumeInfo:
         info = _abi.lr_volume_info()
         lib.lr_volume_get_info(self.handle, ctypes.byref(info))
@@ -177,14 +186,15 @@ class Volume:
         self.info = self._read_info(self.info.planes)
 
     def _get(self, origin, size, dtype, which: str) -> NDArray:
-        block = np.empty(tuple(size)[::-1], dtype)
+        where, count = triple(origin), triple(self.info.size if size is None else size)
+        block = empty(tuple(count)[::-1], dtype)
         c_type = ctypes.c_uint16 if which == "ids" else ctypes.c_uint8
         target = None if which == "samples" else pointer(block, c_type)
         error = _abi.lr_error()
         status = lib.lr_volume_get(
             self.handle,
-            triple(origin),
-            triple(size),
+            where,
+            count,
             block.ctypes.data_as(ctypes.c_void_p) if which == "samples" else None,
             target if which == "ids" else None,
             target if which == "surface" else None,
@@ -198,21 +208,19 @@ class Volume:
 
         It may reach beyond the lattice, where samples are 0.
         """
-        return self._get(
-            origin, size or self.info.size, SAMPLE_TYPES[self.info.dtype][1], "samples"
-        )
+        return self._get(origin, size, SAMPLE_TYPES[self.info.dtype][1], "samples")
 
     def read_ids(self, origin=(0, 0, 0), size=None) -> NDArray[np.uint16]:
         """The ids of a block of samples, as `read`; 0 without ids."""
-        return self._get(origin, size or self.info.size, np.uint16, "ids")
+        return self._get(origin, size, np.uint16, "ids")
 
     def read_surface(self, origin=(0, 0, 0), size=None) -> NDArray[np.bool_]:
         """Which cells of a block are surface cells, as `read`; cell and lowest sample agree."""
-        return self._get(origin, size or self.info.size, np.uint8, "surface").astype(bool)
+        return self._get(origin, size, np.uint8, "surface").astype(bool)
 
     def read_exact(self, origin=(0, 0, 0), size=None) -> NDArray[np.bool_]:
         """Which cells of a block keep their triangles, as `read_surface`."""
-        return self._get(origin, size or self.info.size, np.uint8, "surface") == 2
+        return self._get(origin, size, np.uint8, "surface") == 2
 
     def bricks(self) -> tuple[NDArray[np.int32], int]:
         """Origins (n, 3) of all bricks of 8^3 samples that are not 0, and how many are stored.
@@ -290,7 +298,7 @@ class Volume:
         """
         where = _points(points)
         ids = _ids(ids, len(where))
-        found = np.empty(where.shape)
+        found = empty(where.shape)
         error = _abi.lr_error()
         status = lib.lr_volume_normals(
             self.handle,
@@ -350,8 +358,8 @@ class VolumeBuilder:
     def __init__(
         self, size, dtype, threshold=0.5, object_from_index=None, has_ids=False, sheet=False
     ) -> None:
-        sample_type, self._dtype = SAMPLE_TYPES[dtype]
-        self._size = tuple(size)
+        sample_type, self._dtype = choice(SAMPLE_TYPES, dtype, "dtype")
+        self._size = size = tuple(triple(size))
         desc = _abi.lr_volume_desc(
             nx=size[0],
             ny=size[1],
@@ -369,6 +377,10 @@ class VolumeBuilder:
         )
         check(status, error)
         self._free = weakref.finalize(self, lib.lr_volume_free, self._handle)
+
+    def __repr__(self) -> str:
+        state = "open" if self._free.alive else "spent"
+        return f"<VolumeBuilder of {' x '.join(map(str, self._size))} samples, {state}>"
 
     def place(self, planes) -> tuple[NDArray[np.float64], ...]:
         """Make the volume rectilinear; returns the planes (x, y, z) as they are taken."""
@@ -422,7 +434,15 @@ class VolumeBuilder:
 def _ids(ids: ArrayLike | None, n: int) -> NDArray[np.uint16] | None:
     if ids is None:
         return None
-    return np.ascontiguousarray(np.broadcast_to(np.asarray(ids, np.uint16), n))
+    numbers = np.asarray(ids)
+    if numbers.shape not in ((), (n,)) or numbers.dtype.kind not in "iu":
+        raise LeapRayError(
+            f"ids must be one whole number or {n}; they are {numbers.dtype} of shape "
+            f"{numbers.shape}"
+        )
+    if numbers.size and not 0 <= numbers.min() <= numbers.max() < 65536:
+        raise LeapRayError(f"ids must lie in 0..65535; they reach {numbers.min()}..{numbers.max()}")
+    return np.ascontiguousarray(np.broadcast_to(numbers.astype(np.uint16), n))
 
 
 def _points(points: ArrayLike) -> NDArray[np.float64]:

@@ -318,5 +318,5 @@ def _check_nbytes(wanted: float, max_nbytes: int | None) -> None:
             f"the volume may take {wanted / 1e6:.1f} MB, but {max_nbytes / 1e6:.1f} MB are "
             f"allowed; use a larger voxel_size"
         )
-        refusal.nbytes = int(wanted)
+        refusal.nbytes = int(min(wanted, 2.0**63))
         raise refusal
