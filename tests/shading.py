@@ -58,6 +58,7 @@ def door() -> ctypes.CDLL:
     folder = tempfile.mkdtemp()
     library = Path(folder, "door.so")
     sources = [ROOT / "native" / "src" / "render" / f"{name}.c" for name in SOURCES]
+    sources += [ROOT / "native" / "src" / "volume" / f"{name}.c" for name in ("texture", "program")]
     sources += [ROOT / "native" / "src" / "api.c", ROOT / "tests" / "c" / "shading.c"]
     flags = ["-std=c17", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno"]
     flags += [f"-I{ROOT / 'native' / part}" for part in ("include", "src")]
@@ -169,11 +170,11 @@ def look_at_world(world, d):
 
 
 def _world(world, u, rays):
-    desc, pixels = rendering._world(world)
+    desc, texture = rendering._world(world)
     where = None if u is None else _address(u)
     assert _call("door_environment", ctypes.byref(desc), ctypes.c_int64(len(rays)), where,
                  _address(rays))  # fmt: skip
-    del pixels
+    del texture
     return rays
 
 

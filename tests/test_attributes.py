@@ -115,6 +115,10 @@ def lookup(pixels, uv, extension, interpolation):
         i, j = texel(i, w), texel(j, h)
         return np.zeros(3) if i is None or j is None else pixels[j, i]
 
+    def weights(t):  # of a B-spline
+        away = np.abs(np.arange(-1, 3) - t)
+        return np.where(away < 1, 2 / 3 - away**2 + away**3 / 2, (2 - away) ** 3 / 6)
+
     out = []
     for u, v in uv:
         if interpolation == "closest":
@@ -123,6 +127,10 @@ def lookup(pixels, uv, extension, interpolation):
         x, y = u * w - 0.5, v * h - 0.5
         i, j = int(np.floor(x)), int(np.floor(y))
         p, q = x - i, y - j
+        if interpolation == "cubic":
+            taps = [[at(i + k, j + m) for k in range(-1, 3)] for m in range(-1, 3)]
+            out.append(np.einsum("m,k,mkc->c", weights(q), weights(p), taps))
+            continue
         row = [(1 - p) * at(i, j + k) + p * at(i + 1, j + k) for k in (0, 1)]
         out.append((1 - q) * row[0] + q * row[1])
     return np.array(out)
@@ -318,7 +326,8 @@ def test_threads_change_no_attribute():
     [
         (lambda: Texture(np.zeros((4, 4))), r"pixels must have the shape \(h, w, 3\)"),
         (lambda: Texture(np.zeros((0, 4, 3))), "1 to 65536 texels per side; it is 4 x 0"),
-        (lambda: Texture(np.zeros((4, 4, 3)), "cubic"), "unknown interpolation 'cubic'"),
+        (lambda: Texture(np.zeros((4, 4, 3)), "sharp"), "unknown interpolation 'sharp'"),
+        (lambda: Texture(np.zeros((4, 4, 4))), r"pixels must have the shape \(h, w, 3\)"),
         (lambda: Texture(np.zeros((4, 4, 3)), extension="wrap"), "unknown extension 'wrap'"),
         (lambda: Texture(np.zeros((4, 4, 3))).sample([[0, 0]], [[0, 0, -1]]), "of a width of 0"),
         (lambda: bake(normals=np.zeros((3, 3))), r"normals must have the shape \(12, 3, 3\)"),

@@ -164,7 +164,8 @@ def test_a_plain_world_has_its_colour_and_is_not_sampled():
 
 
 def test_an_image_lies_round_the_world_as_blender_puts_it():
-    """Longitude falls from left to right, the middle shows +X, the lowest row -Z."""
+    """Longitude falls from left to right, the middle shows +X, the lowest row -Z. Above the
+    highest row comes the lowest again, as in Cycles."""
     h, w = 16, 32
     pixels = np.zeros((h, w, 3), np.float32)
     pixels[..., 0], pixels[..., 1] = np.arange(w), np.arange(h)[:, None]
@@ -174,7 +175,9 @@ def test_an_image_lies_round_the_world_as_blender_puts_it():
     got = look_at_world(world, d)["color"]
     np.testing.assert_allclose(got[:3, 0], [15.5, 7.5, 23.5])
     np.testing.assert_allclose(got[3, 0], (0 + 31) / 2, atol=1e-6)  # the seam
-    np.testing.assert_allclose(got[:, 1], [7.5, 7.5, 7.5, 7.5, 15, 0])
+    np.testing.assert_allclose(got[:, 1], np.full(6, 7.5))
+    poles = np.array([(0, 0.1, 1), (0, 0.1, -1)]) / np.sqrt(1.01)
+    np.testing.assert_allclose(look_at_world(world, poles)["color"][:, 1], [15, 0], atol=0.02)
     turned = look_at_world(World((1, 1, 1), pixels, TURN), d[:3])["color"]
     np.testing.assert_allclose(turned, look_at_world(world, d[:3] @ TURN.T)["color"])
 

@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 23 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 30 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -182,11 +182,102 @@ LR_API lr_status lr_volume_normals(const lr_volume *volume, const double *points
 LR_API lr_status lr_volume_merge(const lr_volume *const *volumes, uint64_t n,
                                  const lr_watch *watch, lr_volume **volume, lr_error *error);
 
+/* ---- programs ----------------------------------------------------------- */
+
+/* Operations of Blender's shader nodes on f32, with Cycles' answers where mathematics
+ * has none: a division by 0 gives 0, and so does a power of a negative base whose exponent is
+ * no whole number. */
+typedef enum lr_operation {
+    LR_OP_ADD = 0,
+    LR_OP_SUBTRACT = 1,
+    LR_OP_MULTIPLY = 2,
+    LR_OP_DIVIDE = 3,
+    LR_OP_MULTIPLY_ADD = 4, /* a * b + c */
+    LR_OP_POWER = 5,
+    LR_OP_LOGARITHM = 6, /* of a to the base b */
+    LR_OP_SQRT = 7,
+    LR_OP_INVERSE_SQRT = 8,
+    LR_OP_ABSOLUTE = 9,
+    LR_OP_EXPONENT = 10,
+    LR_OP_MINIMUM = 11,
+    LR_OP_MAXIMUM = 12,
+    LR_OP_LESS_THAN = 13, /* 1 or 0, as those that follow */
+    LR_OP_GREATER_THAN = 14,
+    LR_OP_COMPARE = 15, /* a and b differ by c at most */
+    LR_OP_SIGN = 16,
+    LR_OP_SMOOTH_MIN = 17, /* within the distance c */
+    LR_OP_ROUND = 18,
+    LR_OP_FLOOR = 19,
+    LR_OP_CEIL = 20,
+    LR_OP_TRUNC = 21,
+    LR_OP_FRACT = 22,
+    LR_OP_MODULO = 23, /* of a's sign */
+    LR_OP_FLOORED_MODULO = 24,
+    LR_OP_WRAP = 25, /* a into the range from c to b */
+    LR_OP_PINGPONG = 26,
+    LR_OP_SINE = 27,
+    LR_OP_COSINE = 28,
+    LR_OP_TANGENT = 29,
+    LR_OP_ARCSINE = 30,
+    LR_OP_ARCCOSINE = 31,
+    LR_OP_ARCTANGENT = 32,
+    LR_OP_ARCTAN2 = 33,
+    LR_OP_SINH = 34,
+    LR_OP_COSH = 35,
+    LR_OP_TANH = 36,
+    LR_OP_SELECT = 37,   /* a is not 0: b, else c */
+    LR_OP_FROM_SRGB = 38,
+    LR_OP_TABLE = 39     /* a looked up in table b of the program */
+} lr_operation;
+
+typedef enum lr_table_kind {
+    LR_TABLE_LINEAR = 0,     /* between the values of 0..1, the ends beyond */
+    LR_TABLE_CONSTANT = 1,   /* the value before */
+    LR_TABLE_EXTRAPOLATE = 2 /* linear, and on in the direction of its ends */
+} lr_table_kind;
+
+/* values[first .. first + n - 1] at 0..1 */
+typedef struct lr_table {
+    uint32_t first, n; /* n is 2 or more */
+    int32_t kind;      /* lr_table_kind */
+} lr_table;
+
+/* Operands below LR_PROGRAM_REGISTERS are registers, others constants. */
+typedef enum lr_program_size { LR_PROGRAM_REGISTERS = 256 } lr_program_size;
+
+typedef struct lr_instruction {
+    uint16_t operation, to; /* lr_operation, a register */
+    uint16_t a, b, c;
+} lr_instruction;
+
+/* What shader nodes make of an image's colour. Registers 0..3 hold the colour and its alpha
+ * before the first instruction; none of the others is read before it is written. */
+typedef struct lr_program {
+    const lr_instruction *instructions;
+    uint64_t n_instructions;
+    const float *constants;
+    uint64_t n_constants;
+    const lr_table *tables;
+    uint64_t n_tables;
+    const float *values;
+    uint64_t n_values;
+    uint16_t outputs[3]; /* operands */
+    uint16_t reserved;
+} lr_program;
+
+/* Of one operation but LR_OP_TABLE; NaN of an unknown one. */
+LR_API float lr_operate(int32_t operation, float a, float b, float c);
+
+/* outputs[n][3] of inputs[n][4] */
+LR_API lr_status lr_program_run(const lr_program *program, const float *inputs, uint64_t n,
+                                float *outputs, lr_error *error);
+
 /* ---- textures ---------------------------------------------------------- */
 
 typedef enum lr_interpolation {
     LR_INTERPOLATION_LINEAR = 0,
-    LR_INTERPOLATION_CLOSEST = 1
+    LR_INTERPOLATION_CLOSEST = 1,
+    LR_INTERPOLATION_CUBIC = 2 /* a B-spline, which smooths */
 } lr_interpolation;
 
 typedef enum lr_extension { /* what lies outside 0..1 */
@@ -198,12 +289,24 @@ typedef enum lr_extension { /* what lies outside 0..1 */
 
 typedef struct lr_texture lr_texture;
 
-/* An image with its smaller versions. pixels[height][width][3], rows from below, must live
- * longer; of LR_F32 they are linear RGB, of LR_U8 sRGB, and interpolated as such. Texel
+/* An image with its smaller versions. pixels[height][width][channels], rows from below, must
+ * live longer. Without a program they have 3 channels, of LR_F32 linear RGB, of LR_U8 sRGB,
+ * and are interpolated as such. With one they have 3 or 4 (alpha), are interpolated as they
+ * are, those of LR_U8 as 0..1, and the program makes linear RGB of what is looked up. A
+ * program without pixels makes it of the colours of a mesh's corners, interpolated. Texel
  * (x, y) has its centre at u = (x + 1/2) / width, v = (y + 1/2) / height. */
-LR_API lr_status lr_texture_new(const void *pixels, int32_t sample_type, int32_t width,
-                                int32_t height, int32_t interpolation, int32_t extension,
-                                const lr_watch *watch, lr_texture **texture, lr_error *error);
+typedef struct lr_texture_desc {
+    const void *pixels;        /* NULL: the corners' colours */
+    const lr_program *program; /* must live longer; or NULL */
+    int32_t sample_type, channels;
+    int32_t width, height;
+    int32_t interpolation, extension;
+    int32_t points_only; /* 1: no smaller versions, as it is looked up at points alone */
+    int32_t reserved;
+} lr_texture_desc;
+
+LR_API lr_status lr_texture_new(const lr_texture_desc *desc, const lr_watch *watch,
+                                lr_texture **texture, lr_error *error);
 LR_API void lr_texture_free(lr_texture *texture); /* NULL is fine */
 LR_API uint64_t lr_texture_nbytes(const lr_texture *texture); /* without the pixels */
 
@@ -597,8 +700,7 @@ typedef struct lr_material_desc {
 typedef struct lr_world {
     double color[3];            /* radiance, which may be negative; multiplies the image */
     double image_from_world[9]; /* rotation that takes directions to those of the image, row-major */
-    const float *pixels;        /* [height][width][3] radiance, or NULL */
-    int32_t width, height;
+    const lr_texture *image;    /* of radiance by longitude and latitude, must live longer; or NULL */
     uint32_t visibility;        /* lr_visibility; shadow is not read */
     int32_t max_bounces;        /* as of lr_light; of a world with an image */
 } lr_world;

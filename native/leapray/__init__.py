@@ -6,6 +6,17 @@ from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
 from .arrays import NORMALS
 from .attributes import VERTEX, WHITE, Attributes, Texture
 from .imaging import SKIPS, Clearance, FirstCells, first_cells
+from .programs import (
+    INPUTS,
+    Program,
+    Step,
+    Table,
+    Value,
+    compile_program,
+    inputs_of,
+    is_affine,
+    operate,
+)
 from .rendering import (
     PASSES,
     PIXEL_FILTERS,
@@ -42,6 +53,7 @@ from .voxelization import MeshInfo, mesh_layers, voxelize
 
 __all__ = [
     "HIT_TESTS",
+    "INPUTS",
     "METRICS",
     "MODES",
     "NORMALS",
@@ -65,11 +77,15 @@ __all__ = [
     "MeshInfo",
     "Option",
     "OutOfMemory",
+    "Program",
     "Scene",
+    "Step",
     "Stopped",
     "Structure",
+    "Table",
     "Texture",
     "Traverser",
+    "Value",
     "Volume",
     "VolumeBuilder",
     "VolumeInfo",
@@ -79,10 +95,14 @@ __all__ = [
     "add_counters",
     "branches_for",
     "build",
+    "compile_program",
     "distance",
     "first_cells",
+    "inputs_of",
+    "is_affine",
     "merge",
     "mesh_layers",
+    "operate",
     "trace",
     "trace_options",
     "traverser",

@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 23
+LR_ABI = 30
 
 
 class lr_status(IntEnum):
@@ -29,9 +29,63 @@ class lr_kind(IntEnum):
     LR_KIND_SHEET = 2
 
 
+class lr_operation(IntEnum):
+    LR_OP_ADD = 0
+    LR_OP_SUBTRACT = 1
+    LR_OP_MULTIPLY = 2
+    LR_OP_DIVIDE = 3
+    LR_OP_MULTIPLY_ADD = 4
+    LR_OP_POWER = 5
+    LR_OP_LOGARITHM = 6
+    LR_OP_SQRT = 7
+    LR_OP_INVERSE_SQRT = 8
+    LR_OP_ABSOLUTE = 9
+    LR_OP_EXPONENT = 10
+    LR_OP_MINIMUM = 11
+    LR_OP_MAXIMUM = 12
+    LR_OP_LESS_THAN = 13
+    LR_OP_GREATER_THAN = 14
+    LR_OP_COMPARE = 15
+    LR_OP_SIGN = 16
+    LR_OP_SMOOTH_MIN = 17
+    LR_OP_ROUND = 18
+    LR_OP_FLOOR = 19
+    LR_OP_CEIL = 20
+    LR_OP_TRUNC = 21
+    LR_OP_FRACT = 22
+    LR_OP_MODULO = 23
+    LR_OP_FLOORED_MODULO = 24
+    LR_OP_WRAP = 25
+    LR_OP_PINGPONG = 26
+    LR_OP_SINE = 27
+    LR_OP_COSINE = 28
+    LR_OP_TANGENT = 29
+    LR_OP_ARCSINE = 30
+    LR_OP_ARCCOSINE = 31
+    LR_OP_ARCTANGENT = 32
+    LR_OP_ARCTAN2 = 33
+    LR_OP_SINH = 34
+    LR_OP_COSH = 35
+    LR_OP_TANH = 36
+    LR_OP_SELECT = 37
+    LR_OP_FROM_SRGB = 38
+    LR_OP_TABLE = 39
+
+
+class lr_table_kind(IntEnum):
+    LR_TABLE_LINEAR = 0
+    LR_TABLE_CONSTANT = 1
+    LR_TABLE_EXTRAPOLATE = 2
+
+
+class lr_program_size(IntEnum):
+    LR_PROGRAM_REGISTERS = 256
+
+
 class lr_interpolation(IntEnum):
     LR_INTERPOLATION_LINEAR = 0
     LR_INTERPOLATION_CLOSEST = 1
+    LR_INTERPOLATION_CUBIC = 2
 
 
 class lr_extension(IntEnum):
@@ -184,7 +238,10 @@ class lr_pixel(IntEnum):
 LR_OK, LR_E_ARGUMENT, LR_E_SIZE, LR_E_MEMORY, LR_E_STOPPED = lr_status
 LR_U8, LR_U16, LR_F32 = lr_sample_type
 LR_KIND_AUTO, LR_KIND_SOLID, LR_KIND_SHEET = lr_kind
-LR_INTERPOLATION_LINEAR, LR_INTERPOLATION_CLOSEST = lr_interpolation
+LR_OP_ADD, LR_OP_SUBTRACT, LR_OP_MULTIPLY, LR_OP_DIVIDE, LR_OP_MULTIPLY_ADD, LR_OP_POWER, LR_OP_LOGARITHM, LR_OP_SQRT, LR_OP_INVERSE_SQRT, LR_OP_ABSOLUTE, LR_OP_EXPONENT, LR_OP_MINIMUM, LR_OP_MAXIMUM, LR_OP_LESS_THAN, LR_OP_GREATER_THAN, LR_OP_COMPARE, LR_OP_SIGN, LR_OP_SMOOTH_MIN, LR_OP_ROUND, LR_OP_FLOOR, LR_OP_CEIL, LR_OP_TRUNC, LR_OP_FRACT, LR_OP_MODULO, LR_OP_FLOORED_MODULO, LR_OP_WRAP, LR_OP_PINGPONG, LR_OP_SINE, LR_OP_COSINE, LR_OP_TANGENT, LR_OP_ARCSINE, LR_OP_ARCCOSINE, LR_OP_ARCTANGENT, LR_OP_ARCTAN2, LR_OP_SINH, LR_OP_COSH, LR_OP_TANH, LR_OP_SELECT, LR_OP_FROM_SRGB, LR_OP_TABLE = lr_operation
+LR_TABLE_LINEAR, LR_TABLE_CONSTANT, LR_TABLE_EXTRAPOLATE = lr_table_kind
+(LR_PROGRAM_REGISTERS,) = lr_program_size
+LR_INTERPOLATION_LINEAR, LR_INTERPOLATION_CLOSEST, LR_INTERPOLATION_CUBIC = lr_interpolation
 LR_EXTENSION_REPEAT, LR_EXTENSION_EXTEND, LR_EXTENSION_CLIP, LR_EXTENSION_MIRROR = lr_extension
 LR_COLOR_NONE, LR_COLOR_VERTEX = lr_color_source
 LR_FILTER_RAMP, LR_FILTER_BOX, LR_FILTER_CONE, LR_FILTER_GAUSS, LR_FILTER_BINARY = lr_filter
@@ -259,8 +316,56 @@ class lr_volume_info(ctypes.Structure):
     )
 
 
+class lr_table(ctypes.Structure):
+    _fields_ = (
+        ("first", ctypes.c_uint32),
+        ("n", ctypes.c_uint32),
+        ("kind", ctypes.c_int32),
+    )
+
+
+class lr_instruction(ctypes.Structure):
+    _fields_ = (
+        ("operation", ctypes.c_uint16),
+        ("to", ctypes.c_uint16),
+        ("a", ctypes.c_uint16),
+        ("b", ctypes.c_uint16),
+        ("c", ctypes.c_uint16),
+    )
+
+
+class lr_program(ctypes.Structure):
+    _fields_ = (
+        ("instructions", ctypes.POINTER(lr_instruction)),
+        ("n_instructions", ctypes.c_uint64),
+        ("constants", ctypes.POINTER(ctypes.c_float)),
+        ("n_constants", ctypes.c_uint64),
+        ("tables", ctypes.POINTER(lr_table)),
+        ("n_tables", ctypes.c_uint64),
+        ("values", ctypes.POINTER(ctypes.c_float)),
+        ("n_values", ctypes.c_uint64),
+        ("outputs", ctypes.c_uint16 * 3),
+        ("reserved", ctypes.c_uint16),
+    )
+
+
 class lr_texture(ctypes.Structure):
     pass  # opaque
+
+
+class lr_texture_desc(ctypes.Structure):
+    _fields_ = (
+        ("pixels", ctypes.c_void_p),
+        ("program", ctypes.POINTER(lr_program)),
+        ("sample_type", ctypes.c_int32),
+        ("channels", ctypes.c_int32),
+        ("width", ctypes.c_int32),
+        ("height", ctypes.c_int32),
+        ("interpolation", ctypes.c_int32),
+        ("extension", ctypes.c_int32),
+        ("points_only", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
+    )
 
 
 class lr_attributes(ctypes.Structure):
@@ -458,9 +563,7 @@ class lr_world(ctypes.Structure):
     _fields_ = (
         ("color", ctypes.c_double * 3),
         ("image_from_world", ctypes.c_double * 9),
-        ("pixels", ctypes.POINTER(ctypes.c_float)),
-        ("width", ctypes.c_int32),
-        ("height", ctypes.c_int32),
+        ("image", ctypes.POINTER(lr_texture)),
         ("visibility", ctypes.c_uint32),
         ("max_bounces", ctypes.c_int32),
     )
@@ -675,13 +778,21 @@ PROTOTYPES = {
         ctypes.POINTER(ctypes.POINTER(lr_volume)),
         ctypes.POINTER(lr_error),
     )),
+    "lr_operate": (ctypes.c_float, (
+        ctypes.c_int32,
+        ctypes.c_float,
+        ctypes.c_float,
+        ctypes.c_float,
+    )),
+    "lr_program_run": (ctypes.c_int, (
+        ctypes.POINTER(lr_program),
+        ctypes.POINTER(ctypes.c_float),
+        ctypes.c_uint64,
+        ctypes.POINTER(ctypes.c_float),
+        ctypes.POINTER(lr_error),
+    )),
     "lr_texture_new": (ctypes.c_int, (
-        ctypes.c_void_p,
-        ctypes.c_int32,
-        ctypes.c_int32,
-        ctypes.c_int32,
-        ctypes.c_int32,
-        ctypes.c_int32,
+        ctypes.POINTER(lr_texture_desc),
         ctypes.POINTER(lr_watch),
         ctypes.POINTER(ctypes.POINTER(lr_texture)),
         ctypes.POINTER(lr_error),

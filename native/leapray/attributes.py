@@ -13,10 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import choice, pointer
+from .programs import Program
 
 INTERPOLATIONS = {
     "linear": _abi.LR_INTERPOLATION_LINEAR,
     "closest": _abi.LR_INTERPOLATION_CLOSEST,
+    "cubic": _abi.LR_INTERPOLATION_CUBIC,
 }
 EXTENSIONS = {
     "repeat": _abi.LR_EXTENSION_REPEAT,
@@ -33,37 +35,47 @@ class Texture:
     pixels: (height, width, 3), rows from below: uint8 in sRGB, which is interpolated as
     such, as Cycles does, or linear RGB; what is not finite is black. The centre of texel
     (x, y) lies at u = (x + 0.5) / width, v likewise.
-    interpolation: "linear" or "closest"; extension, what lies outside 0..1:
+    interpolation: "linear", "closest" or "cubic"; extension, what lies outside 0..1:
     "repeat", "extend" (the colour of the edge), "clip" (black) or "mirror".
+    program: makes linear RGB of what is looked up, of pixels as they are, with alpha
+    where they have a fourth channel, uint8 as 0..1; pixels of None are the colours of the
+    mesh's corners. points_only: no smaller versions, for what is looked up at points alone.
     Raises LeapRayError, Stopped.
     Source: Williams 1983 (pyramid).
     """
 
     def __init__(
         self,
-        pixels: ArrayLike,
+        pixels: ArrayLike | None,
         interpolation: str = "linear",
         extension: str = "repeat",
+        program: Program | None = None,
         *,
+        points_only: bool = False,
         watch: Watch | None = None,
     ) -> None:
+        self.program = program
         coded = getattr(pixels, "dtype", None) == np.uint8
-        self.pixels = np.ascontiguousarray(pixels, dtype=np.uint8 if coded else np.float32)
-        if self.pixels.ndim != 3 or self.pixels.shape[2] != 3:
-            raise LeapRayError(f"pixels must have the shape (h, w, 3); it is {self.pixels.shape}")
-        height, width, _ = self.pixels.shape
-        self.handle = ctypes.POINTER(_abi.lr_texture)()
-        call(
-            lib.lr_texture_new,
-            self.pixels.ctypes.data_as(ctypes.c_void_p),
-            _abi.LR_U8 if coded else _abi.LR_F32,
-            width,
-            height,
-            choice(INTERPOLATIONS, interpolation, "interpolation"),
-            choice(EXTENSIONS, extension, "extension"),
-            watch=watch,
-            outputs=(self.handle,),
+        self.of_corners = of_corners = pixels is None and program is not None
+        self.pixels = np.ascontiguousarray(
+            np.zeros((1, 1, 3)) if of_corners else pixels, dtype=np.uint8 if coded else np.float32
         )
+        if self.pixels.ndim != 3 or self.pixels.shape[2] not in ((3, 4) if program else (3,)):
+            raise LeapRayError(f"pixels must have the shape (h, w, 3); it is {self.pixels.shape}")
+        height, width, channels = self.pixels.shape
+        self.handle = ctypes.POINTER(_abi.lr_texture)()
+        desc = _abi.lr_texture_desc(
+            pixels=None if of_corners else self.pixels.ctypes.data,
+            program=ctypes.pointer(program.packed) if program else None,
+            sample_type=_abi.LR_U8 if coded else _abi.LR_F32,
+            channels=channels,
+            width=width,
+            height=height,
+            interpolation=choice(INTERPOLATIONS, interpolation, "interpolation"),
+            extension=choice(EXTENSIONS, extension, "extension"),
+            points_only=int(points_only),
+        )
+        call(lib.lr_texture_new, ctypes.byref(desc), watch=watch, outputs=(self.handle,))
         weakref.finalize(self, lib.lr_texture_free, self.handle)
         self.nbytes = self.pixels.nbytes + lib.lr_texture_nbytes(self.handle)
 

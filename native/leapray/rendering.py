@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import choice, empty, pointer
+from .attributes import Texture
 from .tracing import Structure, trace_options
 
 # Channels of every pass, by Blender's names; those that show what is seen first come from the
@@ -163,7 +164,8 @@ class World:
     """What surrounds the scene: a color, which multiplies the image where there is one."""
 
     color: ArrayLike = (0.0, 0.0, 0.0)  # (3,) radiance
-    image: NDArray[np.float32] | None = None  # (height, width, 3) by longitude and latitude
+    image: NDArray[np.float32] | Texture | None = None  # (height, width, 3), as pixels of a
+    # Texture, by longitude and latitude, rows from below; or one that repeats
     image_from_world: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     max_bounces: int = 1024  # of a world with an image: surfaces behind more do not ask it
     visible_camera: bool = True
@@ -234,7 +236,7 @@ class Scene:
         if slot_objects is not None:
             objects = np.array(_vector(slot_objects, "slot_objects", (len(slots),)), np.int32)
             desc.slot_objects = pointer(objects, ctypes.c_int32)
-        desc.world, pixels = _world(world or World())
+        desc.world, self._sky = _world(world or World())
         desc.film_transparent = int(film_transparent)
         desc.mist_start, desc.mist_depth = mist[:2]
         desc.mist_power = choice(MIST_POWERS, mist[2], "falloff of the mist")
@@ -244,7 +246,7 @@ class Scene:
             ctypes.byref(desc), ctypes.byref(self.handle), ctypes.byref(error)
         )
         check(status, error)
-        del lobes, pixels  # copied
+        del lobes  # copied
         weakref.finalize(self, lib.lr_scene_free, self.handle)
 
     def __repr__(self) -> str:
@@ -430,20 +432,19 @@ def _materials(materials: Sequence[Material], lobes: NDArray) -> NDArray:
     return table
 
 
-def _world(world: World) -> tuple[_abi.lr_world, NDArray[np.float32] | None]:
-    """The description, and the pixels that it points to."""
+def _world(world: World) -> tuple[_abi.lr_world, Texture | None]:
+    """The description, and the texture that it points to."""
     result = _abi.lr_world(visibility=_visibility(world), max_bounces=world.max_bounces)
     result.color[:] = _vector(world.color, "the world's color")
     rotation = _vector(world.image_from_world, "the world's rotation", (3, 3))
     result.image_from_world[:] = rotation.ravel()
     if world.image is None:
         return result, None
-    pixels = np.ascontiguousarray(world.image, np.float32)
-    if pixels.ndim != 3 or pixels.shape[2] != 3:
-        raise LeapRayError(f"the world's image must have shape (h, w, 3), it has {pixels.shape}")
-    result.pixels = pointer(pixels, ctypes.c_float)
-    result.height, result.width = pixels.shape[:2]
-    return result, pixels
+    image = world.image
+    if not isinstance(image, Texture):
+        image = Texture(image, points_only=True)
+    result.image = image.handle
+    return result, image
 
 
 def _buffer(

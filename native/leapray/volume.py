@@ -298,7 +298,7 @@ class Volume:
         """
         where = _points(points)
         ids = _ids(ids, len(where))
-        found = empty(where.shape)
+        found = np.empty(where.shape)
         error = _abi.lr_error()
         status = lib.lr_volume_normals(
             self.handle,

@@ -1,8 +1,8 @@
 /* The surroundings.
  *
  * Between the centres of texels radiance is interpolated. So each texel is chosen
- * by what it and its eight neighbours bring into it, and no direction with light
- * is without density.
+ * by what it and its neighbours bring into it, and no direction with light is without
+ * density.
  *
  * Source: Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., 2023,
  * sections 12.5 and A.5.
@@ -11,10 +11,13 @@
 #include "render/environment.h"
 
 #include "error.h"
+#include "volume/texture.h"
 
 static const double PI = 3.141592653589793;
 
-enum { SIDE_MAX = 1 << 15 };
+/* Where a program may make light between looks, a texel is chosen at least so often, in
+ * parts of the mean. */
+static const double LEAST = 0x1p-4;
 
 lr_status lr_environment_check(const lr_world *world, lr_error *error)
 {
@@ -26,24 +29,15 @@ lr_status lr_environment_check(const lr_world *world, lr_error *error)
         return lr_fail(error, LR_E_ARGUMENT,
                        "the world must have a limit of bounces of 0 or more, it has %d",
                        world->max_bounces);
-    if (world->pixels == NULL)
+    if (world->image == NULL)
         return LR_OK;
-    if (world->width < 1 || world->height < 1 || world->width > SIDE_MAX ||
-        world->height > SIDE_MAX)
-        return lr_fail(error, LR_E_SIZE,
-                       "the world's image must have 1 to %d pixels along its sides, it has %d x %d",
-                       SIDE_MAX, world->width, world->height);
+    if (lr_texture_is_of_corners(world->image))
+        return lr_fail(error, LR_E_ARGUMENT, "the world's image needs pixels");
     for (int i = 0; i < 3; i++)
         for (int k = 0; k <= i; k++)
             if (!(fabs(lr_dot(m + 3 * i, m + 3 * k) - (i == k)) < 1e-3))
                 return lr_fail(error, LR_E_ARGUMENT,
                                "the world's image must be placed by a rotation");
-    const size_t n = (size_t)world->width * (size_t)world->height * 3;
-    for (size_t i = 0; i < n; i++)
-        if (!isfinite(world->pixels[i]))
-            return lr_fail(error, LR_E_ARGUMENT,
-                           "the world's image must have finite pixels, one is %g",
-                           (double)world->pixels[i]);
     return LR_OK;
 }
 
@@ -58,53 +52,42 @@ static void texel_of(const lr_environment *e, const double d[3], double *x, doub
     *y = (0.5 + atan2(q[2], hypot(q[0], q[1])) / PI) * e->height;
 }
 
-static const float *texel(const lr_environment *e, int32_t x, int32_t y)
+static void look(const lr_environment *e, double x, double y, double rgb[3])
 {
-    x = (x % e->width + e->width) % e->width;
-    y = lr_max_i(0, lr_min_i(y, e->height - 1));
-    return e->pixels[(size_t)y * (size_t)e->width + (size_t)x];
-}
-
-static void interpolate(const lr_environment *e, double x, double y, double rgb[3])
-{
-    const double fx = floor(x - 0.5), fy = floor(y - 0.5);
-    const double tx = x - 0.5 - fx, ty = y - 0.5 - fy;
-    const int32_t i = (int32_t)fx, j = (int32_t)fy;
-    const float *a = texel(e, i, j), *b = texel(e, i + 1, j);
-    const float *c = texel(e, i, j + 1), *d = texel(e, i + 1, j + 1);
+    lr_texture_look(e->image, (const double[2]){x / e->width, y / e->height}, rgb);
     for (int k = 0; k < 3; k++)
-        rgb[k] = e->color[k] *
-                 ((1 - ty) * ((1 - tx) * a[k] + tx * b[k]) + ty * ((1 - tx) * c[k] + tx * d[k]));
+        rgb[k] *= e->color[k];
 }
 
 void lr_environment_radiance(const lr_environment *e, const double d[3], double rgb[3])
 {
-    if (e->pixels == NULL) {
+    if (e->image == NULL) {
         memcpy(rgb, e->color, 3 * sizeof *rgb);
         return;
     }
     double x, y;
     texel_of(e, d, &x, &y);
-    interpolate(e, x, y, rgb);
+    look(e, x, y, rgb);
 }
 
 /* ---- densities ------------------------------------------------------------ */
 
 /* Whatever its sign: light that is taken away counts as much. */
-static double brightness(const lr_environment *e, int32_t x, int32_t y)
+static double brightness(const double rgb[3])
 {
-    const float *p = texel(e, x, y);
-    return fabs(e->color[0] * p[0]) + fabs(e->color[1] * p[1]) + fabs(e->color[2] * p[2]);
+    return fabs(rgb[0]) + fabs(rgb[1]) + fabs(rgb[2]);
 }
 
-/* What interpolation brings into a texel, in the mean over it. */
+/* Of a texel in the mean over it, by looks at its quarters' middles, which is exact for
+ * linear interpolation; with a program at its ninths', one of which is its own middle. */
 static double inside_texel(const lr_environment *e, int32_t x, int32_t y)
 {
-    static const double tent[3] = {0.125, 0.75, 0.125};
-    double sum = 0;
-    for (int32_t j = -1; j <= 1; j++)
-        for (int32_t i = -1; i <= 1; i++)
-            sum += tent[i + 1] * tent[j + 1] * brightness(e, x + i, y + j);
+    const int n = e->image->program != NULL ? 3 : 2;
+    double sum = 0, rgb[3];
+    for (int q = 0; q < n * n; q++) {
+        look(e, x + (q % n + 0.5) / n, y + ((double)(q / n) + 0.5) / n, rgb);
+        sum += brightness(rgb) / (n * n);
+    }
     return sum;
 }
 
@@ -126,10 +109,18 @@ static double normalize(double *sums, float *shares, int32_t n)
 static void add_up(lr_environment *e, double *of_rows, double *of_row)
 {
     of_rows[0] = of_row[0] = 0;
+    double mean = 0;
+    const size_t w = (size_t)e->width, n = w * (size_t)e->height;
+    for (size_t i = 0; i < n; i++) {
+        float *texel = e->columns + i + i / w + 1;
+        *texel = (float)inside_texel(e, (int32_t)(i % w), (int32_t)(i / w));
+        mean += (double)*texel / (double)n;
+    }
+    const double least = e->image->program != NULL ? LEAST * mean : 0;
     for (int32_t y = 0; y < e->height; y++) {
+        float *columns = e->columns + (size_t)y * (w + 1);
         for (int32_t x = 0; x < e->width; x++)
-            of_row[x + 1] = of_row[x] + inside_texel(e, x, y);
-        float *columns = e->columns + (size_t)y * ((size_t)e->width + 1);
+            of_row[x + 1] = of_row[x] + (double)columns[x + 1] + least;
         of_rows[y + 1] = of_rows[y] + height_of(e, y) * normalize(of_row, columns, e->width);
     }
     e->brightness = normalize(of_rows, e->rows, e->height) / (2.0 * e->width);
@@ -140,30 +131,27 @@ lr_status lr_environment_make(const lr_world *world, lr_environment *e, lr_error
     *e = (lr_environment){.width = 0};
     memcpy(e->color, world->color, sizeof e->color);
     memcpy(e->image_from_world, world->image_from_world, sizeof e->image_from_world);
-    if (world->pixels == NULL)
+    if (world->image == NULL)
         return LR_OK;
-    const size_t w = (size_t)world->width, h = (size_t)world->height;
-    e->width = world->width;
-    e->height = world->height;
-    e->pixels = malloc(w * h * sizeof *e->pixels);
+    e->image = world->image;
+    e->width = world->image->width[0];
+    e->height = world->image->height[0];
+    const size_t w = (size_t)e->width, h = (size_t)e->height;
     e->rows = malloc((h + 1) * sizeof *e->rows);
     e->columns = malloc(h * (w + 1) * sizeof *e->columns);
     double *sums = malloc((w + h + 2) * sizeof *sums);
-    const bool got = e->pixels && e->rows && e->columns && sums;
-    if (got) {
-        memcpy(e->pixels, world->pixels, w * h * sizeof *e->pixels);
+    const bool got = e->rows && e->columns && sums;
+    if (got)
         add_up(e, sums, sums + h + 1);
-    }
     free(sums);
     if (got)
         return LR_OK;
     lr_environment_free(e);
-    return lr_fail_memory(error, w * h * sizeof *e->pixels, "the world's image");
+    return lr_fail_memory(error, w * h * sizeof *e->columns, "the world's image");
 }
 
 void lr_environment_free(lr_environment *e)
 {
-    free(e->pixels);
     free(e->rows);
     free(e->columns);
     *e = (lr_environment){.width = 0};
@@ -198,7 +186,7 @@ static double density(const lr_environment *e, int32_t x, int32_t y)
 bool lr_environment_sample(const lr_environment *e, const double u[2], double d[3], double rgb[3],
                            double *pdf)
 {
-    if (e->pixels == NULL)
+    if (e->image == NULL)
         return false;
     double tx, ty;
     const int32_t y = find(e->rows, e->height, u[1], &ty);
@@ -214,13 +202,13 @@ bool lr_environment_sample(const lr_environment *e, const double u[2], double d[
     const double *m = e->image_from_world;
     for (int a = 0; a < 3; a++)
         d[a] = m[a] * q[0] + m[a + 3] * q[1] + m[a + 6] * q[2];
-    interpolate(e, x + tx, (0.5 + asin(z) / PI) * e->height, rgb);
+    look(e, x + tx, (0.5 + asin(z) / PI) * e->height, rgb);
     return true;
 }
 
 double lr_environment_pdf(const lr_environment *e, const double d[3])
 {
-    if (e->pixels == NULL)
+    if (e->image == NULL)
         return 0;
     double x, y;
     texel_of(e, d, &x, &y);

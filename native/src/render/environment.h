@@ -10,8 +10,8 @@ typedef struct lr_environment {
     double color[3];
     double brightness; /* mean of the image over all directions, of all colours, without signs */
     double image_from_world[9];
-    int32_t width, height; /* 0 without an image */
-    float (*pixels)[3];    /* [height][width] */
+    int32_t width, height;   /* 0 without an image */
+    const lr_texture *image; /* the caller's, or NULL */
     float *rows;           /* [height + 1] share of the light below each row */
     float *columns;        /* [height][width + 1] share of a row's light before each column */
 } lr_environment;

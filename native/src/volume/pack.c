@@ -270,7 +270,7 @@ static const char *wrong_faces(const lr_volume *v)
         right = right && f->source[i] >= LR_COLOR_NONE &&
                 f->source[i] < (int32_t)f->n_textures &&
                 (f->source[i] != LR_COLOR_VERTEX || f->color != NULL) &&
-                (f->source[i] < 0 || f->uv != NULL);
+                (f->source[i] < 0 || f->uv != NULL || f->color != NULL);
     right = right && floats_finite(&f->corner[0][0][0], 9 * (uint64_t)f->n);
     right = right && (f->color == NULL || floats_finite(&f->color[0][0][0], 9 * (uint64_t)f->n));
     right = right && (f->uv == NULL || floats_finite(&f->uv[0][0][0], 6 * (uint64_t)f->n));

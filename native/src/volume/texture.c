@@ -5,8 +5,9 @@
  * blurs more than the voxel does.
  *
  * Texels in sRGB are interpolated as they are and made linear afterwards, as Cycles
- * does: a step between them looks darker than its linear mean. So the first averages
- * are those of what is looked up, not of texels: a texture is as bright from afar.
+ * does: a step between them looks darker than its linear mean. So are texels with a
+ * program, which runs at every look. So the first averages are those of what is looked
+ * up, not of texels: a texture is as bright from afar.
  *
  * Source: Williams 1983, Pyramidal parametrics. Departures: 1. levels of any size
  * are averaged by exact shares of texels, not only powers of two; 2. looks along the
@@ -16,12 +17,15 @@
 #include "volume/texture.h"
 
 #include "error.h"
+#include "volume/program.h"
 
 enum {
     MAX_SIDE = 1 << 16,
     MOST_LOOKS = 16,
     POLL = 1 << 12 /* output texels between looks at the stop word */
 };
+
+#define NO_DIGITS 1e9 /* of a coordinate: none are left within a texel */
 
 LR_INLINE double finite_or_black(float x)
 {
@@ -90,6 +94,20 @@ static void byte_average(const lr_texture *t, const float *linear, int x, int y,
     }
 }
 
+/* The same of any texel of level 0, by four looks. */
+static void look_average(const lr_texture *t, int x, int y, double out[3])
+{
+    memset(out, 0, 3 * sizeof *out);
+    for (int q = 0; q < 4; q++) {
+        const double at[2] = {(x + (q & 1 ? 0.75 : 0.25)) / t->width[0],
+                              (y + (q >> 1 ? 0.75 : 0.25)) / t->height[0]};
+        double rgb[3];
+        lr_texture_look(t, at, rgb);
+        for (int a = 0; a < 3; a++)
+            out[a] += 0.25 * rgb[a];
+    }
+}
+
 static void average(const lr_texture *t, int level, const float *linear, int x, const double sx[4],
                     int y, const double sy[4], float out[3])
 {
@@ -100,7 +118,9 @@ static void average(const lr_texture *t, int level, const float *linear, int x, 
             if (!(sx[i] > 0.0 && sy[j] > 0.0))
                 continue;
             double mean[3];
-            if (level == 0 && t->bytes != NULL) {
+            if (level == 0 && (t->program != NULL || t->interpolation == LR_INTERPOLATION_CUBIC)) {
+                look_average(t, x + i, y + j, mean);
+            } else if (level == 0 && t->bytes != NULL) {
                 byte_average(t, linear, x + i, y + j, mean);
             } else {
                 const float *texel = t->pixels[level] +
@@ -149,8 +169,13 @@ static size_t plan_levels(lr_texture *t)
     return n;
 }
 
-static lr_status make(lr_texture *t, const lr_watch *watch, lr_error *error)
+static lr_status make(lr_texture *t, bool points_only, const lr_watch *watch, lr_error *error)
 {
+    if (points_only || lr_texture_is_of_corners(t)) {
+        t->n_levels = 1;
+        t->nbytes = sizeof *t;
+        return LR_OK;
+    }
     size_t n = plan_levels(t);
     t->nbytes = sizeof *t + 3 * n * sizeof *t->own;
     t->own = malloc((3 * n + 1) * sizeof *t->own);
@@ -168,35 +193,48 @@ static lr_status make(lr_texture *t, const lr_watch *watch, lr_error *error)
     return LR_OK;
 }
 
-lr_status lr_texture_new(const void *pixels, int32_t sample_type, int32_t width, int32_t height,
-                         int32_t interpolation, int32_t extension, const lr_watch *watch,
-                         lr_texture **texture, lr_error *error)
+static lr_status check(const lr_texture_desc *d, lr_error *error)
 {
-    if (sample_type != LR_U8 && sample_type != LR_F32)
+    if (d->pixels == NULL && d->program == NULL)
+        return lr_fail(error, LR_E_ARGUMENT, "a texture needs pixels or a program");
+    if (d->sample_type != LR_U8 && d->sample_type != LR_F32)
         return lr_fail(error, LR_E_ARGUMENT, "pixels are of u8 (sRGB) or f32 (linear), not of %d",
-                       sample_type);
-    if (width < 1 || height < 1 || width > MAX_SIDE || height > MAX_SIDE)
-        return lr_fail(error, LR_E_SIZE, "an image has 1 to %d texels per side; it is %d x %d",
-                       MAX_SIDE, width, height);
-    if (interpolation != LR_INTERPOLATION_LINEAR && interpolation != LR_INTERPOLATION_CLOSEST)
+                       d->sample_type);
+    if (d->channels != 3 && !(d->channels == 4 && d->program != NULL))
         return lr_fail(error, LR_E_ARGUMENT,
-                       "interpolation %d is neither linear (0) nor "
-                       "closest (1)",
-                       interpolation);
-    if (extension < LR_EXTENSION_REPEAT || extension > LR_EXTENSION_MIRROR)
+                       "pixels have 3 channels, or 4 with a program, not %d", d->channels);
+    if (d->width < 1 || d->height < 1 || d->width > MAX_SIDE || d->height > MAX_SIDE)
+        return lr_fail(error, LR_E_SIZE, "an image has 1 to %d texels per side; it is %d x %d",
+                       MAX_SIDE, d->width, d->height);
+    if (d->interpolation < LR_INTERPOLATION_LINEAR || d->interpolation > LR_INTERPOLATION_CUBIC)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "interpolation %d is none of linear (0), closest (1), cubic (2)",
+                       d->interpolation);
+    if (d->extension < LR_EXTENSION_REPEAT || d->extension > LR_EXTENSION_MIRROR)
         return lr_fail(error, LR_E_ARGUMENT,
                        "extension %d is none of repeat (0), extend (1), clip (2), mirror (3)",
-                       extension);
+                       d->extension);
+    return d->program != NULL ? lr_program_check(d->program, error) : LR_OK;
+}
+
+lr_status lr_texture_new(const lr_texture_desc *desc, const lr_watch *watch, lr_texture **texture,
+                         lr_error *error)
+{
+    lr_status status = check(desc, error);
+    if (status != LR_OK)
+        return status;
     lr_texture *t = calloc(1, sizeof *t);
     if (t == NULL)
         return lr_fail_memory(error, sizeof *t, "a texture");
-    t->interpolation = interpolation;
-    t->extension = extension;
-    t->width[0] = width;
-    t->height[0] = height;
-    t->bytes = sample_type == LR_U8 ? pixels : NULL;
-    t->pixels[0] = sample_type == LR_U8 ? NULL : pixels;
-    lr_status status = make(t, watch, error);
+    t->interpolation = desc->interpolation;
+    t->extension = desc->extension;
+    t->channels = desc->channels;
+    t->width[0] = desc->width;
+    t->height[0] = desc->height;
+    t->program = desc->program;
+    t->bytes = desc->sample_type == LR_U8 ? desc->pixels : NULL;
+    t->pixels[0] = desc->sample_type == LR_U8 ? NULL : desc->pixels;
+    status = make(t, desc->points_only != 0, watch, error);
     if (status != LR_OK) {
         lr_texture_free(t);
         return status;
@@ -221,17 +259,20 @@ uint64_t lr_texture_nbytes(const lr_texture *t)
 /* ---- looks ------------------------------------------------------------- */
 
 static void add_texel(const lr_texture *t, int level, double x, double y, double weight,
-                      double rgb[3])
+                      double sum[4])
 {
     const int32_t i = extended(x, t->width[level], t->extension);
     const int32_t j = extended(y, t->height[level], t->extension);
     if (i < 0 || j < 0 || !(weight > 0.0))
         return;
-    const size_t at = 3 * ((size_t)j * (size_t)t->width[level] + (size_t)i);
+    const size_t channels = level == 0 ? (size_t)t->channels : 3;
+    const size_t at = channels * ((size_t)j * (size_t)t->width[level] + (size_t)i);
     const bool bytes = level == 0 && t->bytes != NULL;
-    for (size_t a = 0; a < 3; a++)
-        rgb[a] += weight * (bytes ? t->bytes[at + a] / 255.0
+    for (size_t a = 0; a < channels; a++)
+        sum[a] += weight * (bytes ? t->bytes[at + a] / 255.0
                                   : finite_or_black(t->pixels[level][at + a]));
+    if (channels == 3)
+        sum[3] += weight;
 }
 
 /* How the box from -half to +half around x, in texels and no wider than one, is shared
@@ -242,6 +283,41 @@ LR_INLINE double next_share(double x, double half, double *first)
     return half > 0.0 ? lr_clamp((x + half - *first - 1.0) / (2.0 * half), 0.0, 1.0) : 0.0;
 }
 
+/* Weights of the four texels around x, the first of which is *first. */
+static void cubic_weights(double x, double *first, double weight[4])
+{
+    *first = floor(x - 0.5) - 1.0;
+    const double t = x - 0.5 - floor(x - 0.5), u = 1.0 - t;
+    weight[0] = u * u * u / 6.0;
+    weight[1] = (4.0 + t * t * (3.0 * t - 6.0)) / 6.0;
+    weight[2] = (4.0 + u * u * (3.0 * u - 6.0)) / 6.0;
+    weight[3] = t * t * t / 6.0;
+}
+
+static void add_cubic(const lr_texture *t, const double uv[2], double sum[4])
+{
+    double x, y, p[4], q[4];
+    cubic_weights(uv[0] * t->width[0], &x, p);
+    cubic_weights(uv[1] * t->height[0], &y, q);
+    for (int n = 0; n < 16; n++)
+        add_texel(t, 0, x + (n & 3), y + (n >> 2), p[n & 3] * q[n >> 2], sum);
+}
+
+/* Linear RGB, 0 or more, of what was looked up in level 0. */
+static void decode(const lr_texture *t, const double sum[4], double rgb[3])
+{
+    if (t->program != NULL) {
+        const float rgba[4] = {(float)sum[0], (float)sum[1], (float)sum[2], (float)sum[3]};
+        float made[3];
+        lr_program_color(t->program, rgba, made);
+        for (int a = 0; a < 3; a++)
+            rgb[a] = made[a] > 0.0F ? finite_or_black(made[a]) : 0.0;
+        return;
+    }
+    for (int a = 0; a < 3; a++)
+        rgb[a] = t->bytes != NULL ? from_srgb(sum[a]) : fmax(sum[a], 0.0);
+}
+
 /* The average over a box as wide as a texel, which is bilinear interpolation; of level
  * 0 without interpolation over a narrower one, down to the closest texel alone. */
 static void add_level(const lr_texture *t, int level, const double uv[2], double width,
@@ -249,15 +325,34 @@ static void add_level(const lr_texture *t, int level, const double uv[2], double
 {
     const bool steps = level == 0 && t->interpolation == LR_INTERPOLATION_CLOSEST;
     const double half = steps && width < 1.0 ? 0.5 * width : 0.5;
-    double x, y, sum[3] = {0.0, 0.0, 0.0};
-    const double p = next_share(uv[0] * t->width[level], half, &x);
-    const double q = next_share(uv[1] * t->height[level], half, &y);
-    for (int n = 0; n < 4; n++) {
-        const int right = n & 1, up = n >> 1;
-        add_texel(t, level, x + right, y + up, (right ? p : 1.0 - p) * (up ? q : 1.0 - q), sum);
+    double x, y, sum[4] = {0.0, 0.0, 0.0, 0.0};
+    if (level == 0 && t->interpolation == LR_INTERPOLATION_CUBIC) {
+        add_cubic(t, uv, sum);
+    } else {
+        const double p = next_share(uv[0] * t->width[level], half, &x);
+        const double q = next_share(uv[1] * t->height[level], half, &y);
+        for (int n = 0; n < 4; n++) {
+            const int right = n & 1, up = n >> 1;
+            add_texel(t, level, x + right, y + up, (right ? p : 1.0 - p) * (up ? q : 1.0 - q), sum);
+        }
     }
+    double color[3] = {sum[0], sum[1], sum[2]};
+    if (level == 0)
+        decode(t, sum, color);
     for (int a = 0; a < 3; a++)
-        rgb[a] += weight * (level == 0 && t->bytes != NULL ? from_srgb(sum[a]) : sum[a]);
+        rgb[a] += weight * color[a];
+}
+
+void lr_texture_look(const lr_texture *t, const double uv[2], double rgb[3])
+{
+    memset(rgb, 0, 3 * sizeof *rgb);
+    if (fabs(uv[0]) < NO_DIGITS && fabs(uv[1]) < NO_DIGITS)
+        add_level(t, 0, uv, 0.0, 1.0, rgb);
+}
+
+void lr_texture_of_corners(const lr_texture *t, const double color[3], double rgb[3])
+{
+    decode(t, (const double[4]){color[0], color[1], color[2], 1.0}, rgb);
 }
 
 /* One look as wide as `width` texels; textures without interpolation over `box`. */
@@ -276,7 +371,7 @@ void lr_texture_average(const lr_texture *t, const double uv[2], const lr_footpr
                         double rgb[3])
 {
     memset(rgb, 0, 3 * sizeof *rgb);
-    if (!(fabs(uv[0]) < 1e9 && fabs(uv[1]) < 1e9)) /* no digits are left within a texel */
+    if (!(fabs(uv[0]) < NO_DIGITS && fabs(uv[1]) < NO_DIGITS))
         return;
     const double length = hypot(f->major[0], f->major[1]);
     const double across = f->width > 1.0 ? f->width : 1.0;
@@ -293,6 +388,8 @@ void lr_texture_average(const lr_texture *t, const double uv[2], const lr_footpr
 lr_status lr_texture_sample(const lr_texture *t, const float *uvs, const float *footprints,
                             uint64_t n, float *colors, lr_error *error)
 {
+    if (lr_texture_is_of_corners(t))
+        return lr_fail(error, LR_E_ARGUMENT, "a texture of corners' colours has no pixels");
     for (uint64_t i = 0; i < n; i++) {
         const double uv[2] = {uvs[2 * i], uvs[2 * i + 1]};
         lr_footprint f = {{0.0, 0.0}, 0.0};

@@ -6,6 +6,7 @@
 #include "error.h"
 #include "volume/exact.h"
 #include "volume/facets.h"
+#include "volume/texture.h"
 
 enum { POLL = 1 << 16 };
 
@@ -21,16 +22,18 @@ static lr_status check_sources(const lr_mesh *mesh, const lr_watch *watch, lr_ba
             return lr_fail(error, LR_E_ARGUMENT,
                            "triangle %llu takes its colour from texture %d; there are %llu",
                            (unsigned long long)t, from, (unsigned long long)a->n_textures);
-        if (from == LR_COLOR_VERTEX && a->corner_colors == NULL)
+        const bool image = from >= 0 && !lr_texture_is_of_corners(a->textures[from]);
+        const bool corners = from == LR_COLOR_VERTEX || (from >= 0 && !image);
+        if (corners && a->corner_colors == NULL)
             return lr_fail(error, LR_E_ARGUMENT,
                            "triangle %llu takes vertex colours, but there are none",
                            (unsigned long long)t);
-        if (from >= 0 && a->corner_uvs == NULL)
+        if (image && a->corner_uvs == NULL)
             return lr_fail(error, LR_E_ARGUMENT,
                            "triangle %llu takes a texture, but there are no UVs",
                            (unsigned long long)t);
-        bake->colors = bake->colors || from == LR_COLOR_VERTEX;
-        bake->uvs = bake->uvs || from >= 0;
+        bake->colors = bake->colors || corners;
+        bake->uvs = bake->uvs || image;
     }
     return LR_OK;
 }
@@ -65,7 +68,7 @@ static void fill(const lr_topology *mesh, uint64_t t, uint32_t at, lr_facets *f)
             const size_t i = 9 * (size_t)t + (size_t)(3 * c + a);
             f->corner[at][c][a] = (float)p[c][a];
             if (f->color != NULL)
-                f->color[at][c][a] = fmaxf(finite_or_zero(from->corner_colors[i]), 0.0f);
+                f->color[at][c][a] = finite_or_zero(from->corner_colors[i]);
             n[a] = f->normal != NULL ? mesh->side * from->corner_normals[i] : 0.0;
         }
         if (f->normal != NULL)
