@@ -52,7 +52,8 @@ class Wardrobe:
     def __init__(self, scene: model.Scene, cache, watch: leapray.Watch) -> None:
         self.scene, self.cache, self.watch = scene, cache, watch
         self.warnings: list[str] = []
-        self._digests: dict[int, str] = {}
+        self._digests: dict[int, str] = {}  # of images
+        self._pixel_digests: dict[int, bytes] = {}  # images may share them
         self._slots: dict[int, list[int]] = {}
         self._images: dict[str, model.Image] = {}
 
@@ -90,10 +91,11 @@ class Wardrobe:
         if material.color_source == "vertex":
             if mesh.corner_colors is None:
                 return WHITE, f"{who} has no vertex colours {material.attribute!r}: white instead."
-            return VERTEX, ""
-        if material.image is None or not material.image.pixels.size:
+            if material.image is None:
+                return VERTEX, ""
+        elif material.image is None or not material.image.pixels.size:
             return WHITE, f"{who} has a texture without an image: white instead."
-        if mesh.corner_uvs is None:
+        elif mesh.corner_uvs is None:
             return WHITE, f"{who} has no UVs {material.attribute!r}: white instead."
         name = self._digest(material.image)
         if name not in images:
@@ -101,17 +103,23 @@ class Wardrobe:
         return images.index(name), ""
 
     def _digest(self, image: model.Image) -> str:
-        if id(image.pixels) not in self._digests:
-            name = hashlib.blake2b(
-                repr(
-                    (image.interpolation, image.extension, image.pixels.shape, image.pixels.dtype)
-                ).encode(),
-                digest_size=16,
-            )
-            name.update(np.ascontiguousarray(image.pixels).view(np.uint8))
-            self._digests[id(image.pixels)] = name.hexdigest()
+        if id(image) not in self._digests:
+            form = repr((image.interpolation, image.extension)).encode()
+            name = hashlib.blake2b(form, digest_size=16)
+            name.update(image.program.key if image.program else b"")
+            name.update(self._of_pixels(image.pixels))
+            self._digests[id(image)] = name.hexdigest()
             self._images[name.hexdigest()] = image
-        return self._digests[id(image.pixels)]
+        return self._digests[id(image)]
+
+    def _of_pixels(self, pixels: NDArray | None) -> bytes:
+        if pixels is None:
+            return b""
+        if id(pixels) not in self._pixel_digests:
+            name = hashlib.blake2b(repr((pixels.shape, pixels.dtype)).encode(), digest_size=16)
+            name.update(np.ascontiguousarray(pixels).view(np.uint8))
+            self._pixel_digests[id(pixels)] = name.digest()
+        return self._pixel_digests[id(pixels)]
 
     def textures(self, outfit: Outfit) -> tuple[leapray.Texture, ...]:
         """Made once; raises Stopped."""
@@ -121,7 +129,11 @@ class Wardrobe:
             if texture is None:
                 image = self._images[name]
                 texture = leapray.Texture(
-                    image.pixels, image.interpolation, image.extension, watch=self.watch
+                    image.pixels,
+                    image.interpolation,
+                    image.extension,
+                    image.program,
+                    watch=self.watch,
                 )
                 self.cache.put(("texture", name), texture)
             made.append(texture)
@@ -145,7 +157,7 @@ class Wardrobe:
         return leapray.Attributes(
             normals=normals,
             color_sources=sources,
-            colors=mesh.corner_colors if VERTEX in wanted else None,
+            colors=mesh.corner_colors if wanted - {WHITE} else None,
             uvs=mesh.corner_uvs if wanted - {VERTEX, WHITE} else None,
             textures=() if sources is None else self.textures(outfit),
         )
@@ -154,7 +166,7 @@ class Wardrobe:
 def digest(mesh: model.Mesh, outfit: Outfit) -> str:
     """A name for all that the mesh may carry; "" for nothing."""
     used = [mesh.corner_normals]
-    used.append(mesh.corner_colors if VERTEX in outfit.sources else None)
+    used.append(mesh.corner_colors if outfit.sources else None)
     used.append(mesh.corner_uvs if outfit.images else None)
     if not outfit.sources and mesh.corner_normals is None:
         return ""
@@ -317,6 +329,12 @@ def true_colors(
     for number, texture in enumerate(attributes.textures):
         chosen = sources == number
         if not chosen.any():
+            continue
+        if texture.of_corners:
+            corners = attributes.colors[triangles[chosen]]
+            rgba = np.ones((len(corners), 4))
+            rgba[:, :3] = np.einsum("nk,nkc->nc", weights[chosen], corners)
+            colors[chosen] = np.nan_to_num(texture.program.run(rgba))
             continue
         corners = attributes.uvs[triangles[chosen]].astype(np.float64)
         uv = np.einsum("nk,nkc->nc", weights[chosen], corners)

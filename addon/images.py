@@ -1,76 +1,274 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's images: as linear colours, and as the bytes that are looked up."""
+"""Blender's images as Cycles looks them up: their texels, and what is done to a look.
+
+A file is read as Cycles reads it, by OpenImageIO: it does not read what Blender has in
+memory, whose bytes have been divided by alpha, and whose 16-bit values are linear.
+Packed and generated images are taken from Blender, and files too where OpenImageIO is
+missing. Colours are multiplied by alpha as they are stored, interpolated, divided by it
+where a node uses the alpha too, and made linear: in that order.
+
+Source: Blender's manual, Image Texture and Image properties; the order by rendering.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from leapray import INPUTS, Value, operate
+
 MISSING = (1.0, 0.0, 1.0)  # the colour of an image that cannot be read, as in Cycles
-LINEAR = ("Linear Rec.709", "Linear", "Non-Color", "Raw")
+LINEAR = ("Linear Rec.709", "Linear", "scene_linear")
 DATA = ("Non-Color", "Raw")
+CODED = "sRGB"
 
 
 @dataclass(frozen=True)
-class Pixels:
-    """An image's pixels, rows from below."""
+class Texels:
+    """An image's texels as they are interpolated, rows from below."""
 
-    linear: NDArray[np.float32]  # (height, width, 4)
-    coded: NDArray[np.uint8] | None  # (height, width, 3) in sRGB; None: it is stored otherwise
+    rgba: NDArray[np.float32] | NDArray[np.uint8]  # (height, width, 4), bytes are 0..1
+    coded: bool  # in sRGB
+    means_cover: bool  # colours are multiplied by alpha
+    opaque: bool  # alpha is 1 throughout
+    _rgb: list = field(default_factory=list, compare=False)
 
-    def textured(self, colors: NDArray[np.floating]) -> NDArray:
-        """Colours (height, width, 3) made of these as a texture's pixels: coded if these are.
+    @property
+    def rgb(self) -> NDArray[np.float32] | NDArray[np.uint8]:
+        """(height, width, 3); bytes only where they are sRGB, as textures without a program want
+        them. Made once."""
+        if not self._rgb:
+            colors = np.ascontiguousarray(self.rgba[..., :3])
+            if colors.dtype == np.uint8 and not self.coded:
+                colors = colors.astype(np.float32) / 255
+            self._rgb.append(colors)
+        return self._rgb[0]
 
-        Cycles interpolates such images before it makes them linear.
-        """
-        if self.coded is None or colors.max() > 1:
-            made = colors if colors.dtype == np.float32 and colors.min() >= 0 else None
-            return np.maximum(colors, 0).astype(np.float32) if made is None else made
-        if np.shares_memory(colors, self.linear):
-            return self.coded
-        return np.rint(255 * to_srgb(np.maximum(colors, 0))).astype(np.uint8)
+    @property
+    def plain(self) -> bool:
+        """Whether colours are looked up without a program."""
+        return not self.coded or self.rgba.dtype == np.uint8
+
+    def look(self, *, straight: bool) -> tuple[Value, Value, Value, Value]:
+        """Linear colour and alpha of what is looked up. straight: divided by alpha, as colours
+        are where a node's alpha is used too."""
+        *colors, alpha = INPUTS
+        if straight and self.means_cover:
+            colors = [operate("select", alpha, operate("divide", c, alpha), c) for c in colors]
+        if self.coded:
+            colors = [operate("from_srgb", c) for c in colors]
+        return (*colors, alpha)
+
+    def linear(self) -> NDArray[np.float32]:
+        """(height, width, 3) of the texels themselves."""
+        colors = self.rgba[..., :3]
+        if colors.dtype == np.uint8:
+            table = np.arange(256, dtype=np.float32) / 255
+            return (from_srgb(table) if self.coded else table)[colors]
+        return from_srgb(colors) if self.coded else colors
 
 
-def pixels_of(image, notes, *, straight: bool = False) -> Pixels | None:
-    """None, and a note, for an image that cannot be read.
-
-    straight: not multiplied by alpha, as colours are when a node's alpha is used too.
-    """
-    width, height = image.size
-    if not width or not height or not len(image.pixels):
-        notes.missing("Image", image.name, "cannot be read and is shown in pink")
-        return None
+def texels_of(image, notes) -> Texels | None:
+    """None, and a note, for an image that cannot be read."""
     if image.source not in ("FILE", "GENERATED", "VIEWER"):
         kind = {"TILED": "first tile"}.get(image.source, "loaded frame")
         notes.missing("Image", image.name, f"is shown by its {kind} alone")
+    stored = _stored(image)
+    if stored is None:
+        notes.missing("Image", image.name, "cannot be read and is shown in pink")
+        return None
+    space, rgba = image.colorspace_settings.name, stored.rgba
+    coded = space == CODED and not stored.linear
+    processor = None
+    if not (stored.linear or coded or space in LINEAR + DATA):
+        processor = _to_scene_linear(space)
+        if processor is None:
+            notes.missing("Image", image.name, f"is taken for sRGB, it is {space}")
+            coded = True
+        else:
+            rgba = _floats(rgba, stored.halves)
+    means_cover = image.alpha_mode in ("STRAIGHT", "PREMUL") and space not in DATA
+    if means_cover and stored.straight:
+        rgba = _multiplied(rgba)
+    one = 255 if rgba.dtype == np.uint8 else 1
+    if image.alpha_mode == "NONE":
+        rgba[..., 3] = one
+    if processor is not None:
+        rgba = _converted(rgba, processor, stored.halves)
+    return Texels(rgba, coded, means_cover, bool((rgba[..., 3] == one).all()))
+
+
+class _Stored(NamedTuple):
+    """What an image's file or memory holds."""
+
+    rgba: NDArray  # (height, width, 4), its own
+    straight: bool = False  # alpha is still to be multiplied into the colours
+    linear: bool = False  # Blender has converted it
+    halves: bool = False  # Cycles converts colours into numbers of that precision
+
+
+def _stored(image) -> _Stored | None:
+    """None where an image cannot be read."""
+    if image.source == "FILE" and not image.packed_file:
+        oiio = _openimageio()
+        if oiio is not None:
+            return _of_file(oiio, image)
+    width, height = image.size
+    if not width or not height or not len(image.pixels):
+        return None
     flat = np.empty(width * height * image.channels, np.float32)
     image.pixels.foreach_get(flat)
-    stored = flat.reshape(height, width, image.channels)
-    pixels = stored
-    if image.channels < 4:
-        pixels = np.ones((height, width, 4), np.float32)
-        pixels[..., :3] = stored[..., : 3 if image.channels == 3 else 1]
-        if image.channels == 2:
-            pixels[..., 3] = stored[..., 1]
-    space, alpha = image.colorspace_settings.name, pixels[..., 3:]
-    means_cover = image.alpha_mode in ("STRAIGHT", "PREMUL") and space not in DATA
-    covered = means_cover and straight != (image.alpha_mode == "STRAIGHT") and (alpha < 1).any()
-    if covered:  # as Cycles, not decoded yet
-        pixels[..., :3] *= 1.0 / np.where(alpha > 0, alpha, 1.0) if straight else alpha
-    coded = None
-    if not image.is_float and space not in LINEAR:
-        if space != "sRGB":
-            notes.missing("Image", image.name, f"is taken for sRGB, it is {space}")
-        if not covered:  # still bytes
-            coded = np.rint(255 * np.clip(pixels[..., :3], 0, 1)).astype(np.uint8)
-            pixels[..., :3] = from_srgb(np.arange(256, dtype=np.float32) / 255)[coded]
-        else:
-            pixels[..., :3] = from_srgb(pixels[..., :3])
-    if image.alpha_mode == "NONE":
-        pixels[..., 3] = 1.0
-    return Pixels(pixels, coded)
+    rgba = _four_channels(flat.reshape(height, width, image.channels))
+    straight = image.alpha_mode == "STRAIGHT" if _by_mode() else not image.is_float
+    if image.is_float:
+        return _Stored(rgba, straight, linear=True)
+    return _Stored(np.rint(255 * np.clip(rgba, 0, 1)).astype(np.uint8), straight, halves=True)
+
+
+def _four_channels(stored: NDArray) -> NDArray:
+    """Grey, grey with alpha, RGB or RGBA as RGBA."""
+    height, width, channels = stored.shape
+    if channels == 4:
+        return stored
+    one = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
+    made = np.full((height, width, 4), one, stored.dtype)
+    made[..., :3] = stored[..., :3] if channels >= 3 else stored[..., :1]
+    if channels == 2 or channels > 4:
+        made[..., 3] = stored[..., 3 if channels > 4 else 1]
+    return made
+
+
+@cache
+def _openimageio():
+    """The module, None where this Blender lacks it."""
+    import bpy
+
+    try:
+        bpy.utils.expose_bundled_modules()
+        import OpenImageIO
+    except (AttributeError, ImportError):  # Blender of a distribution
+        return None
+    return OpenImageIO
+
+
+def _of_file(oiio, image) -> _Stored | None:
+    import bpy
+
+    path = bpy.path.abspath(image.filepath, library=image.library)
+    if not Path(path).is_file():
+        return None
+    config = oiio.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    file = oiio.ImageInput.open(path, config)
+    if file is None:
+        return None
+    spec = file.spec()
+    kind = {"uint8": "uint8", "uint16": "uint16"}.get(str(spec.format), "")
+    kind = kind or ("float" if str(spec.format) in ("half", "float", "double") else "uint8")
+    read = file.read_image(0, 0, 0, spec.nchannels, kind)
+    file.close()
+    if read is None or spec.width < 1 or spec.height < 1:
+        return None
+    stored = np.asarray(read).reshape(spec.height, spec.width, spec.nchannels)[::-1]
+    if file.format_name() == "jpeg" and spec.nchannels == 4:
+        stored = _from_cmyk(stored)
+    return _Stored(
+        _as_stored(_four_channels(stored)),
+        straight=_is_straight(file, spec, image),
+        halves=str(spec.format) not in ("float", "double"),
+    )
+
+
+def _as_stored(rgba: NDArray) -> NDArray:
+    """Bytes as they are, all else as f32; a pixel with a channel that is not finite is 0."""
+    if rgba.dtype == np.uint8:
+        return np.array(rgba)
+    scale = np.iinfo(rgba.dtype).max if rgba.dtype.kind == "u" else 1
+    made = rgba.astype(np.float32) / np.float32(scale)
+    made[~np.isfinite(made).all(axis=-1)] = 0
+    return made
+
+
+def _from_cmyk(stored: NDArray) -> NDArray:
+    most = np.iinfo(stored.dtype).max
+    cmyk = stored.astype(np.float32) / most
+    return np.rint(most * (1 - cmyk[..., :3]) * (1 - cmyk[..., 3:])).astype(stored.dtype)
+
+
+def _by_mode() -> bool:
+    """Whether Cycles multiplies colours by alpha as the image's alpha mode says. Before 5.2 it goes
+    by what the file is, or multiplies all bytes."""
+    import bpy
+
+    return bpy.app.version >= (5, 2)
+
+
+def _is_straight(file, spec, image) -> bool:
+    """Whether Cycles multiplies a file's colours by its alpha."""
+    if spec.nchannels != 4:
+        return False
+    if _by_mode():
+        return image.alpha_mode == "STRAIGHT"
+    name = file.format_name()
+    if name == "targa":
+        return spec.get_int_attribute("targa:alpha_type", -1) != 4
+    return name in ("dds", "psd") or bool(spec.get_int_attribute("oiio:UnassociatedAlpha", 0))
+
+
+def _multiplied(rgba: NDArray) -> NDArray:
+    """Colours times alpha, in the precision that they are stored in."""
+    if rgba.dtype == np.uint8:
+        wide = rgba.astype(np.uint16)
+        wide[..., :3] = wide[..., :3] * wide[..., 3:] // 255
+        return wide.astype(np.uint8)
+    made = rgba.copy()
+    made[..., :3] *= made[..., 3:]
+    return made
+
+
+@cache
+def _to_scene_linear(space: str):
+    """OpenColorIO's processor from a colour space of Blender's; None where there is none."""
+    import bpy
+
+    try:
+        bpy.utils.expose_bundled_modules()
+        import PyOpenColorIO as ocio
+    except (AttributeError, ImportError):  # Blender of a distribution
+        return None
+    folder = bpy.utils.system_resource("DATAFILES", path="colormanagement")
+    path = os.environ.get("OCIO") or str(Path(folder, "config.ocio"))
+    try:
+        config = ocio.Config.CreateFromFile(path)
+        return config.getProcessor(space, ocio.ROLE_SCENE_LINEAR).getDefaultCPUProcessor()
+    except ocio.Exception:
+        return None
+
+
+def _floats(rgba: NDArray, halves: bool) -> NDArray[np.float32]:
+    made = rgba.astype(np.float32) / (255 if rgba.dtype == np.uint8 else 1)
+    return _as_half(made) if halves else made
+
+
+def _converted(rgba: NDArray[np.float32], processor, halves: bool) -> NDArray[np.float32]:
+    """Linear colours of another colour space, multiplied by alpha as before."""
+    alpha = np.where((rgba[..., 3:] > 0) & (rgba[..., 3:] < 1), rgba[..., 3:], np.float32(1))
+    made = rgba.copy()
+    made[..., :3] /= alpha
+    processor.applyRGBA(made)
+    made[..., :3] *= alpha
+    return _as_half(made) if halves else made
+
+
+def _as_half(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    most = np.finfo(np.float16).max
+    return np.clip(values, -most, most).astype(np.float16).astype(np.float32)
 
 
 def from_srgb(values: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -78,8 +276,3 @@ def from_srgb(values: NDArray[np.float32]) -> NDArray[np.float32]:
     values = np.maximum(values, np.float32(0))
     high = np.power((values + np.float32(0.055)) / np.float32(1.055), np.float32(2.4))
     return np.where(values < np.float32(0.04045), values / np.float32(12.92), high)
-
-
-def to_srgb(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """sRGB of linear values of 0 or more."""
-    return np.where(values < 0.0031308, 12.92 * values, 1.055 * values ** (1 / 2.4) - 0.055)

@@ -18,10 +18,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from leapray import Step
+
 from . import model
-from .images import MISSING, pixels_of
-from .materials import coordinates
-from .nodes import Folder, Place, Unfolded, output_of, own_value, source, title
+from .images import MISSING
+from .links import Triple, Values, own_values, tree_of
+from .node_values import each
+from .nodes import Folder, Place, Unfolded, output_of, source, title
+from .shaders import flattened
+from .textures import coordinates, look_up, shared_texels
 
 KINDS = {"SUN": "sun", "POINT": "point", "SPOT": "spot", "AREA": "area"}
 RAYS = ("camera", "diffuse", "glossy", "transmission")
@@ -116,6 +121,8 @@ def _color(light, name: str, notes) -> NDArray[np.float64]:
     if light.use_temperature:
         color *= light.temperature_color
     output = output_of(light)
+    if output is None and tree_of(light) is not None:
+        return np.zeros(3)
     if output:
         shader = _Emitters(Folder(_falloff), name, notes)
         color *= shader.sum(output)
@@ -123,11 +130,11 @@ def _color(light, name: str, notes) -> NDArray[np.float64]:
     return color
 
 
-def _falloff(out: Place) -> NDArray:
+def _falloff(out: Place) -> Values:
     """A Light Falloff node where it is the physical one."""
     if out.node.bl_idname != "ShaderNodeLightFalloff" or out.socket.name != "Quadratic":
         raise Unfolded(f"{title(out.node)} ({out.socket.name})")
-    return Folder().value(out.input("Strength"))
+    return Folder().values(out.input("Strength"))
 
 
 def of_world(world, notes) -> model.World:
@@ -139,27 +146,24 @@ def of_world(world, notes) -> model.World:
     seen["max_bounces"] = getattr(getattr(world, "cycles", None), "max_bounces", UNLIMITED)
     output = output_of(world)
     if output is None:
-        return _checked(model.World(tuple(world.color), **seen), world.name, notes)
-    if source(Place(output.node.inputs["Volume"]))[0]:
-        notes.unsupported("Volumes are", world.name)
+        color = (0.0, 0.0, 0.0) if tree_of(world) else tuple(world.color)
+        return _checked(model.World(color, **seen), world.name, notes)
     sky = _Sky(notes)
-    shader = _Emitters(Folder(sky.table), world.name, notes)
+    shader = _Emitters(Folder(sky.values), world.name, notes)
+    volume = output.node.inputs.get("Volume")
+    if volume and shader.source(Place(volume)):
+        notes.unsupported("Volumes are", world.name)
     radiance = shader.sum(output)
     shader.tell()
-    if radiance.ndim == 1:
+    if not any(isinstance(part, Step) for part in radiance):
         return _checked(model.World(_tuple(radiance), **seen), world.name, notes)
-    with np.errstate(over="ignore"):
-        image = radiance.astype(np.float32)
-    return _checked(
-        model.World(
-            (1.0, 1.0, 1.0),
-            image=image,
-            image_from_world=tuple(_tuple(row) for row in sky.rotation),
-            **seen,
-        ),
-        world.name,
-        notes,
+    made = model.World(
+        (1.0, 1.0, 1.0),
+        image=look_up(sky.node, sky.texels, radiance, "repeat"),
+        image_from_world=tuple(_tuple(row) for row in sky.rotation),
+        **seen,
     )
+    return _checked(made, world.name, notes)
 
 
 def _checked(world: model.World, name: str, notes) -> model.World:
@@ -169,11 +173,13 @@ def _checked(world: model.World, name: str, notes) -> model.World:
         if not np.isfinite(np.float32(world.color)).all():
             notes.skipped("its strength is not a finite number", name)
             return dataclasses.replace(world, color=(0.0, 0.0, 0.0), image=None)
-    if world.image is None or np.isfinite(world.image).all():
+    pixels = None if world.image is None else world.image.pixels
+    if pixels is None or np.isfinite(pixels).all():
         return world
-    bad = ~np.isfinite(world.image).all(axis=-1)
+    bad = ~np.isfinite(pixels).all(axis=-1)
     notes.missing("World", name, f"has {bad.sum()} pixels that are not finite: they give no light")
-    return dataclasses.replace(world, image=np.where(bad[..., None], np.float32(0), world.image))
+    image = dataclasses.replace(world.image, pixels=np.where(bad[..., None], 0, pixels))
+    return dataclasses.replace(world, image=image)
 
 
 class _Emitters:
@@ -187,33 +193,42 @@ class _Emitters:
         if self.strange:
             self.notes.strange(tuple(self.strange), self.name)
 
-    def sum(self, place: Place) -> NDArray[np.float64]:
-        try:
-            found = source(place)[0]
-        except Unfolded as error:
-            self.strange[str(error)] = None
-            found = None
-        if found is None:
-            return np.zeros(3)
-        kind = found.node.bl_idname
-        if kind in ("ShaderNodeEmission", "ShaderNodeBackground"):
-            strength = np.asarray(self._value(found.input("Strength")))
-            return self._value(found.input("Color")) * strength[..., None]
-        if kind == "ShaderNodeAddShader":
-            return self.sum(found.input("Shader")) + self.sum(found.input("Shader_001"))
-        if kind == "ShaderNodeMixShader":
-            share = np.clip(self._value(found.input("Fac")), 0.0, 1.0)[..., None]
-            first, second = (self.sum(found.input(name)) for name in ("Shader", "Shader_001"))
-            return first * (1 - share) + second * share
-        self.strange[title(found.node)] = None
-        return np.zeros(3)
+    def sum(self, place: Place) -> Triple:
+        total: Triple = (0.0, 0.0, 0.0)
+        for out, weight in flattened(place, self.source, self._factor):
+            total = each("multiply_add", self._of(out), weight, total)
+        return total
 
-    def _value(self, place: Place) -> NDArray[np.float64]:
+    def _factor(self, out: Place) -> Values:
+        return self._value(out.input("Fac"))
+
+    def source(self, place: Place) -> Place | None:
         try:
-            return self.folder.value(place)
+            return source(place)[0]
         except Unfolded as error:
             self.strange[str(error)] = None
-            return own_value(place)
+            return None
+
+    def _of(self, out: Place) -> Triple:
+        """What a shader shines, or a colour, by itself."""
+        if out.node.bl_idname in ("ShaderNodeEmission", "ShaderNodeBackground"):
+            color, strength = (self._value(out.input(name)) for name in ("Color", "Strength"))
+            return each("multiply", color, strength)
+        if out.socket.type != "SHADER":
+            try:
+                return self.folder.color(out)
+            except Unfolded as error:
+                self.strange[str(error)] = None
+                return (0.0, 0.0, 0.0)
+        self.strange[title(out.node)] = None
+        return (0.0, 0.0, 0.0)
+
+    def _value(self, place: Place) -> Values:
+        try:
+            return self.folder.values(place)
+        except Unfolded as error:
+            self.strange[str(error)] = None
+            return own_values(place)
 
 
 class _Sky:
@@ -221,10 +236,11 @@ class _Sky:
 
     def __init__(self, notes) -> None:
         self.notes, self.rotation = notes, np.eye(3)
+        self.node, self.texels = None, None
         self._seen: tuple | None = None
-        self._pixels: NDArray | None = None
+        self._look: Triple = (0.0, 0.0, 0.0)
 
-    def table(self, out: Place) -> NDArray:
+    def values(self, out: Place) -> Values:
         node = out.node
         if node.bl_idname != "ShaderNodeTexEnvironment":
             raise Unfolded(title(node))
@@ -233,18 +249,23 @@ class _Sky:
         if node.projection != "EQUIRECTANGULAR":
             raise Unfolded(f"{title(node)} (Mirror Ball)")
         if node.image is None:
-            return np.zeros(3)  # black, as in Cycles
+            return (0.0, 0.0, 0.0)  # black, as in Cycles
         if self._seen is None:
-            turn = coordinates(Place(node.inputs["Vector"], out.groups), "Generated")
-            matrix = np.asarray(turn.matrix, np.float64)
-            rotation = matrix[:3, :3]
-            if (
-                turn.coordinates not in ("Generated", "Object")
-                or np.abs(rotation @ rotation.T - np.eye(3)).max() > TURN
-                or matrix[:3, 3].any()
-            ):
-                raise Unfolded(f"{title(node)} (Vector)")
-            self.rotation, self._seen = rotation, (node, out.groups)
-            pixels = pixels_of(node.image, self.notes)
-            self._pixels = np.array(MISSING) if pixels is None else pixels.linear[..., :3]
-        return self._pixels
+            self._turn(out)
+            self.node, self._seen = node, (node, out.groups)
+            self.texels = shared_texels(node.image, {}, self.notes)
+            self._look = MISSING
+            if self.texels is not None:
+                self._look = self.texels.look(straight=False)[:3]
+        return self._look
+
+    def _turn(self, out: Place) -> None:
+        turn = coordinates(Place(out.node.inputs["Vector"], out.groups), "Generated")
+        matrix = np.asarray(turn.matrix, np.float64)
+        self.rotation = matrix[:3, :3]
+        if (
+            turn.coordinates not in ("Generated", "Object")
+            or np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() > TURN
+            or matrix[:3, 3].any()
+        ):
+            raise Unfolded(f"{title(out.node)} (Vector)")

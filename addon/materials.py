@@ -3,30 +3,33 @@
 
 Mix and Add become weights, as in Cycles' flattened shaders. A colour may come
 from one texture for the whole material, an image or the colours of a mesh,
-through any nodes that work on colours one by one: these are applied to the
-pixels, or to the mesh's colours, before they are baked. What is not understood
-is told to `notes` once for each material, and the socket's own value stands in.
+through any nodes that work on colours one by one: these become a program that
+runs at every look. What is not understood is told to `notes` once for each
+material, and the socket's own value stands in. A material with a value that is
+no number is black, and named.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from leapray import Step
+
 from . import model
-from .images import MISSING, pixels_of
+from .links import Triple, Values, tree_of
 from .nodes import Folder, Place, Unfolded, output_of, own_value, source, title
+from .shaders import flattened
+from .textures import Leaves, Texture
 
 GREY = (0.8, 0.8, 0.8)  # what Blender gives to an empty slot
 BLACK = (0.0, 0.0, 0.0)
 WHITE = (1.0, 1.0, 1.0)
 LEAST = 1e-6  # of a weight: less is nothing
 MOST = 8  # lobes, in the core
-TEXTURES = ("ShaderNodeTexImage", "ShaderNodeVertexColor", "ShaderNodeAttribute")
-EXTENSIONS = {"REPEAT": "repeat", "EXTEND": "extend", "CLIP": "clip", "MIRROR": "mirror"}
+NO_NUMBER = "has a value that is no number (NaN or infinite) and is shown in black"
 
 # Inputs of nodes that change nothing while they have this value and are not linked.
 IDLE = {
@@ -41,35 +44,32 @@ IDLE = {
 }
 
 
-@dataclass(frozen=True)
-class Texture:
-    """Where the colour that a material bakes comes from, for the meshes that wear it."""
-
-    source: str  # "vertex" | "image"
-    layer: str = ""  # the mesh's colour attribute or UV map; "": the one for rendering
-    coordinates: str = "UV"  # of an image: "UV" | "Generated" | "Object" | "" (one place)
-    matrix: NDArray[np.float32] | None = None  # (4, 4) on the coordinates
-    apply: Callable[[NDArray], NDArray] | None = None  # a mesh's colours (.., 4) to those baked
-
-    def place(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Where in the image the points with these coordinates (.., 3) lie."""
-        if self.matrix is None:
-            return points
-        return points @ self.matrix[:3, :3].T + self.matrix[:3, 3]
-
-
 def read(material, notes, images: dict | None = None) -> tuple[model.Material, Texture | None]:
     """The material, and the texture whose colours its lobes marked `textured` are multiplied by.
 
-    images: pixels that materials share, kept by the caller while it reads them.
+    images: texels that materials share, kept by the caller while it reads them.
     """
     if material is None:
         return plain("", GREY), None
-    output = output_of(material)
-    if output is None:
+    if tree_of(material) is None:
         made = plain(material.name, tuple(material.diffuse_color[:3]), material.pass_index)
         return made, None
-    return _Reader(material, output, notes, {} if images is None else images).read()
+    made, texture = _Reader(material, notes, {} if images is None else images).read()
+    if _is_sound(made):
+        return made, texture
+    notes.missing("Material", material.name, NO_NUMBER)
+    return plain(material.name, BLACK, material.pass_index), None
+
+
+def _is_sound(material: model.Material) -> bool:
+    """Whether all its numbers are such, as f32 holds them."""
+    numbers = [material.absorption]
+    for lobe in material.lobes:
+        numbers += [lobe.color, lobe.weight, lobe.roughness, lobe.ior, lobe.metallic]
+        numbers += [lobe.specular, lobe.specular_tint, lobe.transmission, lobe.alpha]
+        numbers.append(lobe.emission)
+    largest = np.abs(np.concatenate([np.ravel(each) for each in numbers])).max()
+    return bool(largest <= np.finfo(np.float32).max)  # not of NaN
 
 
 def plain(name: str, color, index: int = 0) -> model.Material:
@@ -80,9 +80,8 @@ def plain(name: str, color, index: int = 0) -> model.Material:
 class _Reader:
     """Walks the shaders of one material."""
 
-    def __init__(self, material, output: Place, notes, images: dict) -> None:
-        self.material, self.output, self.notes = material, output, notes
-        self.images = images
+    def __init__(self, material, notes, images: dict) -> None:
+        self.material, self.notes, self.images = material, notes, images
         self.lobes: list[model.Lobe] = []
         self.strange: dict[str, None] = {}  # what is not understood, in order
         self.texture: Texture | None = None
@@ -90,15 +89,19 @@ class _Reader:
         self._baked: Place | None = None  # the output whose colours are baked
 
     def read(self) -> tuple[model.Material, Texture | None]:
-        inputs = self.output.node.inputs
-        if source(Place(inputs["Displacement"]))[0]:
+        output = output_of(self.material)
+        inputs = {} if output is None else output.node.inputs
+        displaced = inputs.get("Displacement")
+        if displaced and self._source(Place(displaced)):
             self.notes.unsupported("Displacement is", self.material.name)
-        volume = self._source(Place(inputs["Volume"]))
-        absorption = self._absorption(volume) if volume else np.zeros(3)
-        surface = self._source(self.output)
-        if surface:
-            self._shader(surface, 1.0)
-        elif volume:
+        volumes = self._flattened(inputs.get("Volume"))
+        absorption = np.zeros(3)
+        for out, weight in volumes:
+            absorption += weight * self._absorption(out)
+        surfaces = self._flattened(inputs.get("Surface"))
+        for out, weight in surfaces:
+            self._shader(out, weight)
+        if volumes and not surfaces:
             self._add("transparent", 1.0, color=WHITE)
         if not self.lobes:
             self._add("diffuse", 1.0, color=BLACK)
@@ -125,34 +128,28 @@ class _Reader:
             self.strange[str(error)] = None
             return None
 
+    def _flattened(self, socket) -> list[tuple[Place, float]]:
+        """The shaders that an output node's input adds up, and their weights."""
+        if socket is None:
+            return []
+        return flattened(Place(socket), self._source, lambda out: self._number(out, "Fac"))
+
     # -- shaders
 
     def _add(self, kind: str, weight: float, **values) -> None:
-        if weight > LEAST:
+        if not weight <= LEAST:
             self.lobes.append(model.Lobe(kind, weight=weight, **values))
 
     def _shader(self, out: Place, weight: float) -> None:
-        """Add the lobes of a shader's output."""
-        if weight <= LEAST:
-            return
+        """Add the lobes of a shader, or of a colour, which shines by itself."""
         kind = out.node.bl_idname
-        if kind == "ShaderNodeMixShader":
-            share = min(max(self._number(out, "Fac"), 0.0), 1.0)
-            self._inner(out, "Shader", weight * (1.0 - share))
-            self._inner(out, "Shader_001", weight * share)
-        elif kind == "ShaderNodeAddShader":
-            self._inner(out, "Shader", weight)
-            self._inner(out, "Shader_001", weight)
+        if out.socket.type != "SHADER":
+            self._glow(weight, 1.0, self._told(lambda folder: folder.color(out), BLACK))
         elif kind in _SHADERS:
             self._idle(out)
             _SHADERS[kind](self, out, weight)
         else:
             self._other(out, weight)
-
-    def _inner(self, out: Place, name: str, weight: float) -> None:
-        found = self._source(out.input(name))
-        if found:
-            self._shader(found, weight)
 
     def _idle(self, out: Place) -> None:
         """Note the inputs that are set and not understood."""
@@ -189,7 +186,7 @@ class _Reader:
             kind,
             weight,
             roughness=self._roughness(out),
-            ior=max(self._number(out, "IOR"), 1e-5),
+            ior=_within(self._number(out, "IOR"), 1e-5, np.inf),
             multiscatter=_multiscatter(out),
             **self._color(out, "Color"),
         )
@@ -199,7 +196,7 @@ class _Reader:
 
     def _emission(self, out: Place, weight: float) -> None:
         power = self._number(out, "Strength")
-        if power > 0:
+        if not power <= 0:
             self._glow(weight, power, self._color(out, "Color"))
 
     def _glow(self, weight: float, power: float, told: dict) -> None:
@@ -221,8 +218,8 @@ class _Reader:
         )
 
     def _principled(self, out: Place, weight: float) -> None:
-        alpha = min(max(self._number(out, "Alpha"), 0.0), 1.0)
-        power = max(self._number(out, "Emission Strength"), 0.0)
+        alpha = _within(self._number(out, "Alpha"), 0.0, 1.0)
+        power = _within(self._number(out, "Emission Strength"), 0.0, np.inf)
         glow = self._color(out, "Emission Color") if power else {"color": BLACK}
         base = self._color(out, "Base Color")
         if glow.get("textured"):
@@ -231,17 +228,23 @@ class _Reader:
         self._add(
             "principled",
             weight,
-            metallic=min(max(self._number(out, "Metallic"), 0.0), 1.0),
+            metallic=_within(self._number(out, "Metallic"), 0.0, 1.0),
             roughness=self._roughness(out),
-            ior=max(self._number(out, "IOR"), 1e-5),
+            ior=_within(self._number(out, "IOR"), 1e-5, np.inf),
             multiscatter=_multiscatter(out),
-            specular=max(self._number(out, "Specular IOR Level"), 0.0),
+            specular=self._specular(out),
             specular_tint=self._constant(out, "Specular Tint"),
-            transmission=min(max(self._number(out, "Transmission Weight"), 0.0), 1.0),
+            transmission=_within(self._number(out, "Transmission Weight"), 0.0, 1.0),
             alpha=alpha,
             emission=tuple(power * channel for channel in glow["color"]),
             **base,
         )
+
+    def _specular(self, out: Place) -> float:
+        level = self._number(out, "Specular IOR Level")
+        if level > 1.0:
+            self.strange["Specular IOR Level above 1"] = None
+        return _within(level, 0.0, 1.0)
 
     # -- volume
 
@@ -250,10 +253,7 @@ class _Reader:
         kind = out.node.bl_idname
         if kind == "ShaderNodeVolumeAbsorption":
             color = np.clip(self._constant(out, "Color"), 0.0, 1.0)
-            return max(self._number(out, "Density"), 0.0) * (1.0 - color)
-        if kind == "ShaderNodeAddShader":
-            parts = (self._source(out.input(name)) for name in ("Shader", "Shader_001"))
-            return sum((self._absorption(each) for each in parts if each), np.zeros(3))
+            return _within(self._number(out, "Density"), 0.0, np.inf) * (1.0 - color)
         self.strange[title(out.node)] = None
         return np.zeros(3)
 
@@ -274,42 +274,48 @@ class _Reader:
         return tuple(np.maximum(self._value(out, name), 0.0).tolist())
 
     def _roughness(self, out: Place) -> float:
-        return min(max(self._number(out, "Roughness"), 0.0), 1.0)
+        return _within(self._number(out, "Roughness"), 0.0, 1.0)
 
     def _color(self, out: Place, name: str) -> dict[str, object]:
         """color and textured of a lobe."""
         place = out.input(name)
+        return self._told(lambda folder: folder.values(place), own_value(place).tolist())
+
+    def _told(self, values: Callable[[Folder], Values], else_: Sequence[float]) -> dict:
+        """The same of values that a folder gives, else_ where it cannot."""
+        leaves = Leaves(self.notes, self.images)
         try:
-            return {"color": tuple(np.maximum(Folder().value(place), 0.0).tolist())}
-        except Unfolded:
-            pass
-        try:
-            return self._textured(place)
+            color = values(Folder(leaves.values))
+            if leaves.node is None or not any(isinstance(part, Step) for part in color):
+                return {"color": tuple(np.maximum(color, 0.0).tolist())}
+            self._bake(leaves, color)
         except Unfolded as error:
             self.strange[str(error)] = None
-            return {"color": tuple(np.maximum(own_value(place), 0.0).tolist())}
-
-    def _textured(self, place: Place) -> dict[str, object]:
-        """A colour from a texture, which becomes the material's; raises Unfolded."""
-        end = source(place)[0]
-        if self._baked is not None:
-            if self._baked != end:
-                raise Unfolded("a second texture")
-            return {"color": WHITE, "textured": True}
-        leaves = _Leaves(self.notes, self.images)
-        values = Folder(leaves.table).value(place)
-        if values.ndim < 2:  # of a texture that is not there
-            return {"color": tuple(np.maximum(values, 0.0).tolist())}
-        self.texture = leaves.texture(lambda table: _recolor(place, table))
-        if leaves.image is not None:
-            self.image = model.Image(
-                leaves.image.name,
-                leaves.pixels.textured(values),
-                interpolation="closest" if leaves.node.interpolation == "Closest" else "linear",
-                extension=EXTENSIONS[leaves.node.extension],
-            )
-        self._baked = end
+            return {"color": tuple(np.maximum(else_, 0.0).tolist())}
         return {"color": WHITE, "textured": True}
+
+    def _bake(self, leaves: Leaves, color: Triple) -> None:
+        """Make a colour of a texture the material's. Raises Unfolded for a second one."""
+        texture, image = leaves.baked(color)
+        if self.texture is not None:
+            known = self.texture.same_as(texture) and _same_look(self.image, image)
+            if not known:
+                raise Unfolded("a second texture")
+        else:
+            self.texture, self.image = texture, image
+
+
+def _same_look(a: model.Image | None, b: model.Image | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    keys = [image.program.key if image.program else b"" for image in (a, b)]
+    same = (a.interpolation, a.extension) == (b.interpolation, b.extension)
+    return same and a.pixels is b.pixels and keys[0] == keys[1]
+
+
+def _within(value: float, low: float, high: float) -> float:
+    """NaN stays, to be found."""
+    return value if value != value else min(max(value, low), high)
 
 
 def _multiscatter(out: Place) -> bool:
@@ -327,110 +333,3 @@ _SHADERS = {
     "ShaderNodeBsdfMetallic": _Reader._metallic,
     "ShaderNodeEmission": _Reader._emission,
 }
-
-
-# ---- textures ----------------------------------------------------------------
-
-
-class _Leaves:
-    """The texture among the nodes of a colour; a second one raises Unfolded."""
-
-    def __init__(self, notes, images: dict) -> None:
-        self.notes, self.images = notes, images
-        self.node, self.image, self.pixels = None, None, None
-        self._groups: tuple = ()
-
-    def table(self, out: Place) -> NDArray:
-        """Values of a texture's output: of all pixels (h, w, ...), of one colour (1, ...)."""
-        node = out.node
-        if node.bl_idname not in TEXTURES:
-            raise Unfolded(title(node))
-        if self.node is not None and (node != self.node or out.groups != self._groups):
-            raise Unfolded("a second texture")
-        self.node, self._groups = node, out.groups
-        if node.bl_idname != "ShaderNodeTexImage":
-            if getattr(node, "attribute_type", "GEOMETRY") != "GEOMETRY":
-                raise Unfolded(f"{title(node)} ({node.attribute_type.capitalize()})")
-            return _output(out, np.ones((1, 4)))
-        if node.projection != "FLAT":
-            raise Unfolded(f"{title(node)} ({node.projection.capitalize()})")
-        if node.image is None:
-            return np.zeros(()) if out.socket.type == "VALUE" else np.zeros(3)  # black, as Cycles
-        if self.pixels is None:
-            key = node.image.name_full, node.outputs["Alpha"].is_linked
-            if key not in self.images:
-                self.images[key] = pixels_of(node.image, self.notes, straight=key[1])
-            self.pixels = self.images[key]
-        if self.pixels is None:
-            return np.ones(()) if out.socket.type == "VALUE" else np.array(MISSING)
-        self.image = node.image
-        return _output(out, self.pixels.linear)
-
-    def texture(self, apply: Callable) -> Texture:
-        if self.image is None:
-            node = self.node
-            layer = getattr(node, "layer_name", "") or getattr(node, "attribute_name", "")
-            return Texture("vertex", layer, apply=apply)
-        return coordinates(Place(self.node.inputs["Vector"], self._groups), "UV")
-
-
-def _output(out: Place, table: NDArray) -> NDArray:
-    """One output of a texture node, from its colours with alpha."""
-    if out.socket.name == "Alpha":
-        return table[..., 3]
-    if out.socket.type == "VALUE":  # Attribute's Factor
-        return table[..., :3].mean(axis=-1)
-    return table[..., :3]
-
-
-def _recolor(place: Place, table: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The colours of a mesh (.., 4) as they arrive at a socket (.., 3)."""
-    values = Folder(lambda out: _output(out, table)).value(place)
-    return np.maximum(values, 0.0).astype(np.float32)
-
-
-def coordinates(place: Place, default: str) -> Texture:
-    """Where an image is looked up. default: coordinates of a socket without a link.
-
-    Raises Unfolded where that is no affine map of UVs or of places in the object.
-    """
-    matrix = np.eye(4)
-    while True:
-        found = source(place)[0]
-        if found is None:
-            return Texture("image", "", default, matrix.astype(np.float32))
-        node, name = found.node, found.socket.name
-        if node.bl_idname == "ShaderNodeMapping":
-            matrix = matrix @ mapping(found)
-            place, default = found.input("Vector"), ""
-        elif node.bl_idname == "ShaderNodeUVMap" and not node.from_instancer:
-            return Texture("image", node.uv_map, "UV", matrix.astype(np.float32))
-        elif node.bl_idname == "ShaderNodeAttribute" and node.attribute_type == "GEOMETRY":
-            return Texture("image", node.attribute_name, "UV", matrix.astype(np.float32))
-        elif (
-            node.bl_idname == "ShaderNodeTexCoord"
-            and name in ("UV", "Generated", "Object")
-            and not node.from_instancer
-            and not (name == "Object" and node.object)
-        ):
-            return Texture("image", "", name, matrix.astype(np.float32))
-        else:
-            raise Unfolded(f"{title(node)} ({name})")
-
-
-def mapping(out: Place) -> NDArray[np.float64]:
-    """The matrix of a Mapping node. Raises Unfolded where it is no constant one."""
-    from mathutils import Euler, Matrix
-
-    kind = out.node.vector_type
-    fold = Folder().value
-    turn, scale = fold(out.input("Rotation")), fold(out.input("Scale"))
-    shift = fold(out.input("Location")) if kind in ("POINT", "TEXTURE") else np.zeros(3)
-    matrix = np.array(Matrix.LocRotScale(shift.tolist(), Euler(turn.tolist()), scale.tolist()))
-    if kind in ("POINT", "VECTOR"):
-        return matrix
-    if kind == "NORMAL":
-        raise Unfolded(f"{title(out.node)} (Normal)")
-    scale = np.where(scale != 0, scale, 1.0)
-    matrix = np.array(Matrix.LocRotScale(shift.tolist(), Euler(turn.tolist()), scale.tolist()))
-    return np.linalg.inv(matrix)

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from leapray import Program
+
 Color = tuple[float, float, float]  # linear RGB
 
 
@@ -45,10 +47,12 @@ class Image:
     """A texture. A texel's centre lies at u = (x + 0.5) / width, v = (y + 0.5) / height."""
 
     name: str
-    pixels: NDArray[np.float32] | NDArray[np.uint8]  # (height, width, 3) RGB, rows from below:
-    # linear, or in sRGB, which is interpolated as such
-    interpolation: str = "linear"  # "linear" | "closest"
+    pixels: NDArray[np.float32] | NDArray[np.uint8] | None  # (height, width, 3) RGB, rows from
+    # below: linear, or in sRGB, which is interpolated as such; or what the program takes,
+    # as leapray.Texture says; None: the mesh's own colours
+    interpolation: str = "linear"  # "linear" | "closest" | "cubic"
     extension: str = "repeat"  # "repeat" | "extend" | "clip" (black outside) | "mirror"
+    program: Program | None = None  # makes linear RGB of what is looked up
 
 
 @dataclass(frozen=True)
@@ -135,7 +139,7 @@ class World:
     """What surrounds the scene: a color, which multiplies the image where there is one."""
 
     color: Color = (0.0, 0.0, 0.0)  # radiance
-    image: NDArray[np.float32] | None = None  # (h, w, 3) by longitude and latitude, rows from below
+    image: Image | None = None  # radiance by longitude and latitude
     image_from_world: tuple[tuple[float, float, float], ...] = (
         (1.0, 0.0, 0.0),
         (0.0, 1.0, 0.0),

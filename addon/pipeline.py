@@ -9,6 +9,7 @@ One watch reaches every call into the core, so a stop ends whatever runs.
 from __future__ import annotations
 
 import collections
+import dataclasses
 import platform
 import queue
 import time
@@ -200,6 +201,22 @@ def _plan(scene: model.Scene, cache: Cache, crew: Crew, threads: int, planner) -
     return planned
 
 
+def _world(world: model.World, watch: leapray.Watch) -> model.World:
+    """The world with its image as a texture."""
+    image = world.image
+    if image is None:
+        return world
+    texture = leapray.Texture(
+        image.pixels,
+        image.interpolation,
+        image.extension,
+        image.program,
+        points_only=True,
+        watch=watch,
+    )
+    return dataclasses.replace(world, image=texture)
+
+
 def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_tile):
     """The passes, the counters' totals and the bytes of all workspaces."""
     s = scene.settings
@@ -209,7 +226,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
         planned.lights,
         scene.materials,
         planned.slots,
-        world=scene.world,
+        world=_world(scene.world, crew.watch),
         film_transparent=scene.film_transparent,
         slot_objects=planned.slot_objects,
         mist=scene.mist,
