@@ -39,6 +39,7 @@ def sky(is_float, after=None, interpolation="Linear", straight=True):
 def all_around(scene):
     """(ROWS, 2 ROWS, 3) by Cycles."""
     put("Far", plane(size=1e-3), location=(0, 0, 1e4))
+    scene.world.cycles.sampling_method = "NONE"  # saves its map
     camera = scene.camera
     camera.data.type = "PANO"
     owner = camera.data if hasattr(camera.data, "panorama_type") else camera.data.cycles
