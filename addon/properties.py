@@ -9,6 +9,7 @@ a switch that is not stored says so.
 
 # Annotations stay values here, for Blender evaluates them.
 
+import os
 import zlib
 from dataclasses import fields
 
@@ -480,7 +481,7 @@ def settings(scene, view_layer=None) -> model.Settings:
                 f"The {label} stored in scene {scene.name} is unknown to LeapRay "
                 f"{leapray.__version__}; choose one in the Render properties"
             )
-    values["cache_folder"] = bpy.path.abspath(values["cache_folder"])
+    values["cache_folder"] = os.path.expanduser(bpy.path.abspath(values["cache_folder"]))
     if view_layer is not None:
         values["samples"] = _samples_of(view_layer, scene, values["samples"])
     fixed = scene.render.threads_mode == "FIXED"

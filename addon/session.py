@@ -7,13 +7,9 @@ output meanwhile is kept from it.
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import os
-import shutil
-import signal
 import sys
-import threading
 import time
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -21,11 +17,8 @@ from pathlib import Path
 import leapray
 from leapray import LeapRayError
 
-
-def check_file(path: Path) -> None:
-    """Raise LeapRayError where there is no file to read."""
-    if not path.is_file():
-        raise LeapRayError(f"{path} is a folder" if path.is_dir() else f"There is no file {path}")
+from .files import check_file, finite
+from .process import interruptible
 
 
 def open_scene(path: Path):
@@ -34,10 +27,9 @@ def open_scene(path: Path):
     import bpy
 
     if not hasattr(bpy.types.Scene, "leapray"):
-        from . import register, unregister
+        from . import register
 
         register()
-        atexit.register(unregister)  # Blender's module crashes at exit over classes it still has
     try:
         with quiet():
             bpy.ops.wm.open_mainfile(filepath=str(path.absolute()), load_ui=False)
@@ -74,8 +66,10 @@ def set_format(scene, picture: Path, passes: Collection[str] | None = None) -> N
     scene.render.use_sequencer = False
 
 
-def render_frame(scene) -> dict[str, dict]:
+def render_frame(scene, lead: str = "") -> dict[str, dict]:
     """Render and save the current frame; returns the report of each view layer.
+
+    lead: what stands before the words of progress.
 
     Raises the engine's own LeapRayError, or KeyboardInterrupt where it was stopped.
     """
@@ -84,7 +78,7 @@ def render_frame(scene) -> dict[str, dict]:
     from . import engine
 
     handlers = bpy.app.handlers.render_stats
-    progress = Progress(sys.stderr)
+    progress = Progress(sys.stderr, lead)
     handlers.append(progress)
     engine.reports.clear()
     engine.failures.clear()
@@ -102,20 +96,21 @@ def render_frame(scene) -> dict[str, dict]:
         raise KeyboardInterrupt
     if failure is not None:
         raise failure
-    return dict(engine.reports)
+    return finite(engine.reports)
 
 
 class Progress:
     """A handler of Blender's render statistics: one line that changes, or now and then a line."""
 
-    def __init__(self, stream) -> None:
-        self.stream, self.terminal, self.said = stream, stream.isatty(), time.monotonic()
+    def __init__(self, stream, lead: str = "") -> None:
+        self.stream, self.lead = stream, lead
+        self.terminal, self.said = stream.isatty(), time.monotonic()
 
     def __call__(self, text, *_) -> None:
         now = time.monotonic()
         if isinstance(text, str) and now - self.said > (0.1 if self.terminal else 10.0):
             self.said = now
-            words = text.strip().removeprefix("| ")
+            words = self.lead + text.strip().removeprefix("| ")
             line = f"\r\x1b[K{words}" if self.terminal else f"{words}\n"
             print(line, end="", file=self.stream, flush=True)
 
@@ -129,68 +124,6 @@ def first_line(error: RuntimeError) -> str:
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     wanted = [line for line in lines if line.startswith("Error:")] or lines
     return wanted[0].removeprefix("Error:").strip() if wanted else "Blender does not say why"
-
-
-@contextlib.contextmanager
-def interruptible(event: threading.Event) -> Iterator[None]:
-    """Have the first Ctrl-C set event, which ends the work inside, then raise KeyboardInterrupt.
-
-    What is raised in a callback of Blender's, Blender prints and forgets. The
-    second Ctrl-C is raised at once. Where Python does not listen to Ctrl-C, and
-    on other threads, nothing changes.
-    """
-    event.clear()
-    on_main_thread = threading.current_thread() is threading.main_thread()
-    if not on_main_thread or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield
-        return
-
-    def heard(*_) -> None:
-        event.set()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    signal.signal(signal.SIGINT, heard)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        if event.is_set():
-            event.clear()
-            raise KeyboardInterrupt
-
-
-@contextlib.contextmanager
-def interrupt_ends_process(folder: Path) -> Iterator[None]:
-    """Have Ctrl-C end the process while Blender is deaf inside; folder goes if it is a .part.
-
-    Python hears signals between its own commands, so not before a call into Blender
-    has returned; another engine's render may take an hour. Exit code 130. Where
-    Python does not listen to Ctrl-C, and on other threads, nothing changes.
-    """
-    on_main_thread = threading.current_thread() is threading.main_thread()
-    if not on_main_thread or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield
-        return
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-
-    def listen() -> None:
-        if os.read(reader, 1) == bytes([signal.SIGINT]):  # else the other end was closed
-            if folder.suffix == ".part":
-                shutil.rmtree(folder, ignore_errors=True)
-            print("leapray: interrupted", file=sys.stderr, flush=True)
-            os._exit(130)
-
-    listener = threading.Thread(target=listen, daemon=True)
-    before = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
-    listener.start()
-    try:
-        yield
-    finally:
-        signal.set_wakeup_fd(before)
-        os.close(writer)
-        listener.join()
-        os.close(reader)
 
 
 @contextlib.contextmanager

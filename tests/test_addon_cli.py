@@ -3,18 +3,21 @@
 
 import json
 import os
+import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 import bpy
+import numpy as np
 import pytest
 from blender_scenes import exr, fresh, light, mesh, put
 
 import leapray
-from addon import cli, result
+from addon import cli, result, session
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -96,6 +99,108 @@ def test_options_replace_the_scenes_settings(blend, tmp_path):
     assert {name: settings[name] for name in want} == want
     names = {name.split(".")[1] for name in exr(folder / "out.exr") if name.count(".") == 2}
     assert names == {each.blender_name() for each in result.PASSES}
+
+
+def size_of(picture):
+    """(width, height) of a PNG file."""
+    assert is_png(picture)
+    return struct.unpack(">II", picture.read_bytes()[16:24])
+
+
+@pytest.fixture
+def copied(blend, tmp_path, monkeypatch):
+    """The scene in a folder of its own; the current folder is another."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "project"
+    folder.mkdir()
+    return Path(shutil.copy(blend, folder / "cube.blend"))
+
+
+def test_paths_are_relative_to_the_scene_and_to_the_home_folder(copied, monkeypatch):
+    monkeypatch.setenv("HOME", str(copied.parent / "home"))
+    for name in ("home", "home/cache", "cache"):
+        (copied.parent / name).mkdir()
+    for cache in ("//cache", "~/cache"):
+        words = ["--output", "//a.png", "--json", "~/told.json", "--cache-folder", cache]
+        assert cli.main(["render", str(copied), *words]) == 0
+    assert is_png(copied.parent / "a.png")
+    told = json.loads((copied.parent / "home" / "told.json").read_text())
+    assert told["picture"] == str(copied.parent / "a.png")
+    for name in ("cache", "home/cache"):
+        assert list((copied.parent / name).glob("*.vdb"))
+    assert sorted(os.listdir(copied.parent)) == ["a.png", "cache", "cube.blend", "home"]
+    assert os.listdir() == ["project"]
+
+
+@pytest.mark.parametrize(
+    ("words", "size"),
+    [
+        (["--percentage", "50"], (32, 24)),
+        (["--resolution-x", "20"], (20, 48)),
+        (["--resolution-x", "20", "--resolution-y", "10"], (20, 10)),
+        (["--resolution-y", "10", "--percentage", "200"], (128, 20)),
+    ],
+)
+def test_the_size_of_the_picture_is_as_asked_for(copied, words, size):
+    scene = session.open_scene(copied)
+    scene.render.resolution_percentage = 25
+    bpy.ops.wm.save_mainfile()
+    assert cli.main(["render", str(copied), *words]) == 0
+    assert size_of(Path("cube.png")) == size
+    told = json.loads(Path("cube.json").read_text())
+    assert (told["width"], told["height"]) == size
+
+
+def test_several_frames_are_numbered_and_each_has_its_figures(copied, capfd):
+    words = ["--frames", "2-3,-1", "--percentage", "25", "--output", "out.exr"]
+    assert cli.main(["render", str(copied), *words]) == 0
+    out = capfd.readouterr().out.splitlines()
+    names = ["out0002", "out0003", "out-0001"]
+    assert out == [f"{name}.exr, and its figures in {name}.json" for name in names]
+    for name, frame in zip(names, (2, 3, -1), strict=True):
+        assert json.loads(Path(f"{name}.json").read_text())["frame"] == frame
+    assert len(os.listdir()) == 7
+    assert cli.main(["render", str(copied), *words, "--frames", "2"]) == 0  # its own are replaced
+
+
+def test_several_frames_may_share_the_file_of_their_figures(copied, monkeypatch):
+    words = ["--frames", "1-3", "--percentage", "25", "--output", "o_##.png", "--json"]
+    assert cli.main(["render", str(copied), *words, "a.json"]) == 0
+    told = json.loads(Path("a.json").read_text())
+    assert [each["picture"] for each in told["frames"]] == ["o_01.png", "o_02.png", "o_03.png"]
+    assert cli.main(["render", str(copied), *words, "b##.json"]) == 0
+    assert json.loads(Path("b03.json").read_text())["frame"] == 3
+
+    render_frame = cli.render_frame
+
+    def fail_at_the_second(scene, lead):
+        if scene.frame_current == 2:
+            raise leapray.LeapRayError("no")
+        return render_frame(scene, lead)
+
+    monkeypatch.setattr(cli, "render_frame", fail_at_the_second)
+    for path in Path().glob("*.*"):
+        path.unlink()
+    assert cli.main(["render", str(copied), *words, "a.json"]) == 1
+    assert sorted(path.name for path in Path().glob("*.*")) == ["a.json", "o_01.png"]
+    assert len(json.loads(Path("a.json").read_text())["frames"]) == 1  # the others stay whole
+
+
+def test_frames_differ_and_are_those_of_single_renders(blend, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = session.open_scene(blend)
+    cube = scene.objects["Cube"]
+    for frame, x in ((1, 0.0), (2, 1.0)):
+        cube.location.x = x
+        cube.keyframe_insert("location", frame=frame)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "moving.blend"))
+    words = ["render", "moving.blend", "--output"]
+    assert cli.main([*words, "all#.exr", "--frames", "1-2"]) == 0
+    assert cli.main([*words, "one#.exr", "--frame", "2"]) == 0
+    first, second, single = (exr(Path(name)) for name in ("all1.exr", "all2.exr", "one2.exr"))
+    for name, pixels in single.items():
+        np.testing.assert_array_equal(second[name], pixels, err_msg=name)
+    assert any(not np.array_equal(first[name], second[name]) for name in first)
 
 
 REFUSED = [

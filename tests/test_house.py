@@ -41,7 +41,8 @@ LAYERS = {
         "__init__",
     ],
     "addon": [
-        "model",
+        "model process",
+        "files",
         "objects bake tiles probes reach light_planes volumes",
         "cache errors parts shelf steps",
         "levels",
@@ -55,6 +56,7 @@ LAYERS = {
         "engine",
         "session",
         "study",
+        "arguments",
         "cli operators ui_report",
         "ui",
         "__init__",

@@ -11,7 +11,6 @@ seed. What the scene is changed to for that, `frames.prepare` says and the repor
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 import leapray
 from leapray import LeapRayError
 
+from .. import files
 from . import charts, metrics, report
 from .folder import result_folder
 
@@ -45,7 +45,7 @@ def main(args: argparse.Namespace) -> int:
         told = compare(scene, args, chosen, folder)
         told["scene"] = str(args.scene)
         report.write(folder, told)
-        (folder / "report.json").write_text(json.dumps(told, indent=2, default=str) + "\n")
+        files.write_json(folder / "report.json", told)
         for frame in folder.glob("*.exr"):
             frame.unlink()
     for line in report.summary(told):

@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import csv
-import json
 import os
 import shutil
 import tempfile
@@ -17,6 +16,7 @@ from pathlib import Path
 import leapray
 from leapray import LeapRayError
 
+from .. import files, process
 from . import charts
 
 
@@ -28,6 +28,8 @@ def result_folder(output: Path, last: str) -> Iterator[Path]:
     LeapRayError before any work where output cannot be.
     """
     parent = output.absolute().parent
+    figures = (output / last).with_suffix(".json")
+    files.check_replaceable(figures, lambda data: "leapray" in data, "choose another --output")
     if output.is_file():
         raise LeapRayError(f"--output must be a folder, and {output} is a file")
     if not parent.is_dir():
@@ -35,16 +37,21 @@ def result_folder(output: Path, last: str) -> Iterator[Path]:
     try:
         if output.is_dir():
             tempfile.TemporaryFile(dir=output).close()
-        part = Path(tempfile.mkdtemp(prefix=f".{output.name}.", suffix=".part", dir=parent))
+        with process.signals_deferred():
+            prefix = f".{output.name}."
+            part = Path(tempfile.mkdtemp(prefix=prefix, suffix=".part", dir=parent))
+            process.temporary_folders.add(part)
     except OSError as error:
         raise LeapRayError(f"{output} cannot be written to: {error.strerror}") from error
     try:
         yield part
         output.mkdir(exist_ok=True)
-        for path in sorted(part.iterdir(), key=lambda each: each.name == last):
-            os.replace(path, output / path.name)
+        with process.signals_deferred():
+            for path in sorted(part.iterdir(), key=lambda each: each.name == last):
+                os.replace(path, output / path.name)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+        process.temporary_folders.discard(part)
 
 
 @contextlib.contextmanager
@@ -61,7 +68,7 @@ def write_figures(folder: Path, name: str, told: dict, **tables: list) -> dict:
     CSV file per table; the first is name.csv. Returns what the JSON file holds."""
     rows = {key: [asdict(row) for row in table] for key, table in tables.items()}
     whole = {"machine": charts.machine(), "leapray": leapray.__version__, **told, **rows}
-    (folder / f"{name}.json").write_text(json.dumps(whole, indent=2) + "\n")
+    files.write_json(folder / f"{name}.json", whole)
     for k, (key, table) in enumerate(rows.items()):
         ending = f"-{key.replace('_', '-')}" if k else ""
         with (folder / f"{name}{ending}.csv").open("w", newline="") as file:

@@ -302,12 +302,12 @@ def mesh_borders(thing) -> NDArray[np.float64]:
 
 
 def render_cycles(scene: bpy.types.Scene, path: Path, samples: int, seed: int = 0) -> Frame:
-    """The frame by Cycles. Ctrl-C meanwhile ends the process."""
+    """The frame by Cycles, which hears no Ctrl-C: a process of the command line ends at once."""
     scene.render.engine = "CYCLES"
     scene.cycles.samples, scene.cycles.seed = samples, seed
     write_to(scene, path)
     began = time.perf_counter()
-    with session.quiet(), session.interrupt_ends_process(path.parent):
+    with session.quiet():
         bpy.ops.render.render(write_still=True, scene=scene.name)
     seconds = time.perf_counter() - began
     return Frame(read(path), seconds)

@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The words of the command line: verbs, their options, and what is said of a wrong one (no bpy)."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import importlib
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+import leapray
+from leapray.voxelization import FILTERS
+
+from . import model
+
+DEFAULTS = model.Settings()
+MOST_THREADS, LAST_FRAME = 1024, 1048574  # of Blender, which would quietly clamp
+MOST_PERCENT, LEAST_PIXELS, MOST_PIXELS = 32767, 4, 65536  # likewise
+VERBS = ("render", "compare", "study")
+FRAMES = re.compile(r"(-?\d+)(?:(?:-|\.\.)(-?\d+))?")
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong in one sentence, with the nearest word that there is."""
+
+    def __init__(self, **options) -> None:
+        super().__init__(**options)
+        self._negative_number_matcher = re.compile(r"-\d")  # --frames -5-5 has a value
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"leapray: {self.sentence(message)}\n")
+
+    def sentence(self, message: str) -> str:
+        """argparse's message, plainer."""
+        name, _, rest = message.removeprefix("argument ").partition(": ")
+        choice = re.fullmatch(r"invalid choice: '(.*)' \(choose from (.*)\)", rest)
+        if choice:
+            word, known = choice[1], re.sub("'", "", choice[2]).split(", ")
+            what = {"VERB": f"no verb {word}", "NAME": f"no study {word}"}.get(
+                name, f"{name}: invalid choice: '{word}'"
+            )
+            if name == "VERB" and word.endswith(".blend"):
+                return f"{what}; did you mean render {word}?"
+            return f"{what};{nearest(word, known)} there are {', '.join(known)}"
+        if name == "the following arguments are required":
+            verb = self.prog.rpartition(" ")[2]
+            there_are = {"VERB": f": {', '.join(VERBS)}", "NAME": f": {', '.join(studies())}"}
+            return f"{verb} needs {rest}{there_are.get(rest, '')}"
+        if rest.startswith("expected"):
+            return f"{name} needs a value"
+        return f"{name} {rest}" if rest.startswith("must") else message.removeprefix("argument ")
+
+    def refuse_rest(self, words: list[str]) -> NoReturn:
+        """Say what none of the options understands."""
+        options = [word for word in words if word.startswith("-")]
+        if not options:
+            self.error(f"nothing is known to be done with {' '.join(words)}")
+        name = options[0].partition("=")[0]
+        known = [text for text in self._option_string_actions if text.startswith("--")]
+        if re.fullmatch("-[a-z]", name):  # as Blender has them
+            meant = next((text for text in known if text.startswith(f"-{name}")), "")
+            hint = f" did you mean {meant}?" if meant else ""
+        else:
+            hint = nearest(name, known)
+        self.error(f"no option {name};{hint or f' {self.prog} --help lists what there is'}")
+
+
+def nearest(word: str, known: Sequence[str]) -> str:
+    """ " did you mean ...?" where one of the known words looks like it."""
+    close = difflib.get_close_matches(word.lower(), known, 1)
+    return f" did you mean {close[0]}?" if close else ""
+
+
+def parse(argv: list[str]) -> argparse.Namespace:
+    """What the words ask for; SystemExit with 2 after a sentence where they cannot be understood,
+    with 0 after help. Raises LeapRayError for a study that needs what this Python has not."""
+    top, verbs = parser(argv)
+    if argv and argv[0].startswith("-") and argv[0] not in ("-h", "--help"):
+        top.error(f"the verb comes first, and then {argv[0]}: {', '.join(VERBS)}")
+    args, rest = top.parse_known_args(argv)
+    if rest:
+        verbs[getattr(args, "name", args.verb)].refuse_rest(rest)
+    return args
+
+
+def studies() -> list[str]:
+    """The names of the studies: the modules of addon/study that say so by `STUDY = True`."""
+    folder = Path(__file__).with_name("study")
+    return sorted(
+        path.stem for path in folder.glob("*.py") if "\nSTUDY = True\n" in path.read_text("utf-8")
+    )
+
+
+def study_module(name: str):
+    """A module of addon/study; LeapRayError where it needs what this Python has not."""
+    try:
+        return importlib.import_module(f".study.{name}", __package__)
+    except ModuleNotFoundError as error:
+        raise leapray.LeapRayError(
+            f"{name} needs {error.name}, which this Python has not; start it by build.py"
+        ) from error
+
+
+def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
+    """The words there are, and those of each verb and study. A study's own options are known only
+    where argv names it, as they take what it needs to be looked up."""
+    top = Parser(
+        prog="leapray", description="Render scenes of Blender as volumes, compare, measure."
+    )
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+
+    verb = verbs.add_parser("render", help="render a frame of a scene, or several")
+    verb.add_argument("scene", type=Path, metavar="SCENE.blend")
+    verb.add_argument(
+        "--output",
+        type=Path,
+        help="OUT.png, or OUT.exr with all passes; default: SCENE.png here. // is the scene's "
+        "folder, ### the frame's number",
+    )
+    verb.add_argument(
+        "--json",
+        type=Path,
+        metavar="FILE",
+        help="default: beside the picture; of several frames one file, unless its name has ###",
+    )
+    which = verb.add_mutually_exclusive_group()
+    which.add_argument(
+        "--frame",
+        type=frame_number,
+        metavar="N",
+        help="default: the scene's current frame",
+    )
+    which.add_argument(
+        "--frames",
+        type=frame_numbers,
+        metavar="A-B",
+        help="all from A to B, or a list as 1-3,7; the pictures are numbered",
+    )
+    verb.add_argument(
+        "--percentage",
+        type=count(1, MOST_PERCENT),
+        metavar="P",
+        help="of the resolution; default: the scene's, 100 where one of the next two is given",
+    )
+    for axis, of in (("x", "the picture's width"), ("y", "its height")):
+        verb.add_argument(
+            f"--resolution-{axis}",
+            type=count(LEAST_PIXELS, MOST_PIXELS),
+            metavar="N",
+            help=f"{of} in pixels; default: the scene's",
+        )
+    add_settings(verb)
+
+    verb = verbs.add_parser("compare", help="the same frame by Cycles and by LeapRay")
+    verb.add_argument("scene", type=Path, metavar="SCENE.blend")
+    verb.add_argument("--output", type=Path, metavar="DIR", help="default: SCENE-compare here")
+    verb.add_argument("--traversers", metavar="all|A,B,..", help="default: the default one")
+    verb.add_argument("--samples", type=count(1), default=16, metavar="N", help="per pixel")
+    verb.add_argument("--reference", type=count(1), metavar="N", help="default: 8 times --samples")
+    verb.add_argument(
+        "--references",
+        type=Path,
+        metavar="DIR",
+        help="where reference frames are kept, to be read instead of rendered by the next run",
+    )
+    verb.add_argument(
+        "--frame",
+        type=frame_number,
+        metavar="N",
+        help="default: the scene's current one",
+    )
+    verb.add_argument(
+        "--world",
+        choices=["scene", "black"],
+        default="scene",
+        help="black: the lights alone give light",
+    )
+    verb.add_argument(
+        "--materials",
+        choices=["scene", "plain"],
+        default="scene",
+        help="plain: all diffuse, and light does not bounce",
+    )
+    verb.add_argument(
+        "--diffuse-bounces", type=count(0), metavar="N", help="of both; default: the scene's"
+    )
+    verb.add_argument(
+        "--curve", type=count(1), metavar="N", help="chart both engines at 1, 4, 16 .. N samples"
+    )
+    verb.add_argument(
+        "--percentage", type=count(1, MOST_PERCENT), metavar="P", help="of the resolution"
+    )
+    verb.add_argument(
+        "--cache-folder",
+        metavar="DIR",
+        help="where volumes are kept as .vdb files, to be read instead of made by the next run",
+    )
+    verb.add_argument("--threads", type=count(0, MOST_THREADS), metavar="N", help="0: all cores")
+
+    verb = verbs.add_parser("study", help="measure speed, accuracy, stability")
+    names = verb.add_subparsers(
+        dest="name", required=True, metavar="NAME", help=", ".join(studies())
+    )
+    for name in studies():
+        each = names.add_parser(name)
+        each.add_argument("--output", type=Path, metavar="DIR", help="default: a folder here")
+        each.add_argument("--quick", action="store_true", help="fewer, smaller measurements")
+        if "study" in argv[:1] and name in argv:
+            module = study_module(name)
+            each.description = module.__doc__.splitlines()[0]
+            module.add_arguments(each)
+    return top, {**verbs.choices, **names.choices}
+
+
+def add_settings(verb: Parser) -> None:
+    """Options that replace settings of the scene; what is not given stays the scene's."""
+    verb.add_argument("--samples", type=count(1), metavar="N", help="rays per pixel")
+    for kind in ("max", "diffuse", "glossy", "transmission", "transparent"):
+        of = "in all" if kind == "max" else f"by {kind} surfaces"
+        verb.add_argument(
+            f"--{kind}-bounces", type=count(0), metavar="N", help=f"most bounces of light {of}"
+        )
+    verb.add_argument(
+        "--noise-threshold",
+        type=float,
+        metavar="X",
+        help="where a pixel has enough samples; 0: never",
+    )
+    verb.add_argument(
+        "--min-samples", type=count(0), metavar="N", help="before noise is judged; 0: as suits it"
+    )
+    verb.add_argument("--pixel-filter", choices=list(leapray.PIXEL_FILTERS))
+    verb.add_argument("--filter-width", type=float, metavar="X", help="of the pixel filter, pixels")
+    verb.add_argument("--clamp-direct", type=float, metavar="X", help="light of a sample; 0: off")
+    verb.add_argument("--clamp-indirect", type=float, metavar="X", help="after bounces; 0: off")
+    verb.add_argument(
+        "--ambient-distance", type=float, metavar="X", help="fast stand-in for bounces; 0: off"
+    )
+    verb.add_argument("--ao-distance", type=float, metavar="X", help="reach of ambient occlusion")
+    verb.add_argument("--seed", type=count(0), metavar="N", help="another pattern of rays")
+    verb.add_argument(
+        "--traverser",
+        metavar="NAME",
+        help=", ".join(entry.name for entry in leapray.traversers()),
+    )
+    verb.add_argument("--hit-test", choices=list(leapray.HIT_TESTS))
+    verb.add_argument("--root", choices=list(leapray.ROOTS))
+    verb.add_argument("--normal", choices=list(leapray.NORMALS))
+    verb.add_argument("--layout", choices=model.LAYOUTS)
+    verb.add_argument("--filter", choices=list(FILTERS), help="of the volumes' samples")
+    verb.add_argument(
+        "--resolution",
+        type=auto_or_count,
+        metavar="auto|N",
+        help="samples along the longest side of each volume",
+    )
+    verb.add_argument(
+        "--pixel-error",
+        type=float,
+        metavar="X",
+        help=f"of a pixel, for --resolution auto; {DEFAULTS.pixel_error} unless the scene says so",
+    )
+    verb.add_argument(
+        "--half-width", type=float, metavar="X", help="of that filter, voxels; 0: as suits"
+    )
+    verb.add_argument("--exact", choices=list(model.EXACT), help="whose cells keep their triangles")
+    verb.add_argument("--sample-type", choices=list(model.SAMPLE_TYPES), help="of the volumes")
+    verb.add_argument("--memory-mb", type=count(1), metavar="N", help="for all volumes")
+    verb.add_argument(
+        "--cache-folder",
+        metavar="DIR",
+        help="where volumes are kept as .vdb files, to be read instead of made by the next run",
+    )
+    verb.add_argument("--threads", type=count(0, MOST_THREADS), metavar="N", help="0: all cores")
+
+
+def count(least: int, most: int = 2**31 - 1):
+    """A type for argparse: an integer from least to most, as Blender can hold it."""
+
+    def number(word: str) -> int:
+        value = int(word)
+        if value < least:
+            raise argparse.ArgumentTypeError(f"must be at least {least}, not {value}")
+        if value > most:
+            raise argparse.ArgumentTypeError(f"must be at most {most}, not {value}")
+        return value
+
+    number.__name__ = "integer"  # argparse shows it
+    return number
+
+
+def auto_or_count(word: str) -> int:
+    """A type for argparse: "auto", which is 0, or an integer from 1 on."""
+    return 0 if word == "auto" else count(1)(word)
+
+
+auto_or_count.__name__ = '"auto" or integer'
+frame_number = count(-LAST_FRAME, LAST_FRAME)
+
+
+def frame_numbers(word: str) -> list[int]:
+    """A type for argparse: the frames of "A-B", "A..B", "A", or of a list of those, in order."""
+    found: dict[int, None] = {}
+    for part in word.split(","):
+        ends = FRAMES.fullmatch(part.strip())
+        if not ends:
+            raise argparse.ArgumentTypeError(f"must be like 1-24 or 1-3,7, not {word}")
+        first, last = (frame_number(end) for end in (ends[1], ends[2] or ends[1]))
+        if last < first:
+            raise argparse.ArgumentTypeError(f"must go upwards, not as {part.strip()}")
+        found.update(dict.fromkeys(range(first, last + 1)))
+    return list(found)
