@@ -95,7 +95,8 @@ def run(command: list[str]) -> None:
         check=False,
     )
     if result.returncode:
-        raise BuildError(f"{shlex.join(command)}\n{result.stderr}{result.stdout}")
+        said = f"{shlex.join(command)}\n{result.stderr}{result.stdout}"
+        raise BuildError(f"the core does not compile:\n{said}")
 
 
 def environment() -> dict[str, str]:
@@ -142,31 +143,58 @@ class Unit:
 
 
 def build(force: bool = False, say=lambda sentence: None) -> bool:
-    """Bring the library up to date; true where something was compiled. Raises BuildError."""
+    """Bring the library up to date; true where something was compiled. Raises BuildError.
+
+    Where nothing is to be done, nothing is written and no lock is taken.
+    """
     command, version = compiler()
-    with locked(OBJECTS / "lock"):
-        content.cache_clear()
-        sources = sorted((NATIVE / "src").rglob("*.c"))
-        units = [Unit(source, " ".join((version, *TARGET, *FLAGS))) for source in sources]
-        stale = [unit for unit in units if force or not unit.current()]
-        note = OBJECTS / "library.key"
-        linked = note.read_text() if LIBRARY.exists() and note.exists() else ""
-        if not stale and linked == library_key(units):
-            return False
-        say(f"compiling {len(stale)} of {len(units)} files of the core")
-        pool = ThreadPoolExecutor(os.cpu_count())
-        try:
-            list(pool.map(lambda unit: unit.compile(command), stale))
-        finally:
-            pool.shutdown(cancel_futures=True)
-        beside = LIBRARY.with_suffix(f".{os.getpid()}")
-        objects = [str(unit.object) for unit in units]
-        try:
-            run([*command, *TARGET, *objects, *LINK, "-o", str(beside)])
-            os.replace(beside, LIBRARY)
-        finally:
-            beside.unlink(missing_ok=True)
-        note.write_text(library_key(units))
+    content.cache_clear()
+    if not force and current(*units_of(version)):
+        return False
+    try:
+        with locked(OBJECTS / "lock"):
+            content.cache_clear()
+            return compile_stale(command, *units_of(version, force), say)
+    except OSError as error:
+        raise BuildError(
+            f"the core is not compiled from these sources, and {NATIVE} cannot be written to by "
+            f"you ({error.strerror}); have its owner run `python3 build.py build` once, or take "
+            "a copy of your own"
+        ) from None
+
+
+def units_of(version: str, force: bool = False) -> tuple[list[Unit], list[Unit]]:
+    """All units, and those that are not current."""
+    sources = sorted((NATIVE / "src").rglob("*.c"))
+    units = [Unit(source, " ".join((version, *TARGET, *FLAGS))) for source in sources]
+    return units, [unit for unit in units if force or not unit.current()]
+
+
+def current(units: list[Unit], stale: list[Unit]) -> bool:
+    """Whether the library is that of the units."""
+    note = OBJECTS / "library.key"
+    linked = note.read_text() if LIBRARY.exists() and note.exists() else ""
+    return not stale and linked == library_key(units)
+
+
+def compile_stale(command: tuple[str, ...], units: list[Unit], stale: list[Unit], say) -> bool:
+    """Compile the stale units and link all, under the lock; false where nothing is to be done."""
+    if current(units, stale):
+        return False
+    say(f"compiling {len(stale)} of {len(units)} files of the core")
+    pool = ThreadPoolExecutor(os.cpu_count())
+    try:
+        list(pool.map(lambda unit: unit.compile(command), stale))
+    finally:
+        pool.shutdown(cancel_futures=True)
+    beside = LIBRARY.with_suffix(f".{os.getpid()}")
+    objects = [str(unit.object) for unit in units]
+    try:
+        run([*command, *TARGET, *objects, *LINK, "-o", str(beside)])
+        os.replace(beside, LIBRARY)
+    finally:
+        beside.unlink(missing_ok=True)
+    (OBJECTS / "library.key").write_text(library_key(units))
     return True
 
 

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The front door: finds a Python, makes its environment once, survives kills, stays out of the way.
 
-A scratch project holds build.py as it is, an empty requirements.txt, and stubs
-for what takes long: Blender's module, the command line behind the verbs, the
-core. Virtual environments, locks, kills and exit codes are real.
+A scratch project holds build.py and addon/process.py as they are, no pins, and
+stubs for what takes long: Blender's module, the command line behind the verbs,
+the core. Virtual environments, locks, kills and exit codes are real.
 """
 
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import importlib.util
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -18,6 +20,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import build
@@ -26,12 +29,12 @@ ROOT = Path(__file__).resolve().parent.parent
 THIS = f"{sys.version_info[0]}.{sys.version_info[1]}"
 
 STUBS = {
-    "requirements.txt": "",
+    **dict.fromkeys(build.VERBS["test"], ""),  # the files that pin packages
     "bpy/__init__.py": "",
     "native/build_core.py": "class BuildError(Exception): pass\ndef build(say): pass\n",
     "addon/cli.py": (
         "import sys, time\n"
-        "def main(words):\n"
+        "def run(words):\n"
         "    print(sys.version_info[:2], *words, flush=True)\n"
         "    time.sleep(60 * words.count('sleep'))\n"
         "    return len(words) - 1\n"
@@ -45,10 +48,11 @@ def scratch_project(folder: Path) -> Path:
     for name, text in STUBS.items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(text)
+    shutil.copy(ROOT / "addon" / "process.py", folder / "addon")
     return folder
 
 
-def start(project: Path, *words: str, **environment: str) -> subprocess.Popen:
+def start(project: Path, *words: str, before=None, **environment: str) -> subprocess.Popen:
     return subprocess.Popen(
         [sys._base_executable, str(project / "build.py"), *words],
         stdout=subprocess.PIPE,
@@ -56,6 +60,7 @@ def start(project: Path, *words: str, **environment: str) -> subprocess.Popen:
         text=True,
         env={**os.environ, **environment},
         start_new_session=True,
+        preexec_fn=before,
     )
 
 
@@ -71,6 +76,18 @@ def script(path: Path, text: str) -> Path:
     return path
 
 
+def stamp(project: Path, sets) -> None:
+    """Have the environment's stamp name these sets, which pin nothing."""
+    (file,) = (project / ".venv").rglob("leapray.stamp")
+    file.write_text("".join(f"{name} {hashlib.sha256(b'').hexdigest()}\n" for name in sets))
+
+
+def stamped(project: Path) -> set[str]:
+    """The sets that an environment's stamp names."""
+    (file,) = (project / ".venv").rglob("leapray.stamp")
+    return {line.split()[0] for line in file.read_text().splitlines()}
+
+
 @pytest.fixture(scope="module")
 def project(tmp_path_factory) -> Path:
     """A scratch project whose environment is made."""
@@ -78,6 +95,8 @@ def project(tmp_path_factory) -> Path:
     status, out, err = finish(start(folder, "render", "a.blend"))
     assert (status, out) == (1, f"({THIS.replace('.', ', ')}) render a.blend\n"), err
     assert err.count("\n") == 1 and f"making .venv/{THIS}, once" in err
+    assert stamped(folder) == {build.RENDER}
+    stamp(folder, build.VERBS["test"])  # there is nothing in the others either
     return folder
 
 
@@ -93,6 +112,8 @@ def test_no_verb_shows_the_usage(project):
     "words, culprit",
     [
         (["paint"], "no verb paint; there are render, compare,"),
+        (["rendr", "a.blend"], "no verb rendr; did you mean render? there are render,"),
+        (["a.blend"], "no verb a.blend; did you mean render a.blend? there are render,"),
         (["--python", "3.7", "test"], "--python takes 3.13, 3.11 or other, not 3.7"),
         (["build", "now"], "build takes no further words, but got now"),
     ],
@@ -116,12 +137,44 @@ def test_a_second_call_makes_nothing(project, record_property):
     assert (status, err) == (0, "")
 
 
-def test_ctrl_c_ends_the_work_without_a_traceback(project):
+@pytest.mark.parametrize("blow, word", [(number, word) for number, word in build.SIGNALS.items()])
+def test_a_signal_ends_the_work_without_a_traceback(project, blow, word):
     process = start(project, "render", "sleep")
     assert "render sleep" in process.stdout.readline()
-    process.send_signal(signal.SIGINT)
+    process.send_signal(blow)
     status, _, err = finish(process)
-    assert status == 130 and err == "build.py: interrupted\n"
+    assert status == 128 + blow
+    assert re.fullmatch("leapray: .*\n", err) and (blow == signal.SIGHUP or word in err)
+
+
+def test_a_signal_that_is_ignored_stays_so(project):
+    def ignore():
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+
+    process = start(project, "render", "sleep", before=ignore)
+    assert "render sleep" in process.stdout.readline()
+    process.send_signal(signal.SIGHUP)
+    time.sleep(0.3)
+    assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    assert finish(process)[0] == 128 + signal.SIGTERM
+
+
+def catches(process: subprocess.Popen, number: int) -> bool:
+    """Whether a process has a handler of that signal."""
+    status = Path(f"/proc/{process.pid}/status").read_text()
+    return bool(int(re.search(r"SigCgt:\s*(\w+)", status)[1], 16) >> (number - 1) & 1)
+
+
+def test_a_signal_is_heard_from_one_python_to_the_next(project):
+    for pause in np.linspace(0, 0.25, 6):
+        process = start(project, "render", "sleep")
+        while not catches(process, signal.SIGTERM):  # Python by itself does not
+            time.sleep(0.001)
+        time.sleep(pause)
+        process.send_signal(signal.SIGINT)
+        status, _, err = finish(process)
+        assert (status, err.count("\n")) == (130, 1) and "interrupted" in err, pause
 
 
 # ---- which Python ----------------------------------------------------------
@@ -176,6 +229,7 @@ def test_the_own_version_comes_first_and_the_other_is_the_other(monkeypatch):
 def test_missing_system_libraries_are_named_with_their_packages(tmp_path, project):
     copy = scratch_project(tmp_path / "project")
     shutil.copytree(project / ".venv", copy / ".venv", symlinks=True)
+    (copy / ".venv" / THIS / "leapray.bpy").unlink()
     (copy / "bpy/__init__.py").write_text("raise ImportError('libSM.so.6: no such file')")
     script(tmp_path / "ldd", "echo 'libSM.so.6 => not found'; echo 'libX11.so.6 => not found'")
     path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
@@ -187,16 +241,145 @@ def test_missing_system_libraries_are_named_with_their_packages(tmp_path, projec
     )
 
 
-def test_changed_pins_and_a_moved_project_bring_it_up_to_date(tmp_path, project):
-    moved = scratch_project(tmp_path / "moved")
-    shutil.copytree(project / ".venv", moved / ".venv", symlinks=True)
-    for change in ("place", "pins"):
-        if change == "pins":
-            (moved / "requirements.txt").write_text("# other pins\n")
-        status, _, err = finish(start(moved, "render"))
-        assert (status, err) == (0, f"build.py: bringing .venv/{THIS} up to date\n"), change
-    (paths,) = (moved / ".venv").rglob("leapray.pth")
-    assert paths.read_text().splitlines() == [str(moved), str(moved / "native")]
+@pytest.fixture
+def copied(tmp_path, project) -> Path:
+    """A copy of the project and of its environment."""
+    copy = scratch_project(tmp_path / "copy")
+    shutil.copytree(project / ".venv", copy / ".venv", symlinks=True)
+    return copy
+
+
+def test_changed_pins_bring_it_up_to_date(copied):
+    (copied / "requirements.txt").write_text("# other pins\n")
+    status, _, err = finish(start(copied, "render"))
+    assert (status, err) == (0, f"build.py: bringing .venv/{THIS} up to date\n")
+
+
+def test_a_moved_project_works_at_once_with_its_own_code(copied):
+    (copied / "native" / "moved.py").write_text("")
+    status, _, err = finish(start(copied, "render"))
+    assert (status, err) == (0, "")
+    python = copied / ".venv" / THIS / "bin" / "python"
+    subprocess.run([python, "-c", "import moved, addon.cli"], check=True, cwd="/")
+
+
+def test_a_verb_gets_the_sets_that_it_needs_and_keeps_the_others(copied):
+    stamp(copied, [build.RENDER])
+    for verb, want in (
+        ("study", {build.RENDER, build.STUDY}),
+        ("build", set(build.VERBS["build"])),
+    ):
+        before = stamped(copied)
+        _, _, err = finish(start(copied, verb, "x"))  # build refuses the word, after that
+        assert err.startswith(f"build.py: bringing .venv/{THIS} to what this verb needs\n"), err
+        assert stamped(copied) == before | want
+    assert finish(start(copied, "render"))[2] == ""
+    (copied / build.STUDY).write_text("# other pins\n")
+    assert finish(start(copied, "render"))[2] == ""  # what it does not need may be old
+    (copied / build.RENDER).write_text("# other pins\n")
+    finish(start(copied, "render"))
+    assert stamped(copied) == {build.RENDER, build.STUDY, build.PACKAGE}
+
+
+def test_an_environment_stamped_by_an_older_version_is_brought_up_to_date(copied):
+    (file,) = (copied / ".venv").rglob("leapray.stamp")
+    file.write_text("0123456789abcdef")
+    kept = file.with_name("kept")
+    kept.touch()
+    status, _, err = finish(start(copied, "render"))
+    assert status == 0 and "bringing" in err and kept.exists()
+
+
+def test_pins_agree_wherever_they_stand():
+    found: dict[str, str] = {}
+    for name in build.VERBS["test"]:
+        for line in (ROOT / name).read_text().splitlines():
+            pin, _, marker = line.partition("==")
+            if marker:
+                marker, _, condition = marker.partition(";")
+                key = f"{pin.lower()};{condition.strip()}"
+                assert found.setdefault(key, marker) == marker, line
+
+
+PIP = r"""
+import sys, time
+from pathlib import Path
+Path(sys.argv[1], "other").write_bytes(bytes(7_000_000))
+sys.stdout.write("  Downloading https://host/path/bpy-4-cp311.whl (9.0 MB)\n")
+sys.stdout.flush()
+time.sleep(0.1)
+Path(sys.argv[1], "part").write_bytes(bytes(3_000_000))
+time.sleep({0})
+print("Installing collected packages: bpy", flush=True)
+time.sleep({0})
+"""
+
+
+def test_progress_is_shown_while_packages_are_downloaded(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(build.Installation, "PAUSE", 0.5)
+    with open(tmp_path / "lock", "w") as lock:
+        command = [sys.executable, "-c", PIP.format(1.6), tmp_path]
+        build.run(command, lock, "", build.Installation(tmp_path))
+    lines = capfd.readouterr().err.splitlines()
+    assert "build.py: downloading bpy, 3.0 MB of 9.0 MB" in lines
+    assert re.fullmatch(r"build\.py: unpacking, \d s", lines[-1]) and 3 <= len(lines) <= 8
+
+
+# ---- what cannot be written ------------------------------------------------
+
+
+def powerless() -> None:
+    """Have the superuser obey the permissions of files, as everybody else."""
+    libc = ctypes.CDLL(None)
+    for capability in range(64):
+        libc.prctl(24, capability, 0, 0, 0)  # PR_CAPBSET_DROP
+
+
+@pytest.fixture
+def closed(copied):
+    """The copied project after a first call, when nothing in it can be written any more."""
+    finish(start(copied, "render"))
+
+    def close() -> None:
+        folders.extend(each for each in [copied, *copied.rglob("*")] if each.is_dir())
+        for folder in folders:
+            if not folder.is_symlink():
+                folder.chmod(0o555)
+
+    folders: list[Path] = []
+    yield close
+    for folder in folders:
+        folder.chmod(0o755)
+
+
+def test_a_project_that_cannot_be_written_to_runs_where_it_is_built(copied, closed):
+    closed()
+    status, out, err = finish(start(copied, "render", "x", before=powerless))
+    assert (status, err) == (1, "") and out.endswith(" render x\n")
+
+
+@pytest.mark.parametrize("lacks", ["environment", "set", "core"])
+def test_a_project_that_cannot_be_written_to_says_what_it_lacks(copied, closed, lacks):
+    verb = "study" if lacks == "set" else "render"
+    if lacks == "environment":
+        shutil.rmtree(copied / ".venv")
+    if lacks == "set":
+        stamp(copied, [build.RENDER])
+    if lacks == "core":
+        shutil.copy(ROOT / "native" / "build_core.py", copied / "native")
+        (copied / "native" / "src").mkdir()
+        (copied / "native" / "src" / "one.c").write_text("int one;\n")
+        (copied / "ziglang.dist-info").mkdir()
+        (copied / "ziglang.dist-info" / "METADATA").write_text("Name: ziglang\nVersion: 1\n")
+    closed()
+    status, out, err = finish(start(copied, verb, before=powerless))
+    assert (status, out, err.count("\n")) == (1, "", 1), err
+    assert "cannot be written to by you" in err and "have its owner run `python3 build.py" in err
+    assert {
+        "environment": "is not made",
+        "set": "does not hold what this verb needs",
+        "core": "is not compiled from these sources",
+    }[lacks] in err
 
 
 @pytest.mark.slow

@@ -73,7 +73,8 @@ BLENDER = {"bpy", "bpy_extras", "bmesh", "gpu", "mathutils", "bl_math", "blf", "
 @cache
 def files(*patterns: str) -> list[Path]:
     """Files of the project that git knows or would add."""
-    command = ["git", "ls-files", "-co", "--exclude-standard", "-z", "--", *patterns]
+    safe = f"safe.directory={ROOT}"  # another user's checkout, too
+    command = ["git", "-c", safe, "ls-files", "-co", "--exclude-standard", "-z", "--", *patterns]
     if not (ROOT / ".git").exists() or not shutil.which("git"):
         found = (path for pattern in patterns for path in ROOT.rglob(pattern))
         return sorted(path for path in found if ".venv" not in path.parts)
@@ -351,7 +352,7 @@ def test_the_extension_has_the_version_and_the_wheel_of_the_core():
 
 def test_the_pins_name_what_is_installed():
     pins = {}
-    for line in (ROOT / "requirements.txt").read_text().splitlines():
+    for line in "\n".join(path.read_text() for path in ROOT.glob("requirements*.txt")).splitlines():
         pin, _, marker = line.partition(";")
         version = re.search(r'python_version == "(.*)"', marker)
         if "==" in pin and (
