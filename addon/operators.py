@@ -4,7 +4,6 @@
 # Annotations stay values here, for Blender evaluates them.
 
 import bpy
-import numpy as np
 from bpy_extras.io_utils import ExportHelper
 
 import leapray
@@ -91,7 +90,7 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
                 threads=settings.threads,
                 max_nbytes=settings.memory_mb * plan.MB,
             )
-            placed = np.array(ob.matrix_world) if self.space == "WORLD" else None
+            placed = scene.affine(ob.matrix_world) if self.space == "WORLD" else None
             volumes.write(volume, self.filepath, placed)
         except leapray.LeapRayError as error:
             self.report({"ERROR"}, f"'{ob.name}' is not exported: {error}")

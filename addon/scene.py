@@ -236,7 +236,7 @@ class _Objects:
         seen["visible_camera"] = seen["visible_camera"] and not indirect_only
         if not any(seen.values()):
             return
-        world_from_object = np.array(instance.matrix_world, np.float64)
+        world_from_object = affine(instance.matrix_world)
         if not _invertible(world_from_object):
             self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
             return
@@ -327,6 +327,13 @@ class _Objects:
 def _shown(instance, ob) -> list:
     """The objects that must all be visible for the instance to be."""
     return [ob, instance.parent] if instance.is_instance else [ob]
+
+
+def affine(matrix) -> NDArray[np.float64]:
+    """A matrix of Blender's; behind chains of parents its last row is 0, 0, 0 and almost 1."""
+    found = np.array(matrix, np.float64)
+    found[3] = 0.0, 0.0, 0.0, 1.0
+    return found
 
 
 def _invertible(matrix: NDArray[np.float64]) -> bool:

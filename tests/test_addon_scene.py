@@ -18,10 +18,11 @@ from blender_scenes import (
     read,
 )
 from bpy_extras.object_utils import world_to_camera_view
-from mathutils import Euler, Vector
+from mathutils import Euler, Matrix, Vector
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
+from addon import pipeline
 from addon import scene as scene_module
 
 
@@ -86,6 +87,36 @@ def test_a_border_cuts_the_film(scene):
     corner = whole.camera.corner + 10 * whole.camera.dx + 25 * whole.camera.dy
     assert_allclose(cut.camera.corner, corner, atol=1e-12)
     assert_array_equal(cut.camera.dx, whole.camera.dx)
+
+
+# ---- matrices ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("last", [(0, 0, 0, 1 - 2**-24), (0, 0, 0, 1 + 2**-23), (1e-7, 0, 0, 1)])
+@pytest.mark.parametrize("way", ["parent", "instance", "world"])
+def test_a_last_row_that_is_not_quite_affine_is_no_fault_of_the_object(scene, last, way):
+    """Products of float32 leave it behind parents of parents."""
+    odd = Matrix.Identity(4)
+    odd[3] = last
+    cube = put("Cube", mesh())
+    if way == "parent":
+        cube.parent = put("Above", None)
+        cube.matrix_parent_inverse = odd
+    elif way == "world":
+        cube.matrix_world = odd
+    else:
+        group = bpy.data.collections.new("Group")
+        scene.collection.objects.unlink(cube)
+        group.objects.link(cube)
+        empty = put("Empty", None, instance_type="COLLECTION", instance_collection=group)
+        empty.parent = put("Above", None)
+        empty.matrix_parent_inverse = odd
+    scene.view_layers[0].use_pass_z = True
+    job = read()
+    (instance,) = job.instances
+    assert_array_equal(instance.world_from_object[3], (0, 0, 0, 1))
+    frame = pipeline.render(job)
+    assert frame.passes["Depth"].min() == pytest.approx(9.0, abs=0.01)
 
 
 # ---- objects -------------------------------------------------------------
