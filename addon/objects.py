@@ -128,12 +128,14 @@ def merge(
         chosen = [n for n, k in enumerate(kinds) if k.kind == kind]
         if chosen:
             meshes.append(_joined(scene, instances, chosen, first, kinds))
+    seen = {flag: any(getattr(each, flag) for each in instances) for flag in VISIBILITIES}
     whole = [
         model.Instance(
             "Scene",
             number,
             np.eye(4),
             tuple(materials),
+            **seen,
             holdout=all(instance.holdout for instance in instances),
         )
         for number in range(len(meshes))

@@ -278,3 +278,19 @@ def test_what_a_third_solid_lost_is_said():
     (row,) = made.volumes
     assert row["samples_dropped"] > 0
     assert any("more than two objects" in warning for warning in made.warnings)
+
+
+@pytest.mark.parametrize("unseen", [(0, 1), (0,), ()])
+def test_what_no_object_shows_the_scenes_volume_does_not_show(unseen):
+    """Where objects differ, the ray visibility does not count, and a warning says so."""
+    lit = model.World((0.5, 0.5, 0.5))  # which looks at everything, so that nothing is left out
+    whole = dataclasses.replace(boxes(samples=1), world=lit)
+    placed = [
+        dataclasses.replace(each, visible_camera=number not in unseen)
+        for number, each in enumerate(whole.instances)
+    ]
+    frame = pipeline.render(dataclasses.replace(whole, instances=tuple(placed)))
+    index = frame.passes["Object Index"]
+    assert (len(unseen) < 2) == bool((index > 0).any())
+    warned = any("does not count" in warning for warning in frame.warnings)
+    assert warned == (len(unseen) == 1)
