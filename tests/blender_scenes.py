@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Small scenes of Blender's for the tests of the add-on."""
 
-import atexit
-
 import bpy
 import numpy as np
 
@@ -18,7 +16,6 @@ def fresh(settings=PLAIN):
     settings: of LeapRay's, those that are not to be its defaults."""
     if not hasattr(bpy.types.Scene, "leapray"):
         addon.register()
-        atexit.register(addon.unregister)
     from addon import engine
 
     engine.reports.clear()

@@ -16,6 +16,9 @@ def pytest_addoption(parser):
     parser.addoption(
         "--blender", metavar="PATH", help="the Blender that tests/blender uses; default: Debian's"
     )
+    parser.addoption(
+        "--random-scenes", metavar="N", type=int, default=10, help="how many of them; default: 10"
+    )
 
 
 @pytest.fixture
