@@ -215,8 +215,9 @@ class Planner(Levels):
             levers = self._widen, self._keep_triangles, self._keep_normals, self._refine_one
             if any(lever(work) for lever in levers):
                 heapq.heappush(queue, ticket(n))
-            elif work.stuck:
+            elif why := work.stuck:
                 self._keep_normals(work)
+                work.stuck = why
             left = sum(math.log2(math.prod(t[:4])) for t in queue)
             total = max(total, left)
             self.advance(0.3 + 0.7 * (1.0 - left / total))
@@ -286,7 +287,7 @@ class Planner(Levels):
     def _volume_room(self, work: Work) -> float:
         """Bytes that the work's volume may take: fewer where only edges ask for them."""
         surface, color, edges, normals = work.needs(self.settings.pixel_error)
-        if edges == 1.0 or max(surface, color, normals) > 1.0:
+        if max(edges, normals) == 1.0 or max(surface, color) > 1.0:
             return math.inf
         return max(self.budget * EDGE_SHARE, TRIANGLE_NBYTES * len(work.mesh.triangles))
 
@@ -296,6 +297,10 @@ class Planner(Levels):
         room = self.budget - self.held()
         volume_room = self._volume_room(work)
         waits = work.errors.of_normals() > 1 and work.exact == "sheets" and _crowds(work)
+        turned_only = work.turned_only(bar) and not waits
+        if turned_only and len(work.history) > 1 and work.history[-1] > 0.8 * work.history[-2]:
+            work.stuck = "finer voxels bring them no nearer"
+            return False
         if not waits and len(work.history) > 3 and work.history[-1] > 0.9 * work.history[-4]:
             work.stuck = "halving the voxels three times did not help"
             return False
@@ -309,7 +314,7 @@ class Planner(Levels):
                 return True
             work.dtype = ""
         if volume_room < room:
-            work.stuck = f"for edges a volume gets 1/{round(1 / EDGE_SHARE)} of the memory budget"
+            work.stuck = f"for edges and normals a volume gets 1/{round(1 / EDGE_SHARE)} of the memory budget"
         return False
 
     def _refused(self, work: Work, levels: int, volume_room: float) -> str:

@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 pytest.importorskip("matplotlib")
 
 import leapray
-from addon import cli
+from addon import arguments, cli
 from addon.study import phantom
 
 
@@ -103,7 +103,7 @@ def test_the_command_line_offers_the_study(tmp_path, monkeypatch):
     assert cli.main(["study", "phantom", "--size", "0"]) == 2
 
 
-@pytest.mark.parametrize("name", cli.studies())
+@pytest.mark.parametrize("name", arguments.studies())
 def test_the_help_of_every_study_tells_its_options(name, capsys):
     assert cli.main(["study", name, "--help"]) == 0
     told = capsys.readouterr().out
