@@ -314,7 +314,8 @@ class Planner(Levels):
                 return True
             work.dtype = ""
         if volume_room < room:
-            work.stuck = f"for edges and normals a volume gets 1/{round(1 / EDGE_SHARE)} of the memory budget"
+            share = f"1/{round(1 / EDGE_SHARE)} of the memory budget"
+            work.stuck = f"for edges and normals a volume gets {share}"
         return False
 
     def _refused(self, work: Work, levels: int, volume_room: float) -> str:
