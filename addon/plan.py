@@ -247,7 +247,7 @@ class Planner(Levels):
         m, e = work.measure, work.errors
         flat = work.mesh.corner_normals is None
         turned = work.turned_only(self.settings.pixel_error) and (flat or work.own_normals)
-        if not self._may_keep_triangles(work) or _crowds(work):
+        if not self._may_keep_triangles(work) or self._crowds(work):
             return False
         if not (turned or e.lost > errors.LOST_SHARE or len(m.crease) > 0):
             return False
@@ -263,6 +263,14 @@ class Planner(Levels):
             return False  # facets are kept with the triangles of cells
         return self._try(work, own_normals=True)
 
+    def _crowds(self, work: Work) -> bool:
+        """Would nearly every cell of this level keep more triangles than rays like to meet?
+
+        Of thin things the samples may find no cell at all: then the area tells how many.
+        """
+        cells = self._probes(work).area / work.measure.voxel_size**2
+        return len(work.mesh.triangles) > errors.CROWD / 4 * max(work.measure.n_cells, cells)
+
     def _may_keep_triangles(self, work: Work) -> bool:
         """Whether it is a solid whose cells do not, but could if that helps."""
         automatic = work.exact == "sheets" and self.settings.exact == "auto"
@@ -271,13 +279,13 @@ class Planner(Levels):
     def _try(self, work: Work, **changes) -> bool:
         """Make the level anew, changed so; keep that if it fits and helps."""
         before = {name: getattr(work, name) for name in changes}
-        size, needed = work.measure.voxel_size, math.prod(work.needs(self.settings.pixel_error))
+        size, needed = work.measure.voxel_size, work.needs(self.settings.pixel_error)
         volume_room = self._volume_room(work)
         vars(work).update(changes)
         if self._refused(work, 0, volume_room):
             vars(work).update(before)
             return False
-        if math.prod(work.needs(self.settings.pixel_error)) < needed:
+        if work.needs(self.settings.pixel_error) < needed:  # what is found may be shaded later
             return True
         vars(work).update(before)
         self.enter(work, size, math.inf)
@@ -296,7 +304,7 @@ class Planner(Levels):
         bar = self.settings.pixel_error
         room = self.budget - self.held()
         volume_room = self._volume_room(work)
-        waits = work.errors.of_normals() > 1 and work.exact == "sheets" and _crowds(work)
+        waits = work.errors.of_normals() > 1 and work.exact == "sheets" and self._crowds(work)
         turned_only = work.turned_only(bar) and not waits
         if turned_only and len(work.history) > 1 and work.history[-1] > 0.8 * work.history[-2]:
             work.stuck = "finer voxels bring them no nearer"
@@ -460,11 +468,6 @@ class Planner(Levels):
         if self.settings.resolution or work.fixed or not what:
             return ""
         return f"{work.name!r} has {what}: {work.stuck}."
-
-
-def _crowds(work: Work) -> bool:
-    """Would nearly every cell of this level keep more triangles than rays like to meet?"""
-    return len(work.mesh.triangles) > errors.CROWD / 4 * work.measure.n_cells
 
 
 def _doubt(work: Work) -> str:
