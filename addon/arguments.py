@@ -237,6 +237,11 @@ def add_settings(verb: Parser) -> None:
     verb.add_argument("--clamp-direct", type=float, metavar="X", help="light of a sample; 0: off")
     verb.add_argument("--clamp-indirect", type=float, metavar="X", help="after bounces; 0: off")
     verb.add_argument(
+        "--nested",
+        action=argparse.BooleanOptionalAction,
+        help="whether glass in glass bends light by the ratio of their indices",
+    )
+    verb.add_argument(
         "--ambient-distance", type=float, metavar="X", help="fast stand-in for bounces; 0: off"
     )
     verb.add_argument("--ao-distance", type=float, metavar="X", help="reach of ambient occlusion")

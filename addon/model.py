@@ -190,6 +190,7 @@ class Settings:
     branches: int = 0  # rays of one sample on their way at a time; 0: by the samples
     clamp_direct: float = 0.0  # most that a sample brings of lights it sees; 0: all
     clamp_indirect: float = 10.0  # of what is scattered more than once
+    nested: bool = False  # glass in glass bends by the ratio of indices; off: as in Cycles
     ambient_distance: float = 0.0  # within it things darken the world's light; 0: no such light
     ao_distance: float = 10.0  # reach of ambient occlusion, in world space
     traverser: str = ""  # "" is the core's default

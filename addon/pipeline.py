@@ -230,6 +230,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
         film_transparent=scene.film_transparent,
         slot_objects=planned.slot_objects,
         mist=scene.mist,
+        nested=s.nested,
     )
     sampling = {name: getattr(s, name) for name in leapray.SAMPLING}
     todo = collections.deque(tiles.split(scene.width, scene.height, s.tile_size))

@@ -227,6 +227,13 @@ class LeapRaySettings(bpy.types.PropertyGroup):
         soft_max=100.0,
         max=1e8,
     )
+    nested: bpy.props.BoolProperty(
+        name="Nested Glass",
+        description="Solids that lie in each other or touch bend light by the ratio of their "
+        "indices, as water in a tumbler does; off, every surface bends it by its own index, as in "
+        "Cycles",
+        default=DEFAULTS.nested,
+    )
     ambient_distance: bpy.props.FloatProperty(
         name="Ambient Distance",
         description="Where no diffuse bounce is left, surfaces still see the world where nothing "

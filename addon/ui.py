@@ -125,6 +125,7 @@ class RENDER_PT_leapray_paths(_RenderPanel, bpy.types.Panel):
         for name in ("clamp_direct", "clamp_indirect"):
             optional(column, settings, name)
         column.separator()
+        column.prop(settings, "nested")
         optional(column, settings, "ambient_distance")
         column.prop(settings, "ao_distance")
 

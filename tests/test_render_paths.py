@@ -29,13 +29,14 @@ def material(kind, color=ALL, absorption=(0, 0, 0), **more):
     return Material([Lobe(kind, color, **more)], absorption=absorption)
 
 
-def render(cam, things, lights=(), *, world=ALL, size=(96, 64), samples=1, **more):
+def render(cam, things, lights=(), *, world=ALL, size=(96, 64), samples=1, nested=True, **more):
     """things: pairs of an instance and its material."""
     instances = [one(i.structure, i.world_from_object, first_material=k, **shown(i))
                  for k, (i, _) in enumerate(things)]  # fmt: skip
     world = world if isinstance(world, World) else World(world)
     materials = [m for _, m in things]
-    scene = leapray.Scene(cam, instances, lights, materials, range(len(materials)), world)
+    slots = range(len(materials))
+    scene = leapray.Scene(cam, instances, lights, materials, slots, world, nested=nested)
     return scene.render_tile(0, 0, *size, samples=samples, **(DEEP | more))
 
 
@@ -161,8 +162,9 @@ def test_total_reflection_keeps_light_inside():
     np.testing.assert_array_equal(out[clear], (sine * 1.5 < 1)[clear])
 
 
-def test_solids_in_each_other_bend_by_the_ratio_of_their_indices(compass):
-    """Water in glass in air, and a bubble in the water."""
+@pytest.mark.parametrize("nested", [True, False], ids=["nested", "each by itself"])
+def test_solids_in_each_other_bend_by_the_ratio_of_their_indices(nested, compass):
+    """Water in glass in air, and a bubble in the water; or, as in Cycles, each by its own index."""
     cam = camera((0.2, -4, 0.1), width=0.5)
     indices, radii = (1.0, 1.5, 1.33, 1.0), (1.0, 0.75, 0.4)
     structure = leapray.build(ball(48.0))
@@ -170,16 +172,20 @@ def test_solids_in_each_other_bend_by_the_ratio_of_their_indices(compass):
         (one(structure, at(scale=r)), material("refraction", ior=n))
         for r, n in zip(radii, indices[1:], strict=True)
     ]
-    got = seen(render(cam, things, world=compass))
+    got = seen(render(cam, things, world=compass, nested=nested))
     o, d = centre_rays(cam, (96, 64))
     d = normalized(d)
-    want, safe = through_shells(o, d, radii, indices)
+    around = indices[:-1] if nested else (1.0,) * len(radii)
+    want, safe = through_shells(o, d, radii, indices[1:], around)
     assert safe.mean() > 0.2
     assert np.percentile(degrees(got, want)[safe], 99) < 0.2
 
 
-def through_shells(o, d, radii, indices):
-    """Directions behind concentric spheres; safe: no ray comes near to grazing or to the rim."""
+def through_shells(o, d, radii, indices, around):
+    """Directions behind concentric spheres, of some indices in others.
+
+    safe: no ray comes near to grazing or to the rim.
+    """
     safe = np.ones(d.shape[:-1], bool)
     deepest = np.zeros(d.shape[:-1], int)
     for depth, radius in enumerate(radii):  # inwards
@@ -188,7 +194,7 @@ def through_shells(o, d, radii, indices):
         safe &= ~((deepest == depth) & (np.abs(gap / radius - 1) < 0.02))
         t = meet_sphere(o, d, radius)
         p = o + np.where(enters, t, 0)[..., None] * d
-        eta = indices[depth] / indices[depth + 1]
+        eta = around[depth] / indices[depth]
         with np.errstate(invalid="ignore"):
             turned = bent(d, p / radius, eta)
         total = enters & ~np.isfinite(turned).all(-1)
@@ -201,7 +207,7 @@ def through_shells(o, d, radii, indices):
         t = meet_sphere(o, d, radii[depth], far=True)
         p = o + np.where(leaves, t, 0)[..., None] * d
         with np.errstate(invalid="ignore"):
-            turned = bent(d, -p / radii[depth], indices[depth + 1] / indices[depth])
+            turned = bent(d, -p / radii[depth], indices[depth] / around[depth])
         safe &= ~(leaves & ~np.isfinite(turned).all(-1))
         o, d = np.where(leaves[..., None], p, o), np.where(leaves[..., None], turned, d)
     return d, safe

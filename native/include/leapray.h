@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 30 /* raised whenever a struct or a signature below changes */
+#define LR_ABI 31 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -732,7 +732,8 @@ typedef struct lr_scene_desc {
     double mist_start, mist_depth; /* of the mist pass: distances from the camera */
     double mist_power;       /* of the way into the mist: 1, 2 or 1/2 in Blender */
     int32_t film_transparent;
-    int32_t reserved;
+    int32_t lone_media;      /* nonzero: a surface bends light by its own index alone, as if it lay
+                                in a void; else by its ratio to that of the solid around */
 } lr_scene_desc;
 
 typedef struct lr_scene lr_scene;

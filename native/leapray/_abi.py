@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 30
+LR_ABI = 31
 
 
 class lr_status(IntEnum):
@@ -600,7 +600,7 @@ class lr_scene_desc(ctypes.Structure):
         ("mist_depth", ctypes.c_double),
         ("mist_power", ctypes.c_double),
         ("film_transparent", ctypes.c_int32),
-        ("reserved", ctypes.c_int32),
+        ("lone_media", ctypes.c_int32),
     )
 
 

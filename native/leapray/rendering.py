@@ -202,7 +202,9 @@ class Scene:
     camera, lights and materials are of the classes above, or have attributes of
     the same names. slots are indices into materials; slot_objects, one per slot,
     replaces the object index of the hits with that slot. mist: start, depth and
-    Blender's falloff of the Mist pass. Structures are kept alive.
+    Blender's falloff of the Mist pass. nested: solids in each other or side by side bend light
+    by the ratio of their indices; else each surface by its own index, as in Cycles.
+    Structures are kept alive.
     Raises LeapRayError with a sentence that names the culprit.
     """
 
@@ -217,6 +219,7 @@ class Scene:
         film_transparent: bool = False,
         slot_objects: Sequence[int] | None = None,
         mist: tuple[float, float, str] = (5.0, 25.0, "QUADRATIC"),
+        nested: bool = True,
     ) -> None:
         self._structures = [i.structure for i in instances]  # kept alive
         self._told = f"{len(instances)} instances, {len(lights)} lights, {len(materials)} materials"
@@ -238,6 +241,7 @@ class Scene:
             desc.slot_objects = pointer(objects, ctypes.c_int32)
         desc.world, self._sky = _world(world or World())
         desc.film_transparent = int(film_transparent)
+        desc.lone_media = int(not nested)
         desc.mist_start, desc.mist_depth = mist[:2]
         desc.mist_power = choice(MIST_POWERS, mist[2], "falloff of the mist")
         self.handle = ctypes.POINTER(_abi.lr_scene)()

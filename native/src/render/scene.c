@@ -216,6 +216,7 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     scene->mist_depth = desc->mist_depth;
     scene->mist_power = desc->mist_power;
     scene->film_transparent = desc->film_transparent != 0;
+    scene->lone_media = desc->lone_media != 0;
     scene->instances = copy(NULL, desc->n_instances, sizeof *scene->instances);
     scene->lights = copy(desc->lights, desc->n_lights, sizeof *scene->lights);
     scene->materials = copy(NULL, desc->n_materials, sizeof *scene->materials);

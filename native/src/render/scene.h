@@ -43,6 +43,7 @@ struct lr_scene {
     bool shines;               /* some material does */
     double mist_start, mist_depth, mist_power;
     bool film_transparent;
+    bool lone_media; /* see lr_scene_desc */
     lr_hierarchy hierarchy;
 };
 

@@ -177,6 +177,8 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
     double offset[3], p[3];
     int32_t c[3];
     point->bends = hit->triangle[i] != LR_NO_TRIANGLE || lr_carries_normals(volume);
+    if (!point->bends && !(lr_dot(point->normal, point->view) > 0)) /* at the rim of the field */
+        memcpy(point->normal, point->facing, sizeof point->normal);
     locate(placed, surfel, c, p);
     lr_volume_color(volume, c, p, hit->id[i], hit->triangle[i], 0.0,
                     point->color);
@@ -190,8 +192,8 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
     surfel->material = &scene->materials[surfel->material_index];
     surfel->object_index =
         scene->slot_objects != NULL ? scene->slot_objects[slot] : placed->object_index;
-    point->eta =
-        (surfel->material->flags & LR_MATERIAL_REFRACTS) != 0 ? eta(scene, surfel, insides) : 1;
+    const bool bends = (surfel->material->flags & LR_MATERIAL_REFRACTS) != 0;
+    point->eta = !bends ? 1 : scene->lone_media ? 0 : eta(scene, surfel, insides);
     lr_bsdf_at(surfel->material, point, &surfel->bsdf);
 }
 
