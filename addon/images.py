@@ -84,6 +84,11 @@ def texels_of(image, notes) -> Texels | None:
         notes.missing("Image", image.name, "cannot be read and is shown in pink")
         return None
     space, rgba = image.colorspace_settings.name, stored.rgba
+    bad = np.zeros((), bool) if rgba.dtype == np.uint8 else ~np.isfinite(rgba).all(axis=-1)
+    if bad.any():
+        n = int(bad.sum())
+        notes.missing("Image", image.name, f"has {n} pixels that are not finite: they are black")
+        rgba[bad] = 0
     coded = space == CODED and not stored.linear
     processor = None
     if not (stored.linear or coded or space in LINEAR + DATA):
@@ -186,13 +191,11 @@ def _of_file(oiio, image) -> _Stored | None:
 
 
 def _as_stored(rgba: NDArray) -> NDArray:
-    """Bytes as they are, all else as f32; a pixel with a channel that is not finite is 0."""
+    """Bytes as they are, all else as f32."""
     if rgba.dtype == np.uint8:
         return np.array(rgba)
     scale = np.iinfo(rgba.dtype).max if rgba.dtype.kind == "u" else 1
-    made = rgba.astype(np.float32) / np.float32(scale)
-    made[~np.isfinite(made).all(axis=-1)] = 0
-    return made
+    return rgba.astype(np.float32) / np.float32(scale)
 
 
 def _from_cmyk(stored: NDArray) -> NDArray:

@@ -18,7 +18,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from leapray import Step
+from leapray import Step, numbers_of
 
 from . import model
 from .images import MISSING
@@ -157,29 +157,23 @@ def of_world(world, notes) -> model.World:
     shader.tell()
     if not any(isinstance(part, Step) for part in radiance):
         return _checked(model.World(_tuple(radiance), **seen), world.name, notes)
-    made = model.World(
+    if not np.isfinite(numbers_of(radiance)).all():
+        return _checked(model.World((np.inf,) * 3, **seen), world.name, notes)
+    return model.World(
         (1.0, 1.0, 1.0),
         image=look_up(sky.node, sky.texels, radiance, "repeat"),
         image_from_world=tuple(_tuple(row) for row in sky.rotation),
         **seen,
     )
-    return _checked(made, world.name, notes)
 
 
 def _checked(world: model.World, name: str, notes) -> model.World:
-    """The world, if its numbers are finite; black, and noted, where its color is not. Pixels that
-    are not give no light, as in Cycles."""
+    """The world, if its numbers are finite; black, and noted, where its color is not."""
     with np.errstate(over="ignore"):
         if not np.isfinite(np.float32(world.color)).all():
             notes.skipped("its strength is not a finite number", name)
-            return dataclasses.replace(world, color=(0.0, 0.0, 0.0), image=None)
-    pixels = None if world.image is None else world.image.pixels
-    if pixels is None or np.isfinite(pixels).all():
-        return world
-    bad = ~np.isfinite(pixels).all(axis=-1)
-    notes.missing("World", name, f"has {bad.sum()} pixels that are not finite: they give no light")
-    image = dataclasses.replace(world.image, pixels=np.where(bad[..., None], 0, pixels))
-    return dataclasses.replace(world, image=image)
+            return dataclasses.replace(world, color=(0.0, 0.0, 0.0))
+    return world
 
 
 class _Emitters:

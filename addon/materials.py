@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from leapray import Step
+from leapray import Step, numbers_of
 
 from . import model
 from .links import Triple, Values, tree_of
@@ -288,6 +288,8 @@ class _Reader:
             color = values(Folder(leaves.values))
             if leaves.node is None or not any(isinstance(part, Step) for part in color):
                 return {"color": tuple(np.maximum(color, 0.0).tolist())}
+            if not np.isfinite(numbers_of(color)).all():
+                return {"color": (np.nan,) * 3}
             self._bake(leaves, color)
         except Unfolded as error:
             self.strange[str(error)] = None

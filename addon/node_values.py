@@ -99,7 +99,8 @@ def _power(a: Value, b: Value, *, poles: bool) -> Value:
     if not poles:
         return made
     pole = operate("select", operate("sign", a), 0.0, operate("less_than", b, 0.0))
-    return operate("select", pole, np.inf, made)
+    infinite = float(np.finfo(np.float32).max) if isinstance(pole, Step) else np.inf
+    return operate("select", pole, infinite, made)
 
 
 _MATH: dict[str, Callable[[Value, Value, Value], Value]] = {

@@ -99,6 +99,23 @@ def test_looks_are_those_of_cycles(made):
     assert wrong.mean() <= (0.005 if "after" in made or "Closest" in made.values() else 0)
 
 
+def test_a_sky_that_takes_light_away():
+    """Negative pixels, and a negative strength by a Math node, whose socket cannot hold it."""
+    scene = sky(is_float=True)
+    tree = scene.world.node_tree
+    image = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeTexEnvironment").image
+    pixels = np.empty(WIDTH * HEIGHT * 4, np.float32)
+    image.pixels.foreach_get(pixels)
+    pixels.reshape(-1, 4)[::2, :3] *= -1
+    image.pixels.foreach_set(pixels)
+    strength = node(tree, "Math", Value=-0.5, Value_001=1.0)
+    strength.operation = "MULTIPLY"
+    tree.links.new(strength.outputs[0], tree.nodes["Background"].inputs["Strength"])
+    got, want = ours(scene), all_around(scene)
+    assert want.min() < -0.5 and want.max() > 0.5
+    assert np.abs(got - want).max() < 4e-3 * want.max()
+
+
 def test_a_steep_sky_is_sampled_without_bias():
     """Light that lies between a texel's looks is found."""
     from shading import look_at_world, sample_world, sphere_grid

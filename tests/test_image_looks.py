@@ -99,7 +99,7 @@ def agree(made, names):
     want = picture(made, SIDE)
     bad = []
     for name, (mine, sentences), theirs in zip(names, got, want, strict=True):
-        theirs = np.maximum(theirs, 0)  # of negative light
+        mine, theirs = np.maximum(mine, 0), np.maximum(theirs, 0)  # of negative light
         error = (np.abs(mine - theirs) / np.maximum(theirs, 1)).max()
         tolerance = 0.03 if "Filmic Log" in name else 4e-3
         if error > tolerance or sentences:

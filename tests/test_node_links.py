@@ -411,7 +411,23 @@ def test_a_world_with_no_number_is_left_out_and_named():
     nodes.links.new(color.outputs[0], nodes.nodes["Background"].inputs["Color"])
     notes = Notes()
     assert lights.of_world(scene.world, notes).color == (0, 0, 0)
-    assert "'World' has a value that is no number" in notes.sentences()[0]
+    assert notes.sentences() == ("Skipped 'World': its strength is not a finite number",)
+
+
+def test_a_texture_times_no_number_is_named():
+    fresh()
+    made, output = tree("Odd")
+    texture = node(made, "TexImage")
+    texture.image = bpy.data.images.new("Fine", 2, 2)
+    huge = node(made, "Math", Value=3e38, Value_001=3e38)
+    huge.operation = "MULTIPLY"
+    product = node(made, "VectorMath", Vector=texture, Vector_001=huge)
+    product.operation = "MULTIPLY"
+    surface(made, output, node(made, "Emission", Color=product))
+    notes = Notes()
+    got, _ = materials.read(made, notes)
+    assert got.lobes[0].color == (0, 0, 0) and not got.lobes[0].textured
+    assert "'Odd' has a value that is no number" in notes.sentences()[0]
 
 
 def test_a_shader_where_a_colour_belongs_is_named():

@@ -62,7 +62,7 @@ def sampled(image):
     if texture.of_corners:
         return image.program.run(np.random.default_rng(1).uniform(-1, 2, (8, 4)))
     looks = texture.sample(np.random.default_rng(1).uniform(-1, 2, (8, 2)))
-    assert np.isfinite(looks).all() and (looks >= 0).all()
+    assert np.isfinite(looks).all()
     return looks
 
 

@@ -15,6 +15,7 @@ from .programs import (
     compile_program,
     inputs_of,
     is_affine,
+    numbers_of,
     operate,
 )
 from .rendering import (
@@ -102,6 +103,7 @@ __all__ = [
     "is_affine",
     "merge",
     "mesh_layers",
+    "numbers_of",
     "operate",
     "trace",
     "trace_options",

@@ -204,6 +204,12 @@ def inputs_of(outputs: Iterable[Value]) -> list[Step]:
     return [step for step in INPUTS if id(step) in used]
 
 
+def numbers_of(outputs: Iterable[Value]) -> list[float]:
+    """All numbers that the outputs are made of."""
+    parts = [*outputs, *(a for step in steps_to(outputs) for a in step.arguments)]
+    return [part for part in parts if not isinstance(part, Step)]
+
+
 def compile_program(
     outputs: tuple[Value, Value, Value], inputs: Sequence[Step] = INPUTS
 ) -> Program:

@@ -214,12 +214,23 @@ static lr_footprint footprint_of(const lr_facets *f, uint32_t face, double width
     return (lr_footprint){{most * cos(angle), most * sin(angle)}, least};
 }
 
+static void image_color(const lr_facets *f, const lr_share *s, double width, double rgb[3])
+{
+    double uv[2] = {0.0, 0.0};
+    for (int b = 0; b < 3; b++)
+        for (int i = 0; i < 2; i++)
+            uv[i] += s->beyond[b] * (double)f->uv[s->face][b][i];
+    lr_footprint footprint = {{0.0, 0.0}, 0.0};
+    if (width > 0.0)
+        footprint = footprint_of(f, s->face, width);
+    lr_texture_average(f->texture[f->source[s->face]], uv, &footprint, rgb);
+}
+
 static void face_color(const lr_facets *f, const lr_share *s, double width, double rgb[3])
 {
     const int32_t source = f->source[s->face];
     const lr_texture *texture = source < 0 ? NULL : f->texture[source];
     const bool of_corners = texture != NULL && lr_texture_is_of_corners(texture);
-    double uv[2] = {0.0, 0.0};
     memcpy(rgb, (const double[3]){1.0, 1.0, 1.0}, 3 * sizeof *rgb);
     if ((source == LR_COLOR_VERTEX || of_corners) && f->color != NULL)
         for (int a = 0; a < 3; a++) {
@@ -229,17 +240,10 @@ static void face_color(const lr_facets *f, const lr_share *s, double width, doub
         }
     if (of_corners)
         lr_texture_of_corners(texture, (const double[3]){rgb[0], rgb[1], rgb[2]}, rgb);
+    else if (texture != NULL && f->uv != NULL)
+        image_color(f, s, width, rgb);
     for (int a = 0; a < 3; a++)
         rgb[a] = rgb[a] > 0.0 ? rgb[a] : 0.0;
-    if (texture == NULL || of_corners || f->uv == NULL)
-        return;
-    for (int b = 0; b < 3; b++)
-        for (int i = 0; i < 2; i++)
-            uv[i] += s->beyond[b] * (double)f->uv[s->face][b][i];
-    lr_footprint footprint = {{0.0, 0.0}, 0.0};
-    if (width > 0.0)
-        footprint = footprint_of(f, s->face, width);
-    lr_texture_average(texture, uv, &footprint, rgb);
 }
 
 bool lr_volume_color(const lr_volume *v, const int32_t c[3], const double p[3], int32_t id,

@@ -303,7 +303,7 @@ static void add_cubic(const lr_texture *t, const double uv[2], double sum[4])
         add_texel(t, 0, x + (n & 3), y + (n >> 2), p[n & 3] * q[n >> 2], sum);
 }
 
-/* Linear RGB, 0 or more, of what was looked up in level 0. */
+/* Linear RGB of what was looked up in level 0. */
 static void decode(const lr_texture *t, const double sum[4], double rgb[3])
 {
     if (t->program != NULL) {
@@ -311,11 +311,11 @@ static void decode(const lr_texture *t, const double sum[4], double rgb[3])
         float made[3];
         lr_program_color(t->program, rgba, made);
         for (int a = 0; a < 3; a++)
-            rgb[a] = made[a] > 0.0F ? finite_or_black(made[a]) : 0.0;
+            rgb[a] = finite_or_black(made[a]);
         return;
     }
     for (int a = 0; a < 3; a++)
-        rgb[a] = t->bytes != NULL ? from_srgb(sum[a]) : fmax(sum[a], 0.0);
+        rgb[a] = t->bytes != NULL ? from_srgb(sum[a]) : sum[a];
 }
 
 /* The average over a box as wide as a texel, which is bilinear interpolation; of level
