@@ -192,6 +192,7 @@ def look(camera: model.Camera, points: Points, width: int, height: int):
     pixels, by their distance to the camera whatever the direction.
     """
     pixel = min(np.linalg.norm(camera.dx), np.linalg.norm(camera.dy))
+    pixel = pixel or 1.0  # one point fills the film: any model of it will do
     v = points - camera.eye
     depth = v @ camera.forward
     perspective = camera.projection == "perspective"
@@ -203,8 +204,8 @@ def look(camera: model.Camera, points: Points, width: int, height: int):
         film = v - depth[:, None] * camera.forward - camera.corner
         towards = np.broadcast_to(camera.forward, v.shape)
         reach = np.ones(len(v))
-    x = film @ camera.dx / (camera.dx @ camera.dx)
-    y = film @ camera.dy / (camera.dy @ camera.dy)
+    x = film @ camera.dx / (camera.dx @ camera.dx or 1.0)
+    y = film @ camera.dy / (camera.dy @ camera.dy or 1.0)
     seen = (depth >= camera.clip_start) & (depth <= camera.clip_end)
     seen &= (x >= -1) & (x <= width + 1) & (y >= -1) & (y <= height + 1)
     scale = np.maximum(depth, NEAREST) if perspective else reach

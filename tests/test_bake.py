@@ -206,7 +206,7 @@ def test_one_volume_for_all_keeps_every_objects_colours_and_normals():
     got, _ = volumes[1].attributes([[0.0, 0.0, -0.5]], [1])
     assert_allclose(got, [(1, 0, 0)], atol=0.002)
     outward = want.mean(axis=1) / np.linalg.norm(want.mean(axis=1), axis=1, keepdims=True)
-    _, normals = volumes[0].attributes(corners.mean(axis=1), np.zeros(len(corners)))
+    _, normals = volumes[0].attributes(corners.mean(axis=1), np.zeros(len(corners), np.uint16))
     assert (np.sum(normals * outward, axis=1) > 0.99).all()
 
 
