@@ -261,30 +261,6 @@ static double height_at(const scene *s, const double q[3], uint32_t *triangle)
     return height;
 }
 
-/* Does the start lie on a triangle that the ray cannot go on through? Rounding may have put
- * it beside that, where two of them share an edge or many a corner: then the ray's line
- * meets none, though the ray goes out between them. */
-static bool starts_against(const scene *s, uint32_t triangle)
-{
-    const double *p[3];
-    double n[3], start[3], from[3];
-    lr_exact_normal(s->v->exact, triangle, n);
-    if (!(lr_dot(n, s->r->d) * s->leaving->side > 0.0))
-        return false;
-    lr_point_at(s->r, s->leaving->t, start);
-    lr_exact_corners(s->v->exact, triangle, p);
-    for (int a = 0; a < 3; a++)
-        from[a] = start[a] - p[0][a];
-    const double height = lr_dot(n, from);
-    if (height * height > s->off * s->off * lr_dot(n, n) ||
-        lr_exact_distance2(s->v->exact, triangle, start) > s->off * s->off)
-        return false;
-    uint32_t nearest;
-    double ahead[3];
-    lr_point_at(s->r, s->leaving->t + AHEAD * s->per_voxel, ahead);
-    return height_at(s, ahead, &nearest) < -AHEAD_OFF * s->off;
-}
-
 static bool accept(scene *s, met *m)
 {
     m->per_t = plane_speed(s, m->triangle);
@@ -348,31 +324,29 @@ static bool is_beside(const scene *s, double value)
     return false;
 }
 
-/* What becomes of the side of a ray that has met nothing in the cell. */
+/* What becomes of the side on which a ray left a surface and has met nothing in the cell. */
 typedef enum lost {
-    LR_AGREES, /* the field says the same beyond it, or nobody knows the side */
+    LR_AGREES, /* the field says the same beyond it, or the side may be wrong */
     LR_ASTRAY, /* it says the other, and may be off by so much: the side is handed on */
     LR_PASSED, /* it says the other, and is right: the surface has been passed */
-    LR_SLIPPED /* it says the other and no triangle is near, or only those say the other: the ray
-                  may have gone by an edge by rounding */
+    LR_SLIPPED /* it says the other, and no triangle is near: the ray may have gone by an edge by
+                  rounding */
 } lost;
 
 static lost lose(scene *s)
 {
     const lr_volume *v = s->v;
-    const bool further = lr_is_surface_cell(v, s->out.beside), told = s->out.open || !further;
-    if (s->leaving->side == 0)
-        return LR_AGREES;
     const double value = value_at(s, &s->out);
     const bool agrees = (value >= 0.0) == (s->leaving->side > 0);
-    if (v->desc.kind != LR_KIND_SOLID)
-        return told && !agrees && is_beside(s, value) ? LR_ASTRAY : LR_AGREES;
-    if (agrees && told)
+    if (agrees && s->carried == 0)
         return LR_AGREES;
+    const bool further = lr_is_surface_cell(v, s->out.beside), told = s->out.open || !further;
+    if (v->desc.kind != LR_KIND_SOLID)
+        return s->out.open && !agrees && is_beside(s, value) ? LR_ASTRAY : LR_AGREES;
+    if (agrees)
+        return told ? LR_AGREES : LR_ASTRAY;
     uint32_t triangle = 0;
     const double height = height_at(s, s->out.p, &triangle);
-    if (agrees)
-        return s->carried != 0 ? LR_ASTRAY : height < -s->off ? LR_SLIPPED : LR_AGREES;
     if (height < -s->off)
         return s->carried != 0 || comes_from_inside(s) ? LR_PASSED : LR_AGREES;
     if (isnan(height) && s->carried == 0)
@@ -404,6 +378,43 @@ static void locate(const lr_volume *v, const lr_ray *r, double t, const int32_t 
     memcpy(found->c, !same && lr_is_surface_cell(v, there) ? there : c, sizeof found->c);
     for (int a = 0; a < 3; a++)
         found->p[a] = lr_clamp(q[a] - found->c[a], 0.0, 1.0);
+}
+
+/* Does the start lie on a triangle that the ray cannot go on through? Rounding may have put
+ * it beside that, where two of them share an edge or many a corner: then the ray's line
+ * meets none, though the ray goes out between them. */
+static bool starts_against(const scene *s, uint32_t triangle)
+{
+    const double *p[3];
+    double n[3], start[3], from[3];
+    lr_exact_normal(s->v->exact, triangle, n);
+    if (!(lr_dot(n, s->r->d) * s->leaving->side > 0.0))
+        return false;
+    lr_point_at(s->r, s->leaving->t, start);
+    lr_exact_corners(s->v->exact, triangle, p);
+    for (int a = 0; a < 3; a++)
+        from[a] = start[a] - p[0][a];
+    const double height = lr_dot(n, from);
+    if (height * height > s->off * s->off * lr_dot(n, n) ||
+        lr_exact_distance2(s->v->exact, triangle, start) > s->off * s->off)
+        return false;
+    uint32_t nearest;
+    double ahead[3];
+    lr_point_at(s->r, s->leaving->t + AHEAD * s->per_voxel, ahead);
+    return height_at(s, ahead, &nearest) < -AHEAD_OFF * s->off;
+}
+
+static bool stop_at_start(const scene *s, lr_found *found)
+{
+    for (uint32_t i = 0; i < s->n; i++)
+        if (starts_against(s, s->list[i])) {
+            found->t = s->leaving->t;
+            found->triangle = s->list[i];
+            found->object = LR_NO_OBJECT;
+            locate(s->v, s->r, found->t, s->c, found);
+            return found->t <= s->r->t_max;
+        }
+    return false;
 }
 
 /* The surface that the ray has passed in the cell, though it meets none of its triangles: it
@@ -463,16 +474,12 @@ bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
     const shear frame = shear_of(r);
     s.off = leaving->side != 0 ? lr_start_off(v) : 0.0;
     met best = {.t = INFINITY};
-    const bool starts = u->axis < 0 && leaving->side != 0;
     s.list = lr_exact_list(v, s.c, &s.n);
     for (uint32_t i = 0; i < s.n; i++) {
         met m;
-        if (meet(v->exact, r, &frame, s.list[i], &m) && m.t < best.t && accept(&s, &m)) {
-            if (m.t < best.t)
-                best = m;
-        } else if (starts && leaving->t < best.t && starts_against(&s, s.list[i])) {
-            best = (met){.t = leaving->t, .triangle = s.list[i]};
-        }
+        if (meet(v->exact, r, &frame, s.list[i], &m) && m.t < best.t && accept(&s, &m) &&
+            m.t < best.t)
+            best = m;
     }
     const int start = *side;
     *side = 0;
@@ -489,9 +496,15 @@ bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
         found->object = LR_NO_OBJECT;
         return lr_hit_cell(v, r, LR_EVEN, u, 0, options, found, n_samples);
     }
+    if (leaving->side == 0)
+        return false;
     const lost end = lose(&s);
     *side = end == LR_ASTRAY ? 2 * leaving->side : 0;
+    if (end < LR_PASSED)
+        return false;
+    if (u->axis < 0 && stop_at_start(&s, found))
+        return true;
     if (end == LR_SLIPPED)
         return comes_from_inside(&s) && stop_at_passed(&s, SLIP * s.off, found);
-    return end == LR_PASSED && stop_at_passed(&s, INFINITY, found);
+    return stop_at_passed(&s, INFINITY, found);
 }
