@@ -258,5 +258,5 @@ def known_textures():
     return [
         leapray.Texture(rng.random((h, w, 3)).astype("f4"), i, e)
         for h, w, i, e in ((1, 1, "linear", "repeat"), (3, 7, "closest", "clip"),
-                           (16, 5, "linear", "mirror"), (2, 2, "linear", "extend"))
+                           (16, 5, "linear", "mirror"), (2, 2, "cubic", "extend"))
     ]  # fmt: skip

@@ -39,7 +39,7 @@ from hostile_arguments import (
 )
 
 import leapray
-from leapray import rendering
+from leapray import programs, rendering
 
 LONGEST = 60  # seconds of a call
 ROOM = 30_000_000  # bytes that a voxelization may take
@@ -235,18 +235,39 @@ def merge(s: Source):
     trace_through(s, leapray.build(leapray.merge(chosen)))
 
 
+def program(s: Source):
+    """Instructions with operands that may lie beyond all registers and constants."""
+    n, most = s.one((0, 1, 5, 40)), 4 if s.calm else 70000
+    code = s.rng.integers(0, s.one((most, 40)), (n, 5))
+    code[:, 0] = s.rng.integers(0, len(programs.OPERATIONS) if s.mostly(0.7) else 65536, n)
+    tables = [leapray.Table(s.numbers(s.one((2, 7)), 0.9), s.one(programs.KINDS))] * s.one((0, 2))
+    return leapray.Program(
+        code.clip(0, 65535).tolist(), s.numbers(s.one((0, 3, 50))), tables,
+        s.rng.integers(0, most, 3).clip(0, 65535).tolist(),
+    )  # fmt: skip
+
+
+def run_program(s: Source):
+    made = program(s).run(s.strided(s.numbers((s.one((0, 1, 30)), 4), 0.5)))
+    check(made.shape[1] == 3, "no colours")
+
+
 def look_up(s: Source):
-    shape = (*s.shape(9)[:2], 3 if s.mostly(0.95) else s.whole(5, 1))
-    pixels = s.numbers(shape, 0.7).astype(s.one(("f4", "f8", "u1", "i4")))
+    by = program(s) if s.chance(0.3) else None
+    channels = s.one((3, 4) if by is not None else (3,)) if s.mostly(0.95) else s.whole(5)
+    pixels = s.numbers((*s.shape(9)[:2], abs(channels) % 9), 0.7)
+    pixels = pixels.astype(s.one(("f4", "f8", "u1", "i4")))
     texture = leapray.Texture(
-        s.strided(pixels) if s.mostly(0.9) else pixels[:0],
-        s.name(("linear", "closest")),
+        None if by is not None and s.chance(0.2) else s.strided(pixels),
+        s.name(("linear", "closest", "cubic")),
         s.name(("repeat", "extend", "clip", "mirror")),
+        program=by,
+        points_only=s.chance(0.3),
     )
     n = s.one((0, 1, 9))
     uvs = s.numbers((n, 2), 0.5)
     got = texture.sample(uvs, np.abs(s.numbers((n, 3), 0.5)) if s.chance(0.5) else None)
-    check(np.isfinite(got).all(), "a colour that is not finite")
+    check(by is not None or np.isfinite(got).all(), "a colour that is not finite")
 
 
 def find_first_cells(s: Source):
@@ -304,6 +325,7 @@ def light(s: Source):
         angle=s.one((0.0, 0.1, 3.0, 3.1415)) if s.mostly(0.97) else s.number(),
         blend=s.one((0.0, 0.5, 1.0)) if s.mostly(0.98) else s.number(),
         shape=s.name(rendering.SHAPES), casts_shadow=s.chance(0.8), visible_camera=s.chance(0.3),
+        plane_margin=abs(s.number(0.9)), max_bounces=s.whole(20),
     )  # fmt: skip
 
 
@@ -321,7 +343,8 @@ def render(s: Source):
             s.one(known_structures()), s.one((np.eye(4), s.matrix())),
             first_material=s.one((0, 0, 0, 1)) if s.mostly(0.98) else s.one((-1, 2**31)),
             n_materials=s.one((1, 1, 2)) if s.mostly(0.98) else s.one((0, 2**31)),
-            object_index=s.whole(5), visible_shadow=s.mostly(0.9), visible_camera=s.mostly(0.9),
+            object_index=s.whole(5), holdout=s.chance(0.1),
+            visible_shadow=s.mostly(0.9), visible_camera=s.mostly(0.9),
         )
         for _ in range(n)
     ]  # fmt: skip
@@ -331,6 +354,8 @@ def render(s: Source):
             s.numbers((*s.shape(7)[:2], 3 if s.mostly(0.97) else 2), 1 if s.calm else 0.9)
         )
         image = s.strided(image.astype("f4"))
+        if s.chance(0.3):
+            image = s.one(known_textures())
     world = leapray.World(
         np.abs(s.vector(0.97)), image,
         np.eye(3) if s.mostly(0.7) else s.numbers((3, 3)) * s.one((1.0, 1e-200, 1e200)),
@@ -365,7 +390,7 @@ def render(s: Source):
 CALLS = {
     make_volume: 3, fill_block_by_block: 2, trace_known: 6, build_wrongly: 1, voxelize: 3,
     tell_layers: 1, tell_distances: 1, read_blocks: 1, ask_known: 1, unpack: 3, merge: 1,
-    look_up: 1, find_first_cells: 1, render: 6,
+    look_up: 2, run_program: 1, find_first_cells: 1, render: 6,
 }  # fmt: skip
 
 

@@ -130,11 +130,8 @@ def walk(name, seed):
                 stuck += [f"{w.told}, bounce {bounce}, side {side}"] * int(rest.sum())
         lost = np.flatnonzero(~np.isfinite(hits.t) & exact)
         if len(lost):
-            met = np.isfinite(
-                meshes.brute_rays(points[lost] + 1e-9 * w.voxel * d[lost], d[lost], w.vertices,
-                                  w.triangles)[0]
-            )  # fmt: skip
-            rest = met | (w.off_mesh(points[lost]) < ON)
+            rest = w.off_mesh(points[lost]) < ON
+            rest |= meshes.winding(points[lost], w.vertices, w.triangles) > 0.5
             out += [f"{w.told}, bounce {bounce}"] * int(rest.sum())
         o = points
     return restarts, out, stuck

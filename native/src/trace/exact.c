@@ -33,6 +33,8 @@ static const double START_NEAR = 1e-2;
 /* A start on several triangles is judged so far ahead, in voxels, by that share of what a start
  * may be off; a ray that has gone by an edge by rounding, by so many times that. */
 static const double AHEAD = 1e-4, AHEAD_OFF = 0.125, SLIP = 4.0;
+/* Where the field agrees by less, in voxels, it may change its mind at once. */
+static const double BARELY = 1e-4;
 /* Rays through edges and corners of cells may pass by the cell that holds the hit. */
 static const double SLACK = 1e-6;
 
@@ -327,7 +329,8 @@ static bool is_beside(const scene *s, double value)
 /* What becomes of the side on which a ray left a surface and has met nothing in the cell. */
 typedef enum lost {
     LR_AGREES, /* the field says the same beyond it, or the side may be wrong */
-    LR_ASTRAY, /* it says the other, and may be off by so much: the side is handed on */
+    LR_ASTRAY, /* it says the other, or barely the same, and may be off by so much: the side is
+                  handed on */
     LR_PASSED, /* it says the other, and is right: the surface has been passed */
     LR_SLIPPED /* it says the other, and no triangle is near: the ray may have gone by an edge by
                   rounding */
@@ -338,11 +341,13 @@ static lost lose(scene *s)
     const lr_volume *v = s->v;
     const double value = value_at(s, &s->out);
     const bool agrees = (value >= 0.0) == (s->leaving->side > 0);
-    if (agrees && s->carried == 0)
+    if (agrees && s->carried == 0 && !(fabs(value) < BARELY))
         return LR_AGREES;
     const bool further = lr_is_surface_cell(v, s->out.beside), told = s->out.open || !further;
     if (v->desc.kind != LR_KIND_SOLID)
         return s->out.open && !agrees && is_beside(s, value) ? LR_ASTRAY : LR_AGREES;
+    if (agrees && s->carried == 0)
+        return s->out.open && further ? LR_ASTRAY : LR_AGREES;
     if (agrees)
         return told ? LR_AGREES : LR_ASTRAY;
     uint32_t triangle = 0;
