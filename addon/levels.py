@@ -275,7 +275,7 @@ class Levels:
             if mesh is work.mesh:
                 self.cache.put(key, widest)
         kind = work.measure.kind if work.measure else ""
-        facets = work.own_normals and work.exact != "all" and kind == "solid"
+        facets = work.own_normals and work.exact not in ("all", "every") and kind == "solid"
         smooth = work.own_normals or voxel_size < widest
         return self.wardrobe.attributes(mesh, work.outfit, smooth, facets)
 
@@ -407,6 +407,13 @@ class Levels:
                 self.drop(work)
                 work.measure, work.structure = best.measure, best.structure
                 work.errors = errors.seen(best.measure, work.weights)
+
+    def complete(self, work: Work) -> None:
+        """Let the work have its structure, or that of a finer level at hand."""
+        if work.structure is None and not self.take_finer(work):
+            others = self.held() - work.measure.nbytes
+            size, types = work.measure.voxel_size, (work.measure.dtype,)
+            work.structure = self.structure(work, size, types, self.budget - others)
 
     def take_finer(self, work: Work) -> bool:
         """Take an earlier frame's volume that is finer than asked for, where there is room."""

@@ -30,8 +30,9 @@ import leapray
 from . import bake, errors, light_planes, model, objects, parts, reach, steps
 from . import cache as caches
 from . import shelf as shelves
-from .levels import MB, Levels, Work
+from .levels import MB, Work
 from .objects import SceneError
+from .separation import Separation
 
 COARSEST = 16  # voxels along the longest side at the start, but for meshes with more than
 MOST_CROWD = 64  # triangles in a cell, about: to sort them takes longer than finer voxels,
@@ -69,7 +70,7 @@ def coarsest(mesh: model.Mesh) -> float:
     return 2.0 ** math.ceil(math.log2(longest / COARSEST)) if longest > 0 else 1.0
 
 
-class Planner(Levels):
+class Planner(Separation):
     """Walks the levels of all volumes within one budget.
 
     advance: called with a share 0..1 of this work as it proceeds.
@@ -355,11 +356,9 @@ class Planner(Levels):
     def finish(self, instances: list[model.Instance]) -> Plan:
         """Make what is still missing, and put the instances together."""
         self.share_finest()
+        self.separate()
         for work in self.works:
-            if work.structure is None and not self.take_finer(work):
-                others = self.held() - work.measure.nbytes
-                size, types = work.measure.voxel_size, (work.measure.dtype,)
-                work.structure = self.structure(work, size, types, self.budget - others)
+            self.complete(work)
         self.keep_on_disk()
         self.cache.end()
         self.peak = max(self.peak, self.held() + self.cache.unused())

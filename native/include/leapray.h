@@ -374,7 +374,8 @@ typedef enum lr_simd {
 typedef enum lr_exact_cells {
     LR_EXACT_SHEETS = 0, /* of sheets: at borders, junctions, creases, close pairs */
     LR_EXACT_ALL = 1,    /* of solids too: at creases, thin walls and gaps */
-    LR_EXACT_NONE = 2
+    LR_EXACT_NONE = 2,
+    LR_EXACT_EVERY = 3 /* all cells that the surface meets: there is no error */
 } lr_exact_cells;
 
 typedef struct lr_voxelize_options {

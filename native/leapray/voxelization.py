@@ -31,7 +31,12 @@ SIMD = {
     "avx2": _abi.LR_SIMD_AVX2,
     "avx512": _abi.LR_SIMD_AVX512,
 }
-EXACT = {"sheets": _abi.LR_EXACT_SHEETS, "all": _abi.LR_EXACT_ALL, "none": _abi.LR_EXACT_NONE}
+EXACT = {
+    "sheets": _abi.LR_EXACT_SHEETS,
+    "all": _abi.LR_EXACT_ALL,
+    "none": _abi.LR_EXACT_NONE,
+    "every": _abi.LR_EXACT_EVERY,
+}
 HALF_WIDTHS = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # of the ramp: clamping against quantisation
 OTHER_WIDTHS = {"cone": 3.0, "gauss": 1.0, "box": 0.5, "binary": 0.5}  # voxels; of gauss its sigma
 SOLID_FILTERS = ("box", "binary")  # they tell inside from outside, which a sheet has not
@@ -125,6 +130,7 @@ def voxelize(
     exact "sheets": cells of sheets in which the samples cannot hold the surface (at
     borders, junctions, creases, close pairs) keep their triangles, which rays meet
     exactly; "all": those of solids too (creases, walls and gaps thinner than a voxel);
+    "every": all cells that the surface meets, so that there is no error at all;
     "none": the samples alone, so that a sheet ends with the cells that it touches.
     flat: the mesh is flat-shaded. Then cells that may keep their triangles do so wherever
     normals would turn from a facet's by more than a degree, and hits elsewhere have the

@@ -18,7 +18,8 @@ typedef struct lr_voxel_job {
     int32_t filter;    /* lr_filter */
     double half_width; /* of the filter, voxels */
     int32_t sample_type;
-    bool flat; /* the mesh is flat-shaded: its facets' normals count */
+    bool every; /* cell near a triangle keeps it */
+    bool flat;  /* the mesh is flat-shaded: its facets' normals count */
     bool sheet;
     lr_bake bake;
     bool exact;                       /* cells are judged in a second run (cells.h) */

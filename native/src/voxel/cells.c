@@ -9,7 +9,8 @@
  *     the field goes another way there, since that is no bend but a crease;
  *  3. meets it where the field is off: not on its surface, or with another gradient;
  * and if rays can find anything in it: a triangle meets it, or its samples change
- * sides. 2 finds close pairs and flipped windings, 3 creases and thin walls.
+ * sides. 2 finds close pairs and flipped windings, 3 creases and thin walls. Where the
+ * job wants every such cell, nothing is judged.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxel/cells.h"
@@ -319,7 +320,7 @@ static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int
     if (!(w->bad[word] & bit)) {
         double corner[8];
         cell_corners(&w->field, at, corner);
-        if (ends_near(t, cell) || corners_off(w, t, c, corner, touched && !w->one_way) ||
+        if (w->job->every || ends_near(t, cell) || corners_off(w, t, c, corner, touched && !w->one_way) ||
             (touched && surface_off(t, cell, corner, w->job->flat ? FLAT_OFF : GRADIENT_OFF)))
             w->bad[word] |= bit;
     }

@@ -53,9 +53,10 @@ static lr_status check_options(const lr_voxelize_options *o, lr_error *error)
     if (o->sample_type < LR_U8 || o->sample_type > LR_F32)
         return lr_fail(error, LR_E_ARGUMENT, "sample type %d is none of u8 (0), u16 (1), f32 (2)",
                        o->sample_type);
-    if (o->exact < LR_EXACT_SHEETS || o->exact > LR_EXACT_NONE)
+    if (o->exact < LR_EXACT_SHEETS || o->exact > LR_EXACT_EVERY)
         return lr_fail(error, LR_E_ARGUMENT,
-                       "exact cells %d are none of sheets (0), all (1), none (2)", o->exact);
+                       "exact cells %d are none of sheets (0), all (1), none (2), every (3)",
+                       o->exact);
     return LR_OK;
 }
 
@@ -106,7 +107,7 @@ static lr_nearest_search *search_by(int32_t simd)
 /* Of the band; kind is LR_KIND_SOLID or LR_KIND_SHEET. */
 static double band_of(const lr_voxelize_options *o, int32_t kind)
 {
-    bool wide = kind == LR_KIND_SHEET || o->exact == LR_EXACT_ALL;
+    bool wide = kind == LR_KIND_SHEET || o->exact == LR_EXACT_ALL || o->exact == LR_EXACT_EVERY;
     return fmax(lr_profile_reach(o->filter, o->half_width), wide ? STENCIL : CORNERS);
 }
 
@@ -256,7 +257,9 @@ static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *
                        "for a sheet, which has neither; use ramp, cone or gauss, or kind solid");
     v->desc.kind = v->job.sheet ? LR_KIND_SHEET : LR_KIND_SOLID;
     v->volume->desc.kind = v->desc.kind;
-    v->job.exact = o->exact == LR_EXACT_ALL || (o->exact == LR_EXACT_SHEETS && v->job.sheet);
+    v->job.every = o->exact == LR_EXACT_EVERY;
+    v->job.exact = v->job.every || o->exact == LR_EXACT_ALL ||
+                   (o->exact == LR_EXACT_SHEETS && v->job.sheet);
     if (band_of(o, v->desc.kind) != v->job.band || v->mesh.twin != NULL)
         status = bin(v, v->desc.kind, false, watch, error);
     if (status == LR_OK && v->by_winding && v->judgement.wide) {

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Volumes that lie nearer to each other than their errors get rid of these (no bpy)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import partial
+
+import leapray
+
+from . import errors, objects, proximity
+from .levels import Levels, Work
+
+NO_ERROR = 1e-6  # of a voxel: no more than f32 rounds
+MOST_FINER = 3  # levels, where cells that keep their triangles would have many,
+SHARE = 1 / 32  # of the memory for that, unless its mesh has many triangles:
+TRIANGLE_NBYTES = 128  # then so much for each
+
+
+class Separation(Levels):
+    """What a plan does for decals, labels, carpets: for small gaps between volumes."""
+
+    def separate(self) -> None:
+        """Let volumes that come nearer to each other than their errors keep all triangles."""
+        if self.settings.layout == "scene":
+            return
+        bodies = [
+            proximity.Body(
+                work.matrices,
+                objects.bounds(work.mesh),
+                _error(work),
+                partial(self._probes, work),
+                partial(self._some_structure, work),
+            )
+            for work in self.works
+        ]
+        why: dict[int, str] = {}
+        for pair in proximity.close_pairs(bodies, self.scene.camera, self.breathe):
+            for n in pair:
+                if n not in why:
+                    why[n] = self._keep_every_triangle(self.works[n]) if bodies[n].error else ""
+            names = dict.fromkeys(repr(self.works[n].name) for n in pair)
+            if reason := next(filter(None, map(why.get, pair)), ""):
+                self.warnings.append(
+                    f"{' and '.join(names)} come so near to each other that one may show through "
+                    f"the other: {reason}."
+                )
+
+    def _some_structure(self, work: Work) -> leapray.Structure:
+        """Of the work's level, or one known to have no errors: to see what is near."""
+        perfect = dataclasses.replace(work, exact="every", own_normals=True)
+        for n in range(MOST_FINER if work.structure is None else -1, -1, -1):
+            size = work.measure.voxel_size / 2**n
+            measure = self._known(perfect, size)
+            if measure is not None:
+                room = self.budget - self.held() + work.measure.nbytes
+                return self.structure(perfect, size, (measure.dtype,), room)
+        self.complete(work)
+        return work.structure
+
+    def _keep_every_triangle(self, work: Work) -> str:
+        """Let all cells keep their triangles, so that there is no error; why not, or ""."""
+        if self.settings.exact != "auto":
+            return "only with automatic exact cells they keep all their triangles"
+        before, stuck = (work.exact, work.own_normals), work.stuck
+        work.exact, work.own_normals = "every", True
+        why = self._entered(work, work.measure.voxel_size, math.inf)
+        if why:
+            work.exact, work.own_normals = before
+        room = max(self.budget * SHARE, TRIANGLE_NBYTES * len(work.mesh.triangles))
+        for _ in range(0 if why or work.fixed or self.settings.resolution else MOST_FINER):
+            crowded = work.measure.crowd > errors.CROWD
+            if not crowded or self._entered(work, work.measure.voxel_size / 2, room):
+                break
+        work.stuck = stuck
+        return why
+
+    def _entered(self, work: Work, voxel_size: float, volume_room: float) -> str:
+        """Put the work on a level; why that cannot be, or ""."""
+        try:
+            self.enter(work, voxel_size, self.budget - self.held(), volume_room)
+        except leapray.Stopped:
+            raise
+        except leapray.OutOfMemory:
+            return "the memory budget ends"
+        except leapray.LeapRayError as error:
+            return str(error)
+        return ""
+
+
+def _error(work: Work) -> float:
+    """The quantile of the volume's errors, in object space; 0 where that is but rounding."""
+    error = work.measure.typical()
+    return error if error > NO_ERROR * work.measure.voxel_size else 0.0
