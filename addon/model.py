@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from leapray import Program
 
+from .memory import Resident
+
 Color = tuple[float, float, float]  # linear RGB
 
 
@@ -230,6 +232,7 @@ class Scene:
     film_exposure: float = 1.0  # multiplies the light of the passes
     warnings: tuple[str, ...] = ()
     seconds_read: float = 0.0
+    resident: Resident | None = None  # what the process took before the scene was read
 
 
 @dataclass

@@ -25,7 +25,7 @@ from leapray._abi import lr_counters
 from leapray.threads import cores
 from leapray.voxelization import FILTERS
 
-from . import model, plan, tiles
+from . import memory, model, plan, tiles
 from .cache import Cache
 
 POLL = 0.03  # seconds between two looks at `stop`
@@ -59,11 +59,12 @@ def render(
     there is nothing to render or the memory does not suffice; no thread outlives it.
     """
     began = time.perf_counter()
+    meter = memory.Meter(scene.resident)
     watch = leapray.Watch()
     threads = scene.settings.threads or cores()
     check(scene.settings)
     with ThreadPoolExecutor(threads, thread_name_prefix="leapray") as pool:
-        crew = Crew(pool, watch, stop, progress)
+        crew = Crew(pool, watch, stop, progress, meter)
         planned = _plan(scene, Cache() if cache is None else cache, crew, threads, planner)
         planned_at = time.perf_counter()
         passes, counters, workspace_nbytes = _trace(scene, planned, crew, threads, on_tile)
@@ -87,7 +88,9 @@ def render(
         "bytes": {
             "volumes": planned.volume_nbytes,
             "structures": planned.structure_nbytes,
+            "scratch": planned.scratch_nbytes,
             "peak": max(
+                meter.peak(),
                 planned.peak_nbytes,
                 planned.volume_nbytes + planned.structure_nbytes + workspace_nbytes + pixels_nbytes,
             ),
@@ -128,8 +131,9 @@ class Crew:
     may move.
     """
 
-    def __init__(self, pool, watch, stop, progress) -> None:
+    def __init__(self, pool, watch, stop, progress, meter) -> None:
         self.pool, self.watch, self.stop, self.progress = pool, watch, stop, progress
+        self.meter = meter
         self.phase, self.share = "", 0.0
         self._said: tuple[float, str] | None = None
         self._asked = 0.0
@@ -140,6 +144,7 @@ class Crew:
         if now - self._asked < POLL:
             return
         self._asked = now
+        self.meter.sample()
         if self.stop():
             self.watch.stop()
         if (self.share, self.phase) != self._said:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from leapray import LeapRayError, Stopped
 
 from . import lights, materials, model, properties, result
+from .memory import Resident
 from .meshes import NO_FACES, read_mesh, read_object_mesh
 from .notes import Notes
 
@@ -64,7 +65,7 @@ def read(
     Raises LeapRayError, one sentence, where there is nothing to render, Stopped soon
     after stop() said so.
     """
-    start = time.perf_counter()
+    start, resident = time.perf_counter(), Resident.read()
     scene = depsgraph.scene_eval
     if settings is None:
         settings = properties.settings(scene, depsgraph.view_layer_eval)
@@ -97,6 +98,7 @@ def read(
         film_exposure=_exposure(scene),
         warnings=notes.sentences(),
         seconds_read=time.perf_counter() - start,
+        resident=resident,
     )
 
 

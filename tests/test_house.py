@@ -41,6 +41,7 @@ LAYERS = {
         "__init__",
     ],
     "addon": [
+        "memory",
         "model process",
         "files",
         "objects bake tiles probes reach light_planes volumes",

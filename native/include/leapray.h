@@ -427,6 +427,8 @@ typedef struct lr_voxelizer_info {
     int32_t reason;           /* lr_reason */
     int32_t by_winding;       /* nonzero: winding numbers tell inside from outside */
     double hole;              /* extent of the widest loop of border edges, in voxels */
+    uint64_t scratch_nbytes;  /* memory beside the volume until lr_voxelizer_free: the most that the
+                                 stages so far and the present one need, but for threads' own */
 } lr_voxelizer_info;
 
 /* Check the mesh, whose arrays must live until lr_voxelizer_free. lr_voxelize_next opens the
@@ -454,6 +456,17 @@ LR_API void lr_voxelizer_free(lr_voxelizer *voxelizer); /* NULL is fine */
  * takes the rest. ids are not read. */
 LR_API lr_status lr_mesh_layers(const lr_mesh *mesh, double margin, const lr_watch *watch,
                                 int32_t *layer, int32_t *n_layers, lr_error *error);
+
+/* Edges at which triangles turn. Half-edge 3 t + e runs from corner e of triangle t to the next;
+ * those on the same two vertices are of one edge, with weld nonzero those on the same two places.
+ * An edge's first two half-edges are a pair if the cosine between their triangles' normals, of
+ * coordinates that are divided by unit in f32, is below the given one; triangles without area
+ * never are. pairs[room][2] takes the first `room` of *n_pairs, edge by edge; *n_border is the
+ * number of edges with one half-edge. Half-edges without length are of no edge. ids and
+ * attributes are not read. */
+LR_API lr_status lr_mesh_edges(const lr_mesh *mesh, int32_t weld, double unit, double cosine,
+                               uint32_t *pairs, uint64_t room, const lr_watch *watch,
+                               uint64_t *n_pairs, uint64_t *n_border, lr_error *error);
 
 /* ---- distance ---------------------------------------------------------- */
 

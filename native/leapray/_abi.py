@@ -421,6 +421,7 @@ class lr_voxelizer_info(ctypes.Structure):
         ("reason", ctypes.c_int32),
         ("by_winding", ctypes.c_int32),
         ("hole", ctypes.c_double),
+        ("scratch_nbytes", ctypes.c_uint64),
     )
 
 
@@ -863,6 +864,18 @@ PROTOTYPES = {
         ctypes.POINTER(lr_watch),
         ctypes.POINTER(ctypes.c_int32),
         ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_mesh_edges": (ctypes.c_int, (
+        ctypes.POINTER(lr_mesh),
+        ctypes.c_int32,
+        ctypes.c_double,
+        ctypes.c_double,
+        ctypes.POINTER(ctypes.c_uint32),
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(ctypes.c_uint64),
+        ctypes.POINTER(ctypes.c_uint64),
         ctypes.POINTER(lr_error),
     )),
     "lr_distance": (ctypes.c_int, (

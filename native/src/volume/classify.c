@@ -35,7 +35,7 @@ static uint32_t constant_of(const lr_volume *v, uint32_t brick)
     return first == 0.0 ? LR_BRICK_ZERO : LR_BRICK_ONE;
 }
 
-static void move_brick(lr_volume *v, uint32_t to, uint32_t from)
+void lr_volume_move_brick(lr_volume *v, uint32_t to, uint32_t from)
 {
     size_t nbytes = LR_BRICK_SAMPLES * lr_sample_nbytes(v->desc.sample_type);
     memcpy(v->samples + to * nbytes, v->samples + from * nbytes, nbytes);
@@ -64,7 +64,7 @@ static lr_status drop_constants(lr_volume *v, const lr_watch *watch, lr_error *e
     if (!stopped) {
         for (uint32_t b = LR_FIRST_STORED; b < v->n_bricks; b++)
             if (moved[b] >= LR_FIRST_STORED && moved[b] != b)
-                move_brick(v, moved[b], b);
+                lr_volume_move_brick(v, moved[b], b);
         size_t n = lr_table_count(v);
         for (size_t at = 0; at < n; at++)
             if (v->table[at] >> 8 >= LR_FIRST_STORED)

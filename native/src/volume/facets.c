@@ -176,11 +176,26 @@ static bool put_sub(uint32_t *to, const uint32_t *named, int s)
     return any != 0;
 }
 
-void lr_volume_name(lr_volume *v, uint32_t brick, const uint32_t *named)
+void lr_volume_name(lr_volume *v, uint32_t brick, const uint32_t *named, uint32_t *next_block)
 {
-    for (int s = 0; s < 8; s++)
-        if (put_sub(v->named + (size_t)v->n_blocks * LR_BLOCK_SAMPLES, named, s))
-            v->block_of[8 * (size_t)brick + (size_t)s] = v->n_blocks++;
+    for (int s = 0; s < 8; s++) {
+        uint32_t *block = &v->block_of[8 * (size_t)brick + (size_t)s];
+        *block = 0;
+        if (named != NULL && put_sub(v->named + (size_t)*next_block * LR_BLOCK_SAMPLES, named, s))
+            *block = (*next_block)++;
+    }
+}
+
+void lr_volume_move_names(lr_volume *v, uint32_t brick)
+{
+    for (size_t s = 0; s < 8; s++) {
+        uint32_t *block = &v->block_of[8 * (size_t)brick + s];
+        if (*block == 0)
+            continue;
+        memmove(v->named + (size_t)v->n_blocks * LR_BLOCK_SAMPLES,
+                v->named + (size_t)*block * LR_BLOCK_SAMPLES, lr_volume_block_nbytes());
+        *block = v->n_blocks++;
+    }
 }
 
 /* Does a surface cell have a corner among the samples of a sub-brick? Its cells that

@@ -352,7 +352,7 @@ static lr_status put_brick(merger *m, size_t at, const int32_t first[3], brick *
     v->table[at] = where << 8 | sub;
     put_seconds(v, where, b);
     if (v->block_of != NULL)
-        lr_volume_name(v, where, b->named);
+        lr_volume_name(v, where, b->named, &v->n_blocks);
     return LR_OK;
 }
 

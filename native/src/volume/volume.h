@@ -110,14 +110,20 @@ lr_status lr_volume_check(const lr_volume_desc *desc, lr_error *error);
  * filled with its constant. Not after lr_volume_finish. */
 lr_status lr_volume_open_brick(lr_volume *volume, size_t at, uint32_t *brick, lr_error *error);
 
+/* Copy a stored brick to another number; the blocks of its names stay where they are. */
+void lr_volume_move_brick(lr_volume *volume, uint32_t to, uint32_t from);
+
 /* Room for so many stored bricks, so that filling them does not copy. */
 lr_status lr_volume_reserve(lr_volume *volume, uint64_t n_stored, lr_error *error);
 
 /* Attributes (volume/facets.c): after lr_volume_reserve make room for those of so
- * many bricks, give a brick the numbers of its 512 samples' faces, drop the blocks that no
- * hit can read. */
+ * many bricks; give a brick the numbers of its 512 samples' faces, or NULL for none, in blocks
+ * from *next_block on; move a brick's blocks down to n_blocks; drop the blocks that no hit can
+ * read. */
 lr_status lr_volume_carry(lr_volume *volume, uint64_t n_bricks, lr_error *error);
-void lr_volume_name(lr_volume *volume, uint32_t brick, const uint32_t *named);
+void lr_volume_name(lr_volume *volume, uint32_t brick, const uint32_t *named,
+                    uint32_t *next_block);
+void lr_volume_move_names(lr_volume *volume, uint32_t brick);
 lr_status lr_volume_trim_blocks(lr_volume *volume, const lr_watch *watch, lr_error *error);
 
 /* Bytes of the table for a lattice of n samples, and of one stored brick. */

@@ -1,10 +1,8 @@
 /* Mesh set-up: check, weld, edges, pseudonormals, orientation.
  *
- * Vertices at exactly equal positions are one vertex. Half-edges are dealt out to
- * the lower of their vertices and sorted there by the other one, so that those
- * of one edge lie side by side and are linked into a ring. The pseudonormal of
- * an edge is the sum of its faces' unit normals, that of a vertex weights them
- * by the angle; for a closed mesh the sign of (p - c).n at the closest point c
+ * Vertices at exactly equal positions are one vertex. The half-edges of one edge are
+ * linked into a ring. The pseudonormal of an edge is the sum of its faces' unit normals,
+ * that of a vertex weights them by the angle; for a closed mesh the sign of (p - c).n at the closest point c
  * tells inside from outside, wherever c lies. They are summed where they are asked
  * for, around the rings, since few samples ask.
  *
@@ -17,22 +15,19 @@
  * triangles on the same three places, wound either way, the first one counts.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "voxel/mesh.h"
+#include "voxel/edges.h"
 
 enum {
     POLL = 1 << 16, /* loop turns between looks at the stop word: some ms */
-    AHEAD = 16,     /* vertices whose slots are fetched together; divides POLL */
-    FEW = 8,        /* half-edges that are sorted by counting which are less */
-    SMALL = 32      /* half-edges that insertion sorts */
+    AHEAD = 16      /* vertices whose slots are fetched together; divides POLL */
 };
 
 /* Beyond this distance from the object's origin, in voxels, f64 coordinates
  * are coarser than 1e-5 voxel. */
 #define FARTHEST 0x1p36
 
-/* farthest: largest coordinate of all vertices, used or not. */
-static lr_status check_vertices(const lr_mesh *mesh, const lr_watch *watch, double *farthest,
-                                lr_error *error)
+lr_status lr_mesh_check(const lr_mesh *mesh, const lr_watch *watch, double *farthest,
+                        lr_error *error)
 {
     if (mesh->vertices == NULL || mesh->triangles == NULL || mesh->n_vertices == 0 ||
         mesh->n_triangles == 0)
@@ -149,7 +144,7 @@ static uint32_t first_at(const double *vertices, uint32_t v, uint32_t *slot, uin
     return slot[at] - 1;
 }
 
-static lr_status weld(lr_topology *m, const lr_watch *watch, lr_error *error)
+lr_status lr_topology_weld(lr_topology *m, const lr_watch *watch, lr_error *error)
 {
     uint64_t n = m->source.n_vertices, n_slots = 16, n_double = 0;
     while (n_slots < 2 * n)
@@ -193,117 +188,6 @@ static void ends(const lr_topology *m, uint32_t half_edge, uint32_t v[2])
     v[1] = lr_welded(m, t, (int)((e + 1) % 3));
 }
 
-/* A triangle that uses a place twice has no edges worth linking. */
-/* Half-edges by their lower vertex: key[start[v]..start[v + 1]] are those of v, each as
- * higher vertex (31 bits), half-edge (32 bits), and whether it runs upwards (1 bit). */
-typedef struct buckets {
-    uint32_t *start; /* [n_vertices + 1] */
-    uint64_t *key;   /* [3 n_triangles] */
-} buckets;
-
-#define HIGHER_BITS 33
-LR_INLINE uint32_t half_edge_of(uint64_t key)
-{
-    return (uint32_t)(key >> 1);
-}
-
-/* Call for all half-edges: count them, each a ring of its own, then put them. */
-static bool deal(lr_topology *m, bool put, buckets *b, const lr_watch *watch)
-{
-    uint32_t n = (uint32_t)m->source.n_triangles;
-    for (uint32_t t = 0; t < n; t++) {
-        if (t % POLL == 0 && lr_stopped(watch))
-            return false;
-        uint32_t v[4];
-        for (int c = 0; c < 3; c++)
-            v[c] = lr_welded(m, t, c);
-        v[3] = v[0];
-        const bool collapsed = v[0] == v[1] || v[1] == v[2] || v[2] == v[0];
-        for (uint32_t e = 0, h = 3 * t; e < 3; e++, h++) {
-            const bool up = v[e] < v[e + 1];
-            const uint32_t lower = up ? v[e] : v[e + 1], higher = up ? v[e + 1] : v[e];
-            if (!put)
-                m->ring[h] = h;
-            if (!put && !collapsed)
-                b->start[lower + 1]++;
-            if (put && !collapsed)
-                b->key[b->start[lower]++] =
-                    (uint64_t)higher << HIGHER_BITS | (uint64_t)h << 1 | (uint64_t)up;
-        }
-    }
-    return true;
-}
-
-/* Fill the buckets, each in the order of the half-edges. */
-static bool fill(lr_topology *m, buckets *b, const lr_watch *watch)
-{
-    uint64_t n = m->source.n_vertices;
-    if (!deal(m, false, b, watch))
-        return false;
-    for (uint64_t v = 0; v < n; v++)
-        b->start[v + 1] += b->start[v];
-    if (!deal(m, true, b, watch))
-        return false;
-    memmove(b->start + 1, b->start, n * sizeof *b->start); /* putting has moved them on */
-    b->start[0] = 0;
-    return true;
-}
-
-static void sift(uint64_t *key, uint32_t root, uint32_t n)
-{
-    uint64_t moved = key[root];
-    for (uint32_t child; (child = 2 * root + 1) < n; root = child) {
-        child += child + 1 < n && key[child + 1] > key[child];
-        if (key[child] <= moved)
-            break;
-        key[root] = key[child];
-    }
-    key[root] = moved;
-}
-
-/* A vertex has some six half-edges: without branches. */
-static void sort_few(uint64_t *key, uint32_t n)
-{
-    uint64_t in[FEW], rank[FEW] = {0};
-    for (uint32_t i = 0; i < FEW; i++)
-        in[i] = i < n ? key[i] : UINT64_MAX;
-    for (int i = 0; i < FEW; i++)
-        for (int j = 0; j < FEW; j++)
-            rank[j] += in[i] < in[j];
-    for (uint32_t i = 0; i < n; i++)
-        key[rank[i]] = in[i];
-}
-
-/* Ascending, in place; counting, insertion or, for the rare vertex with a large fan, heap sort. */
-static bool sort(uint64_t *key, uint32_t n, const lr_watch *watch)
-{
-    if (n <= FEW) {
-        sort_few(key, n);
-        return true;
-    }
-    for (uint32_t i = 1; n <= SMALL && i < n; i++) {
-        uint64_t moved = key[i];
-        uint32_t to = i;
-        for (; to > 0 && key[to - 1] > moved; to--)
-            key[to] = key[to - 1];
-        key[to] = moved;
-    }
-    for (uint32_t i = n > SMALL ? n / 2 : 0; i-- > 0;) {
-        if (i % POLL == 0 && lr_stopped(watch))
-            return false;
-        sift(key, i, n);
-    }
-    for (uint32_t last = n > SMALL ? n - 1 : 0; last > 0; last--) {
-        if (last % POLL == 0 && lr_stopped(watch))
-            return false;
-        uint64_t top = key[0];
-        key[0] = key[last];
-        key[last] = top;
-        sift(key, 0, last);
-    }
-    return true;
-}
-
 static uint32_t third_place(const lr_topology *m, uint32_t h)
 {
     return lr_welded(m, h / 3, (int)((h % 3 + 2) % 3));
@@ -315,8 +199,8 @@ static uint32_t first_twin(const lr_topology *m, const uint64_t *run, uint32_t n
 {
     uint32_t third = third_place(m, h);
     for (uint32_t i = n > 64 ? n - 64 : 0; i < n; i++)
-        if (third_place(m, half_edge_of(run[i])) == third)
-            return half_edge_of(run[i]);
+        if (third_place(m, lr_half_edge_of(run[i])) == third)
+            return lr_half_edge_of(run[i]);
     return h;
 }
 
@@ -342,7 +226,7 @@ static bool drop_twins(lr_topology *m, uint64_t *run, uint32_t *n)
 {
     uint32_t kept = 0;
     for (uint32_t i = 0; i < *n; i++) {
-        uint32_t h = half_edge_of(run[i]), twin = first_twin(m, run, kept, h);
+        uint32_t h = lr_half_edge_of(run[i]), twin = first_twin(m, run, kept, h);
         if (twin == h)
             run[kept++] = run[i];
         else if (!mark_twin(m, h / 3, twin / 3))
@@ -355,57 +239,45 @@ static bool drop_twins(lr_topology *m, uint64_t *run, uint32_t *n)
 static void link_run(lr_topology *m, const uint64_t *run, uint32_t n)
 {
     for (uint32_t i = 0; i < n; i++)
-        m->ring[half_edge_of(run[i])] = half_edge_of(run[i + 1 < n ? i + 1 : 0]);
+        m->ring[lr_half_edge_of(run[i])] = lr_half_edge_of(run[i + 1 < n ? i + 1 : 0]);
     const bool flipped = n == 2 && ((run[0] ^ run[1]) & 1) == 0;
     m->n_border_edges += n == 1;
     m->n_bad_edges += n > 2 || flipped;
     m->n_flipped_edges += flipped;
 }
 
-static lr_status link_bucket(lr_topology *m, uint64_t *key, uint32_t n, const lr_watch *watch,
-                             lr_error *error)
+/* The half-edges of one vertex. */
+static bool link_vertex(lr_topology *m, uint64_t *key, uint32_t n)
 {
-    if (!sort(key, n, watch))
-        return lr_fail_stopped(error);
     for (uint32_t first = 0, end; first < n; first = end) {
-        for (end = first + 1; end < n && key[end] >> HIGHER_BITS == key[first] >> HIGHER_BITS;
-             end++) {
-        }
+        end = lr_edge_end(key, n, first);
         uint32_t n_run = end - first;
         if (n_run > 1 && !drop_twins(m, key + first, &n_run))
-            return lr_fail_memory(error, m->source.n_triangles * 4, "the mesh's double triangles");
+            return false;
         link_run(m, key + first, n_run);
     }
-    return LR_OK;
-}
-
-static lr_status link_buckets(lr_topology *m, buckets *b, const lr_watch *watch, lr_error *error)
-{
-    if (!fill(m, b, watch))
-        return lr_fail_stopped(error);
-    lr_status status = LR_OK;
-    for (uint64_t v = 0; v < m->source.n_vertices && status == LR_OK; v++) {
-        if (v % 1024 == 0 && lr_stopped(watch))
-            return lr_fail_stopped(error);
-        status = link_bucket(m, b->key + b->start[v], b->start[v + 1] - b->start[v], watch, error);
-    }
-    return status;
+    return true;
 }
 
 static lr_status link_edges(lr_topology *m, const lr_watch *watch, lr_error *error)
 {
-    uint64_t room = 3 * m->source.n_triangles;
-    buckets b = {.start = calloc(m->source.n_vertices + 2, sizeof *b.start),
-                 .key = malloc(room * sizeof *b.key)};
-    m->ring = malloc(room * sizeof *m->ring);
-    lr_status status = LR_OK;
-    if (b.start == NULL || b.key == NULL || m->ring == NULL) {
-        status = lr_fail_memory(error, room * 12, "the mesh's edges");
-    } else {
-        status = link_buckets(m, &b, watch, error);
-    }
-    free(b.start);
-    free(b.key);
+    const uint64_t n = 3 * m->source.n_triangles;
+    m->ring = malloc(n * sizeof *m->ring);
+    if (m->ring == NULL)
+        return lr_fail_memory(error, n * sizeof *m->ring, "the mesh's edges");
+    for (uint32_t h = 0; h < n; h++)
+        m->ring[h] = h;
+    lr_half_edges edges;
+    uint64_t *key;
+    uint32_t n_here;
+    lr_status status = lr_half_edges_begin(m, false, watch, &edges, error);
+    while (status == LR_OK &&
+           (status = lr_half_edges_next(&edges, watch, &key, &n_here, error)) == LR_OK &&
+           n_here > 0)
+        if (!link_vertex(m, key, n_here))
+            status =
+                lr_fail_memory(error, m->source.n_triangles * 4, "the mesh's double triangles");
+    lr_half_edges_free(&edges);
     m->closed = m->n_border_edges == 0 && m->n_bad_edges == 0;
     return status;
 }
@@ -433,7 +305,7 @@ lr_status lr_topology_begin(const lr_mesh *mesh, double voxel_size, const lr_wat
 {
     *m = (lr_topology){.source = *mesh, .per_unit = 1.0 / voxel_size, .side = 1.0};
     double farthest = 0.0;
-    lr_status status = check_vertices(mesh, watch, &farthest, error);
+    lr_status status = lr_mesh_check(mesh, watch, &farthest, error);
     if (status == LR_OK && !(farthest * m->per_unit <= FARTHEST))
         status = check_reach(m, error);
     if (status == LR_OK)
@@ -443,7 +315,7 @@ lr_status lr_topology_begin(const lr_mesh *mesh, double voxel_size, const lr_wat
 
 lr_status lr_topology_link(lr_topology *m, const lr_watch *watch, lr_error *error)
 {
-    lr_status status = weld(m, watch, error);
+    lr_status status = lr_topology_weld(m, watch, error);
     if (status == LR_OK)
         status = link_edges(m, watch, error);
     if (status == LR_OK && m->closed && m->volume - volume_of_twins(m) < 0.0)
@@ -461,10 +333,16 @@ bool lr_edge_closed(const lr_topology *m, uint32_t half_edge)
     return a[0] == b[1];
 }
 
-void lr_topology_free(lr_topology *m)
+void lr_topology_unlink(lr_topology *m)
 {
     free(m->weld);
     free(m->ring);
     free(m->twin);
+    m->weld = m->ring = m->twin = NULL;
+}
+
+void lr_topology_free(lr_topology *m)
+{
+    lr_topology_unlink(m);
     *m = (lr_topology){0};
 }

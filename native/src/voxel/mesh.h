@@ -31,6 +31,12 @@ typedef struct lr_topology {
     bool closed;              /* every edge has two triangles of one winding */
 } lr_topology;
 
+/* Refuse arrays that are no mesh. farthest: largest coordinate of all vertices, used or not. */
+lr_status lr_mesh_check(const lr_mesh *mesh, const lr_watch *watch, double *farthest,
+                        lr_error *error);
+/* Make vertices at the same place one: fill topology->weld. Part of lr_topology_link. */
+lr_status lr_topology_weld(lr_topology *topology, const lr_watch *watch, lr_error *error);
+
 /* Check the mesh, find its bounds and volume. origin is left 0: coordinates are voxels
  * from the object's origin until the caller sets it. What was built is freed by
  * lr_topology_free, after an error too. */
@@ -38,6 +44,8 @@ lr_status lr_topology_begin(const lr_mesh *mesh, double voxel_size, const lr_wat
                             lr_topology *topology, lr_error *error);
 /* Then weld it, link its edges and orient it. */
 lr_status lr_topology_link(lr_topology *topology, const lr_watch *watch, lr_error *error);
+/* Give back what linking made: once nobody asks for signs and edges any more. */
+void lr_topology_unlink(lr_topology *topology);
 void lr_topology_free(lr_topology *topology);
 
 /* Has the half-edge one partner, of its own winding? */

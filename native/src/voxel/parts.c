@@ -1,5 +1,6 @@
-/* The parts that threads run: bricks made one after another, those that are not
- * constant kept in blocks of the part's own until all go to the volume.
+/* The parts that threads run: bricks made one after another. Those that are not constant are
+ * kept in the volume, where it has room for all bricks of the part; once all parts have run the
+ * gaps are closed, in place.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxel/crossed.h"
@@ -8,58 +9,50 @@
 static void free_part(lr_part *p)
 {
     free(p->brick);
-    free(p->samples);
-    free(p->ids);
-    free(p->touched);
-    free(p->block_of);
     free(p->named);
     *p = (lr_part){0};
 }
 
-static bool has_room(const lr_voxelizer *v, lr_part *p, size_t n)
+static bool has_room(const lr_voxelizer *v, lr_part *p, uint32_t first, uint32_t end)
 {
-    size_t sample_nbytes = LR_BRICK_SAMPLES * lr_sample_nbytes(v->job.sample_type);
-    p->brick = malloc(n * sizeof *p->brick);
-    p->samples = malloc(n * sample_nbytes);
-    if (v->mesh.source.ids != NULL)
-        p->ids = malloc(n * LR_BRICK_SAMPLES * sizeof *p->ids);
-    if (v->job.sheet)
-        p->touched = malloc(n * sizeof *p->touched);
-    if (v->job.bake.wanted) {
-        p->block_of = malloc(n * sizeof *p->block_of);
-        p->named = malloc(n * LR_BRICK_SAMPLES * sizeof *p->named);
-    }
-    return p->brick != NULL && p->samples != NULL &&
-           (v->mesh.source.ids == NULL || p->ids != NULL) &&
-           (!v->job.sheet || p->touched != NULL) &&
-           (!v->job.bake.wanted || (p->block_of != NULL && p->named != NULL));
+    p->first = LR_FIRST_STORED + first;
+    p->next_block = 1 + 8 * first;
+    p->brick = malloc(((size_t)(end - first) + 1) * sizeof *p->brick);
+    if (v->job.bake.wanted)
+        p->named = malloc(LR_BRICK_SAMPLES * sizeof *p->named);
+    return p->brick != NULL && (!v->job.bake.wanted || p->named != NULL);
 }
 
-/* Where the names of the next brick's samples go. */
-static void offer_block(const lr_part *p, lr_scratch *scratch)
+static void put_samples(const lr_voxelizer *v, const float *value, size_t first)
 {
-    size_t at = (size_t)p->n_blocks * LR_BRICK_SAMPLES;
-    scratch->named = p->named != NULL ? p->named + at : NULL;
+    unsigned char *u8 = v->volume->samples;
+    uint16_t *u16 = (uint16_t *)(void *)v->volume->samples;
+    float *f32 = (float *)(void *)v->volume->samples;
+    for (size_t i = 0; i < LR_BRICK_SAMPLES; i++) {
+        const float g = value[i];
+        if (v->job.sample_type == LR_U8)
+            u8[first + i] = (unsigned char)(g * 255.0f + 0.5f);
+        else if (v->job.sample_type == LR_U16)
+            u16[first + i] = (uint16_t)(g * 65535.0f + 0.5f);
+        else
+            f32[first + i] = g;
+    }
 }
 
 static void keep(const lr_voxelizer *v, uint32_t at, const lr_brick *brick, lr_part *p)
 {
-    size_t first = (size_t)p->n * LR_BRICK_SAMPLES;
-    for (size_t i = 0; i < LR_BRICK_SAMPLES; i++) {
-        float g = brick->value[i];
-        if (v->job.sample_type == LR_U8)
-            p->samples[first + i] = (unsigned char)(g * 255.0f + 0.5f);
-        else if (v->job.sample_type == LR_U16)
-            ((uint16_t *)(void *)p->samples)[first + i] = (uint16_t)(g * 65535.0f + 0.5f);
-        else
-            ((float *)(void *)p->samples)[first + i] = g;
-    }
-    if (p->ids != NULL)
-        memcpy(p->ids + first, brick->id, sizeof brick->id);
-    if (p->touched != NULL)
-        memcpy(p->touched[p->n], brick->touched, sizeof brick->touched);
-    if (p->block_of != NULL)
-        p->block_of[p->n] = brick->dressed ? ++p->n_blocks : 0;
+    lr_volume *out = v->volume;
+    const uint32_t slot = p->first + p->n;
+    const size_t first = (size_t)slot * LR_BRICK_SAMPLES;
+    put_samples(v, brick->value, first);
+    if (out->ids != NULL)
+        memcpy(out->ids + first, brick->id, sizeof brick->id);
+    if (v->job.sheet)
+        memcpy(out->cells[slot], brick->touched, sizeof out->cells[slot]);
+    else
+        memset(out->cells[slot], 0, sizeof out->cells[slot]);
+    if (p->named != NULL)
+        lr_volume_name(out, slot, brick->dressed ? p->named : NULL, &p->next_block);
     p->brick[p->n++] = at;
 }
 
@@ -73,7 +66,7 @@ static bool make_bricks(lr_voxelizer *v, uint32_t first, uint32_t end, const lr_
         lr_progress(watch, (double)(i - first) / (double)(end - first));
         uint64_t list = v->bins.start[i];
         uint32_t n = (uint32_t)(v->bins.start[i + 1] - list);
-        offer_block(p, scratch);
+        scratch->named = p->named;
         if (v->labels.brick != NULL) {
             scratch->labels = v->labels.brick[i].label;
             scratch->components = v->labels.component + v->labels.brick[i].first;
@@ -129,12 +122,9 @@ lr_status lr_part_run(lr_voxelizer *v, uint32_t index, const lr_watch *watch, lr
     lr_part *p = &v->parts[index];
     lr_scratch *scratch = new_scratch(v);
     lr_status status = LR_OK;
-    if (scratch == NULL || !has_room(v, p, (size_t)(end - first) + 1))
-        status = lr_fail_memory(
-            error,
-            (uint64_t)(end - first) *
-                lr_volume_brick_nbytes(v->job.sample_type, v->mesh.source.ids != NULL),
-            "the bricks of a part");
+    if (scratch == NULL || !has_room(v, p, first, end))
+        status = lr_fail_memory(error, (uint64_t)(end - first) * 4 + sizeof *scratch,
+                                "the bricks of a part");
     else if (!make_bricks(v, first, end, watch, scratch, p))
         status = lr_fail_stopped(error);
     if (status != LR_OK)
@@ -154,48 +144,36 @@ lr_status lr_part_label(lr_voxelizer *v, uint32_t index, const lr_watch *watch, 
     return status;
 }
 
-static lr_status move_part(lr_voxelizer *v, lr_part *p, lr_error *error)
+lr_status lr_parts_begin(lr_voxelizer *v, lr_error *error)
 {
-    lr_volume *out = v->volume;
-    size_t nbytes = LR_BRICK_SAMPLES * lr_sample_nbytes(v->job.sample_type);
-    for (uint32_t i = 0; i < p->n; i++) {
-        uint32_t brick;
-        lr_status status = lr_volume_open_brick(out, p->brick[i], &brick, error);
-        if (status != LR_OK)
-            return status;
-        memcpy(out->samples + brick * nbytes, p->samples + i * nbytes, nbytes);
-        if (p->ids != NULL)
-            memcpy(out->ids + (size_t)brick * LR_BRICK_SAMPLES,
-                   p->ids + (size_t)i * LR_BRICK_SAMPLES, LR_BRICK_SAMPLES * sizeof *p->ids);
-        if (p->touched != NULL)
-            memcpy(out->cells[brick], p->touched[i], sizeof out->cells[brick]);
-        if (p->block_of != NULL && p->block_of[i] != 0)
-            lr_volume_name(out, brick, p->named + (size_t)(p->block_of[i] - 1) * LR_BRICK_SAMPLES);
-    }
-    free_part(p);
-    return LR_OK;
+    lr_status status = lr_volume_reserve(v->volume, v->bins.n_active, error);
+    if (status == LR_OK && v->job.bake.wanted && v->volume->block_of == NULL)
+        status = lr_volume_carry(v->volume, v->bins.n_active, error);
+    return status;
 }
 
 lr_status lr_parts_move(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
-    uint64_t n = 0, n_blocks = 0;
+    lr_volume *out = v->volume;
     for (uint32_t i = 0; i < v->bins.n_parts; i++) {
-        n += v->parts[i].n;
-        n_blocks += v->parts[i].n_blocks;
-    }
-    lr_status status = lr_volume_reserve(v->volume, n, error);
-    if (status == LR_OK && v->job.bake.wanted)
-        status = lr_volume_carry(v->volume, n_blocks, error);
-    for (uint32_t i = 0; i < v->bins.n_parts && status == LR_OK; i++) {
+        lr_part *p = &v->parts[i];
         if (lr_stopped(watch))
             return lr_fail_stopped(error);
         lr_progress(watch, 0.5 * (double)i / v->bins.n_parts);
-        status = move_part(v, &v->parts[i], error);
+        for (uint32_t k = 0; k < p->n; k++) {
+            const uint32_t to = out->n_bricks++;
+            if (to != p->first + k)
+                lr_volume_move_brick(out, to, p->first + k);
+            if (out->block_of != NULL)
+                lr_volume_move_names(out, to);
+            out->table[p->brick[k]] = to << 8;
+        }
+        free_part(p);
     }
     for (uint32_t i = 0; i < v->bins.n_active; i++)
         if (v->verdicts[i].state == LR_STATE_ONE)
-            v->volume->table[v->bins.brick[i]] = LR_BRICK_ONE << 8;
-    return status;
+            out->table[v->bins.brick[i]] = LR_BRICK_ONE << 8;
+    return LR_OK;
 }
 
 void lr_parts_free(lr_voxelizer *v)

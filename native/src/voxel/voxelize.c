@@ -135,6 +135,12 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_watch *w
     return status;
 }
 
+static void note_scratch(lr_voxelizer *v)
+{
+    const uint64_t now = lr_voxelizer_scratch(v);
+    v->scratch_nbytes = now > v->scratch_nbytes ? now : v->scratch_nbytes;
+}
+
 lr_status lr_voxelize_begin(const lr_mesh *mesh, const lr_voxelize_options *options,
                             const lr_watch *watch, lr_voxelizer **voxelizer, lr_error *error)
 {
@@ -150,6 +156,7 @@ lr_status lr_voxelize_begin(const lr_mesh *mesh, const lr_voxelize_options *opti
         lr_voxelizer_free(v);
         return status;
     }
+    note_scratch(v);
     *voxelizer = v;
     return LR_OK;
 }
@@ -178,6 +185,7 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
         .reason = v->judgement.reason,
         .by_winding = v->by_winding,
         .hole = v->judgement.hole,
+        .scratch_nbytes = v->scratch_nbytes,
     };
     for (uint32_t i = 0; v->cells != NULL && i < v->bins.n_parts; i++)
         info->nbytes += lr_cells_nbytes(&v->cells[i]);
@@ -235,7 +243,8 @@ static lr_status open_bricks(lr_voxelizer *v, lr_error *error)
     v->parts = calloc((size_t)v->bins.n_parts + 1, sizeof *v->parts);
     if (v->parts == NULL)
         return lr_fail_memory(error, v->bins.n_parts * sizeof *v->parts, "a list of parts");
-    return open_stage(v, LR_STAGE_BRICKS, v->bins.n_parts, error);
+    const lr_status status = lr_parts_begin(v, error);
+    return status == LR_OK ? open_stage(v, LR_STAGE_BRICKS, v->bins.n_parts, error) : status;
 }
 
 static lr_status open_labels(lr_voxelizer *v, lr_error *error)
@@ -355,6 +364,7 @@ lr_status lr_voxelize_next(lr_voxelizer *v, const lr_watch *watch, uint64_t *n_p
     do
         status = open_next(v, watch, error);
     while (status == LR_OK && v->n_parts == 0 && v->stage != LR_STAGE_DONE);
+    note_scratch(v);
     *n_parts = v->n_parts;
     return status;
 }
@@ -450,6 +460,7 @@ lr_status lr_voxelize_end(lr_voxelizer *v, const lr_watch *watch, lr_volume **vo
         return lr_fail(error, LR_E_ARGUMENT,
                        v->volume == NULL ? "the volume of this voxelizer was made before"
                                          : "the stages of this voxelizer have not all been run");
+    lr_topology_unlink(&v->mesh);
     lr_status status = v->cells != NULL ? mark_near(v, error) : LR_OK;
     if (status == LR_OK)
         status = v->cells != NULL ? finish_exact(v, watch, error)

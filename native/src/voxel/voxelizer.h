@@ -9,15 +9,15 @@
 #include "voxel/judge.h"
 #include "voxel/labels.h"
 
+/* Of the bricks of a part those that are mixed. They lie in the volume from brick `first` on,
+ * their names from block 1 + 8 (first - LR_FIRST_STORED) on, until all parts have run. */
 typedef struct lr_part {
-    uint32_t n;             /* mixed bricks */
-    uint32_t *brick;        /* [n]: places in the table */
-    unsigned char *samples; /* [n][512] */
-    uint16_t *ids;          /* [n][512], or NULL */
-    uint64_t (*touched)[8]; /* [n], of sheets */
-    uint32_t *block_of;     /* [n]: 1 + block of names, or 0; NULL without */
-    uint32_t n_blocks;
-    uint32_t *named; /* [n_blocks][512]: 1 + triangle that is nearest, or 0; NULL without */
+    uint32_t n;          /* mixed bricks */
+    uint32_t *brick;     /* [n]: places in the table */
+    uint32_t first;      /* brick of the volume */
+    uint32_t next_block; /* of names */
+    uint32_t *named;     /* [512], of the brick at hand: 1 + triangle that is nearest, or 0; NULL
+                            without */
 } lr_part;
 
 typedef struct lr_verdict {
@@ -44,7 +44,11 @@ struct lr_voxelizer {
     lr_part *parts;       /* [bins.n_parts] */
     lr_verdict *verdicts; /* [bins.n_active] */
     lr_cells_part *cells; /* [bins.n_parts], or NULL */
+    uint64_t scratch_nbytes; /* the most so far, with the coming stage */
 };
+
+/* Memory beside the volume that is held, and that the coming stage wants. */
+uint64_t lr_voxelizer_scratch(const lr_voxelizer *voxelizer);
 
 /* Make the bricks of a part; parts may run side by side. */
 lr_status lr_part_run(lr_voxelizer *voxelizer, uint32_t index, const lr_watch *watch,
@@ -52,7 +56,9 @@ lr_status lr_part_run(lr_voxelizer *voxelizer, uint32_t index, const lr_watch *w
 /* Label the samples of a part. */
 lr_status lr_part_label(lr_voxelizer *voxelizer, uint32_t index, const lr_watch *watch,
                         lr_error *error);
-/* Move the bricks of all parts to the volume. */
+/* Make room in the volume for the bricks of all parts. */
+lr_status lr_parts_begin(lr_voxelizer *voxelizer, lr_error *error);
+/* Close the gaps between those that are mixed, and enter them into the table. */
 lr_status lr_parts_move(lr_voxelizer *voxelizer, const lr_watch *watch, lr_error *error);
 void lr_parts_free(lr_voxelizer *voxelizer);
 

@@ -191,6 +191,14 @@ void lr_winding_free(lr_winding *w)
     *w = (lr_winding){0};
 }
 
+uint64_t lr_winding_nbytes(const lr_winding *w)
+{
+    return w->nodes == NULL ? 0
+                            : w->mesh->source.n_triangles * sizeof *w->list +
+                                  tree_size((uint32_t)w->mesh->source.n_triangles) *
+                                      sizeof *w->nodes;
+}
+
 /* ---- query ------------------------------------------------------------- */
 
 /* Add c times the change of the solid angle that the edge from a to b makes, both seen from

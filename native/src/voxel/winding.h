@@ -24,6 +24,7 @@ typedef struct lr_winding {
 lr_status lr_winding_make(const lr_topology *mesh, const lr_watch *watch, lr_winding *winding,
                           lr_error *error);
 void lr_winding_free(lr_winding *winding);
+uint64_t lr_winding_nbytes(const lr_winding *winding);
 
 /* The generalised winding number at a point in the mesh's coordinates: 1 inside a
  * closed mesh, 0 outside, to about 0.01 where triangles are far. */
