@@ -29,6 +29,7 @@ import leapray
 from leapray import VERTEX, WHITE
 
 from . import model
+from .memory import pieces
 
 LEAN = np.radians(0.5)  # light on a surface that it grazes changes by less than 1 %
 LARGE = 2.0  # voxels: in folds of smaller facets the field's own normals err less
@@ -149,7 +150,9 @@ class Wardrobe:
         """
         normals = mesh.corner_normals if smooth else None
         if facets and mesh.corner_normals is None:
-            normals = np.ascontiguousarray(unit(facet_normals(mesh)), np.float32)
+            normals = np.empty((len(mesh.triangles), 3, 3), np.float32)
+            for some in pieces(len(normals)):
+                normals[some] = unit(facet_normals(mesh, some))
         sources = slot_sources(mesh, outfit)
         if sources is None and normals is None:
             return None
@@ -203,20 +206,24 @@ def facet_voxel(mesh: model.Mesh, creased: bool) -> float:
     """The voxel size below which the mesh's own normals would be missed; 0: never."""
     if mesh.corner_normals is None or not len(mesh.triangles):
         return 0.0
-    facets = facet_normals(mesh)[:, 0]
-    twice = np.linalg.norm(facets, axis=1)
+    twice = np.empty(len(mesh.triangles))  # the facets' areas
     counts = np.ones(len(twice), bool)
-    if not creased:
-        cosine = np.einsum("mka,ma->mk", mesh.corner_normals, unit(facets))
-        counts = cosine.min(axis=1) < np.cos(LEAN)
+    for some in pieces(len(twice)):
+        facets = facet_normals(mesh, some)[:, 0]
+        twice[some] = np.linalg.norm(facets, axis=1)
+        if not creased:
+            cosine = np.einsum("mka,ma->mk", mesh.corner_normals[some], unit(facets))
+            counts[some] = cosine.min(axis=1) < np.cos(LEAN)
+    bar = SHOWS * twice.sum()
     largest_first = np.sort(twice[counts])[::-1]
-    enough = np.flatnonzero(np.cumsum(largest_first) > SHOWS * twice.sum())
+    enough = np.flatnonzero(np.cumsum(largest_first) > bar)
     return float(np.sqrt(largest_first[enough[0]]) / LARGE) if len(enough) else 0.0
 
 
-def facet_normals(mesh: model.Mesh) -> NDArray[np.float64]:
+def facet_normals(mesh: model.Mesh, some: slice = slice(None)) -> NDArray[np.float64]:
     """(m, 3, 3): at each corner the facet's normal, twice as long as the facet's area."""
-    a, b, c = (mesh.vertices[mesh.triangles[:, k]].astype(np.float64) for k in range(3))
+    corners = mesh.triangles[some]
+    a, b, c = (mesh.vertices[corners[:, k]].astype(np.float64) for k in range(3))
     return np.broadcast_to(np.cross(b - a, c - a)[:, None], (len(a), 3, 3))
 
 

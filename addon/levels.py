@@ -68,6 +68,21 @@ class Work:
         return normals > 1.0 and max(others) == 1.0
 
 
+@dataclass(frozen=True)
+class Room:
+    """Bytes that a volume may take, and that it may take with the scratch to make it."""
+
+    volume: int
+    both: int
+
+    @classmethod
+    def of(cls, volume: float, both: float) -> Room:
+        return cls(*(max(1, int(min(nbytes, NO_END))) for nbytes in (volume, both)))
+
+    def without(self, nbytes: int) -> Room:
+        return Room.of(self.volume - nbytes, self.both - nbytes)
+
+
 class Levels:
     """All volumes of a frame, each on one level, within one budget.
 
@@ -86,7 +101,8 @@ class Levels:
         self.seconds = {"voxelize": 0.0, "structure": 0.0, "plan": 0.0}
         self.warnings: list[str] = []
         self.works: list[Work] = []
-        self.peak = 0
+        self.peak = 0  # bytes, with scratch
+        self.scratch = 0  # of the making of one volume, the most
 
     def breathe(self) -> None:
         if self.watch.stopped:
@@ -135,7 +151,7 @@ class Levels:
             foreseen = measure.nbytes * (measure.voxel_size / voxel_size) ** 2
             self.cache.trim(int(self.budget - self.held() - foreseen))
         began = time.perf_counter()
-        most = max(1, int(min(room * share, volume_room, NO_END)))
+        most = Room.of(min(room * share, volume_room), room)
         volume, fresh = self._volume(work, voxel_size, types, most)
         middle = time.perf_counter()
         settle(volume, fresh)
@@ -157,7 +173,7 @@ class Levels:
         return self.cache.put(keys[1], structure, structure.nbytes)
 
     def _volume(
-        self, work: Work, voxel_size: float, types: tuple[str, ...], max_nbytes: int
+        self, work: Work, voxel_size: float, types: tuple[str, ...], room: Room
     ) -> tuple[leapray.Volume, bool]:
         """The volume of a level: from the cache, from the folder, or made of the mesh.
 
@@ -165,23 +181,23 @@ class Levels:
         """
         for dtype in types:
             key = self._key(work, "volume", voxel_size, dtype)
-            volume = self.cache.get(key) or self._shelved(work, key, max_nbytes)
+            volume = self.cache.get(key) or self._shelved(work, key, room.volume)
             if volume is None:
                 continue
-            if volume.info.nbytes <= max_nbytes:
+            if volume.info.nbytes <= room.volume:
                 return volume, False
             error = leapray.OutOfMemory("the level's volume is larger than its room")
             error.nbytes = volume.info.nbytes
             raise error
         kernel = self._filter(work.mesh)
         try:
-            return self._voxelize(work, voxel_size, dtype, max_nbytes, kernel), True
+            return self._voxelize(work, voxel_size, dtype, room, kernel), True
         except (leapray.Stopped, leapray.OutOfMemory):
             raise
         except leapray.LeapRayError:
             if kernel not in SOLID_FILTERS:
                 raise
-        volume = self._voxelize(work, voxel_size, dtype, max_nbytes, "ramp")
+        volume = self._voxelize(work, voxel_size, dtype, room, "ramp")
         why = f"{work.name!r} has no inside for the filter {kernel}: ramp instead."
         if why not in self.warnings:
             self.warnings.append(why)
@@ -199,19 +215,20 @@ class Levels:
         return volume
 
     def _voxelize(
-        self, work: Work, voxel_size: float, dtype: str, max_nbytes: int, kernel: str
+        self, work: Work, voxel_size: float, dtype: str, room: Room, kernel: str
     ) -> leapray.Volume:
         """Of solids that share the volume each is made by itself; then they are merged."""
-        parts, left = [], max_nbytes
+        parts, left = [], room
         for mesh in solids(work.mesh):
             if work.mesh.solids is None:
                 return self._voxelize_one(work, mesh, voxel_size, dtype, left, kernel)
             part = self._solid(work, mesh, voxel_size, dtype, left, kernel)
             parts.append(part)
-            left -= part.info.nbytes
-            if left <= 0:
+            taken = sum(each.info.nbytes for each in parts)
+            left = room.without(taken)
+            if taken >= room.volume:
                 error = leapray.OutOfMemory("the solids take more than their room")
-                error.nbytes = max_nbytes - left
+                error.nbytes = taken
                 raise error
         merged = leapray.merge(parts, watch=self.watch)
         merged.mesh_info = parts[0].mesh_info
@@ -225,7 +242,7 @@ class Levels:
         mesh: model.Mesh,
         voxel_size: float,
         dtype: str,
-        max_nbytes: int,
+        room: Room,
         kernel: str,
     ) -> leapray.Volume:
         """One that shares the volume, kept for the next time as long as nothing else needs room."""
@@ -233,8 +250,8 @@ class Levels:
         s, own = self.settings, mesh.modelling
         key = "solid", *digests, voxel_size, work.with_ids, dtype, kernel, s.half_width
         part = self.cache.get((*key, own.kind))
-        if part is None or part.info.nbytes > max_nbytes:
-            part = self._voxelize_one(work, mesh, voxel_size, dtype, max_nbytes, kernel)
+        if part is None or part.info.nbytes > room.volume:
+            part = self._voxelize_one(work, mesh, voxel_size, dtype, room, kernel)
         return self.cache.put((*key, own.kind), part, part.info.nbytes, spare=True)
 
     def _voxelize_one(
@@ -243,11 +260,11 @@ class Levels:
         mesh: model.Mesh,
         voxel_size: float,
         dtype: str,
-        max_nbytes: int,
+        room: Room,
         kernel: str,
     ) -> leapray.Volume:
         own = kernel == self.settings.filter
-        return leapray.voxelize(
+        volume = leapray.voxelize(
             mesh.vertices,
             mesh.triangles,
             voxel_size,
@@ -261,8 +278,14 @@ class Levels:
             flat=work.own_normals and mesh.corner_normals is None,
             threads=self.threads,
             watch=self.watch,
-            max_nbytes=max(max_nbytes, 1),
+            max_nbytes=room.both,
+            max_volume_nbytes=room.volume,
         )
+        scratch = volume.mesh_info.scratch_nbytes
+        self.scratch = max(self.scratch, scratch)
+        nbytes = self.held() + volume.info.nbytes + scratch
+        self.peak = max(self.peak, nbytes + self.cache.unused())
+        return volume
 
     def _attributes(
         self, work: Work, mesh: model.Mesh, voxel_size: float
@@ -296,7 +319,7 @@ class Levels:
     def _probes(self, work: Work) -> probes.Probes:
         key = "probes", work.digest
         drawn = self.cache.get(key)
-        return drawn or self.cache.put(key, probes.draw(work.mesh, self.breathe))
+        return drawn or self.cache.put(key, probes.draw(work.mesh, self.breathe, self.watch))
 
     def enter(
         self, work: Work, voxel_size: float, room: float, volume_room: float = math.inf

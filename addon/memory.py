@@ -1,21 +1,31 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How much memory the process has taken since a render began, as the system measures it (no bpy).
+"""How much memory a render takes, and how to take little (no bpy).
 
-Linux keeps two numbers of a process: how much of it is resident now, and the most that ever
-was. Where the latter has risen since the beginning, it is the peak; elsewhere, after a larger
-render, the former is sampled while the render goes on. Nothing of the process is changed, so
-that others can measure it, too. Other systems tell nothing: there the peak is 0.
+A mesh can have millions of triangles: what is computed of each is computed for some at a time.
+
+What the process has taken since a render began is measured by the system. Linux keeps two
+numbers of a process: how much of it is resident now, and the most that ever was. Where the
+latter has risen since the beginning, it is the peak; elsewhere, after a larger render, the
+former is sampled while the render goes on. Nothing of the process is changed, so that others
+can measure it, too. Other systems tell nothing: there the peak is 0.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 KB = 1024
+PIECE = 1 << 17  # triangles or edges: what is computed of so many takes some megabytes
 STATUS = Path("/proc/self/status")
 STATM = Path("/proc/self/statm")
+
+
+def pieces(n: int) -> Iterator[slice]:
+    """0..n - 1 in slices."""
+    return (slice(first, min(first + PIECE, n)) for first in range(0, n, PIECE))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import leapray
 from leapray.rendering import VISIBILITIES
 
 from . import bake, model
+from .memory import pieces
 
 FARTHEST = 1e18  # coordinates beyond leave no digits for areas; Blender's infinity is 3.4e38
 
@@ -33,8 +34,11 @@ def digest(mesh: model.Mesh) -> str:
 
 def bounds(mesh: model.Mesh) -> NDArray[np.float64]:
     """(2, 3): the box of the mesh's triangles."""
-    used = mesh.vertices[mesh.triangles.ravel()]
-    return np.array([used.min(axis=0), used.max(axis=0)], np.float64)
+    used = np.zeros(len(mesh.vertices), np.bool_)
+    for some in pieces(len(mesh.triangles)):
+        used[mesh.triangles[some]] = True
+    corners = mesh.vertices if used.all() else mesh.vertices[used]
+    return np.array([corners.min(axis=0), corners.max(axis=0)], np.float64)
 
 
 def wrong_with_mesh(mesh: model.Mesh) -> str:
@@ -44,8 +48,8 @@ def wrong_with_mesh(mesh: model.Mesh) -> str:
     if not np.isfinite(mesh.vertices).all():
         bad = int(np.flatnonzero(~np.isfinite(mesh.vertices).all(axis=1))[0])
         return f"its vertex {bad} has a coordinate that is not finite"
-    far = np.abs(mesh.vertices).max(axis=1) > FARTHEST
-    if far.any():
+    if max(mesh.vertices.max(), -mesh.vertices.min()) > FARTHEST:
+        far = np.abs(mesh.vertices).max(axis=1) > FARTHEST
         return f"its vertex {int(far.argmax())} has a coordinate beyond {FARTHEST:.0e}"
     if mesh.triangles.min() < 0 or mesh.triangles.max() >= len(mesh.vertices):
         return f"its triangles name vertices beyond its {len(mesh.vertices)}"

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import bake, model, probes
+from . import bake, model
 
 MOST_LAYERS = 16  # what needs more is a thicket, in which every ray would meet every volume
 NEAR = 1 / 32  # of the mesh's longest side: boxes with a gap less than this overlap
@@ -40,15 +40,15 @@ def split(mesh: model.Mesh, watch: leapray.Watch | None = None) -> list[model.Me
     return [_only(mesh, layer == k) for k in range(layer.max() + 1)]
 
 
-def torn(mesh: model.Mesh, pieces: list[model.Mesh]) -> bool:
+def torn(mesh: model.Mesh, pieces: list[model.Mesh], watch: leapray.Watch | None = None) -> bool:
     """Whether a mesh without an open edge became pieces that have some."""
-    return not is_open(mesh) and any(map(is_open, pieces))
+    return not is_open(mesh, watch) and any(is_open(piece, watch) for piece in pieces)
 
 
-def is_open(mesh: model.Mesh) -> bool:
+def is_open(mesh: model.Mesh, watch: leapray.Watch | None = None) -> bool:
     """Whether an edge, as the vertices' numbers tell it, has one triangle only."""
-    _, bounds = probes.edges(mesh.triangles.astype(np.int64))
-    return bool((np.diff(bounds) == 1).any())
+    _, n_border = leapray.mesh_edges(mesh.vertices, mesh.triangles, -2.0, weld=False, watch=watch)
+    return n_border > 0
 
 
 def solids(mesh: model.Mesh) -> list[model.Mesh]:

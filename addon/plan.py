@@ -57,7 +57,8 @@ class Plan:
     warnings: list[str]
     volume_nbytes: int
     structure_nbytes: int
-    peak_nbytes: int
+    scratch_nbytes: int  # that making one of the volumes took, the most
+    peak_nbytes: int  # volumes and structures that were alive together, with scratch
     seconds: dict[str, float]
 
 
@@ -140,7 +141,7 @@ class Planner(Separation):
         known = self.cache.get(key)
         if known is None:
             split = parts.split(mesh, self.watch)
-            known = (split, parts.torn(mesh, split)) if len(split) > 1 else ([], False)
+            known = (split, parts.torn(mesh, split, self.watch)) if len(split) > 1 else ([], False)
             self.cache.put(key, known)
         split, torn = known
         named = [(f"{name}/{k}", part) for k, part in enumerate(split)]
@@ -377,6 +378,7 @@ class Planner(Separation):
             + list(dict.fromkeys(_doubt(w) for w in self.works if w.measure.doubtful)),
             volume_nbytes=sum(w.measure.volume_nbytes for w in self.works),
             structure_nbytes=sum(w.measure.structure_nbytes for w in self.works),
+            scratch_nbytes=self.scratch,
             peak_nbytes=self.peak,
             seconds=self.seconds,
         )

@@ -19,12 +19,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+import leapray
+
 from . import model
 from .bake import unit
+from .memory import pieces
 
 N_SURFACE = 8192
 N_EDGE = 2048
 CREASE_COSINE = np.cos(np.radians(15.0))  # duller edges are taken for smooth surfaces
+LOOSE = 1e-5  # of the cosine: more than the rounding of f32
 SEED = 1994
 N_INSTANCES = 32  # of one mesh that are looked at: those that ask for most
 UNSEEN = 4.0  # shadows and reflections of what the camera does not see may be this much coarser
@@ -50,118 +54,151 @@ class Probes:
     crease_length: float
 
 
-def weld(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
-    """For every vertex, the number of its place: equal for vertices at equal coordinates.
+def _facets(mesh: model.Mesh, chosen, longest: float) -> NDArray[np.float32]:
+    """(n, 3): cross products of the sides of chosen triangles, lengths divided by longest."""
+    a, b, c = (mesh.vertices[mesh.triangles[chosen, k]] / np.float32(longest) for k in range(3))
+    return np.cross(b - a, c - a)
 
-    vertices: (n, 3). Places are told apart by 64 bits mixed from the
-    coordinates' bits; two of a million differing places share them with a
-    chance of 1e-7, at the price of a few probes too few.
-    """
-    bits = (np.asarray(vertices, np.float32) + np.float32(0)).view(np.uint32).astype(np.uint64)
+
+def _areas(mesh: model.Mesh, longest: float, breathe: Callable[[], None]) -> NDArray[np.float64]:
+    """(m,) areas of the triangles."""
+    areas = np.empty(len(mesh.triangles))
+    for some in pieces(len(areas)):
+        breathe()
+        areas[some] = np.linalg.norm(_facets(mesh, some, longest), axis=1)
+    areas *= longest * longest / 2
+    return areas
+
+
+def _place_keys(places: NDArray[np.float32]) -> NDArray[np.uint64]:
+    """64 bits mixed from the coordinates' bits of each place (n, 3): equal where they are equal."""
+    bits = (np.asarray(places, np.float32) + np.float32(0)).view(np.uint32)
     key = np.zeros(len(bits), np.uint64)
     for axis in range(3):
-        key = (key ^ bits[:, axis]) * np.uint64(0x9E3779B97F4A7C15)
+        key = (key ^ bits[:, axis].astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
         key = (key ^ key >> np.uint64(32)) * np.uint64(0xD6E8FEB86659FD93)
         key ^= key >> np.uint64(29)
-    return np.unique(key, return_inverse=True)[1]
+    return key
 
 
-def edges(
-    places: NDArray[np.int64], breathe: Callable[[], None] = lambda: None
-) -> tuple[NDArray, NDArray]:
-    """Half-edges grouped by edge.
+def creases(
+    mesh: model.Mesh,
+    longest: float,
+    breathe: Callable[[], None] = lambda: None,
+    watch: leapray.Watch | None = None,
+) -> NDArray[np.uint32]:
+    """(n, 2): the first two half-edges of every edge at which the mesh turns by more than an angle.
 
-    places: (m, 3), the corners of the triangles. Returns the half-edges in an
-    order that puts those of one edge side by side (3 t + e runs from corner e
-    of triangle t to the next), and the (k + 1,) bounds of the groups.
+    Half-edge 3 t + e runs from corner e of triangle t to the next; edges are told by their places.
+    In an order of its own, mixed from the places of their ends, so that how a mesh is numbered
+    does not matter. longest: the mesh's side.
     """
-    a, b = places, np.roll(places, -1, axis=1)
-    key = (np.minimum(a, b) * (places.max() + 1) + np.maximum(a, b)).ravel()
+    about = CREASE_COSINE + LOOSE
+    found, _ = leapray.mesh_edges(mesh.vertices, mesh.triangles, about, unit=longest, watch=watch)
     breathe()
-    order = np.argsort(key)
-    breathe()
-    order = order[(a != b).ravel()[order]]
-    first = np.flatnonzero(np.diff(key[order], prepend=-1))
-    return order, np.append(first, len(order))
+    keep = np.zeros(len(found), np.bool_)
+    lower, higher = np.empty(len(found), np.uint64), np.empty(len(found), np.uint64)
+    for some in pieces(len(found)):
+        breathe()
+        first, second = found[some].T
+        sides = (_facets(mesh, half // 3, longest) for half in (first, second))
+        keep[some] = turns(*sides)
+        ends = [_place_keys(mesh.vertices[v]) for v in _end_vertices(mesh, first)]
+        lower[some], higher[some] = np.minimum(*ends), np.maximum(*ends)
+    order = np.lexsort((higher[keep], lower[keep]))
+    return found[keep][order]
 
 
 def _spread(length: NDArray[np.float64], n: int, random: np.random.Generator):
-    """n pieces drawn in proportion to their size, evenly spread, and a place 0..1 in each."""
-    reach = np.cumsum(length)
+    """n pieces drawn in proportion to their size, evenly spread, and a place 0..1 in each.
+
+    The sizes become their sums.
+    """
+    reach = np.cumsum(length, out=length)
     at = (np.arange(n) + random.random(n)) * (reach[-1] / n)
     return np.minimum(np.searchsorted(reach, at, side="right"), len(length) - 1), random.random(n)
 
 
-def draw(mesh: model.Mesh, breathe: Callable[[], None] = lambda: None) -> Probes:
+def draw(
+    mesh: model.Mesh,
+    breathe: Callable[[], None] = lambda: None,
+    watch: leapray.Watch | None = None,
+) -> Probes:
     """Draw the probes of a mesh with finite vertices and at least one triangle that has an area.
 
-    breathe is called every few hundred milliseconds per million triangles; it may raise.
+    breathe is called every few hundred milliseconds per million triangles; it may raise. watch
+    stops the calls into the core.
     """
     random = np.random.default_rng(SEED)
     vertices, triangles = mesh.vertices, mesh.triangles
     longest = float(np.ptp(vertices, axis=0).max())  # the unit of what follows: f32 overflows
-    a, b, c = (vertices[triangles[:, k]] / np.float32(longest) for k in range(3))
-    cross = np.cross(b - a, c - a)
-    area = np.linalg.norm(cross, axis=1).astype(np.float64) * (longest * longest / 2)
+    area = _areas(mesh, longest, breathe)
+    whole = float(area.sum())
 
-    breathe()
     chosen, u = _spread(area, N_SURFACE, random)
+    del area
     u, v = np.sqrt(u), random.random(N_SURFACE)
     weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
     surface = np.einsum("nk,nkc->nc", weights, vertices[triangles[chosen]])
+    facets = _facets(mesh, chosen, longest)
+    widths = np.linalg.norm(facets, axis=1).astype(np.float64) * (longest * longest / 2)
 
     def normals(some: NDArray[np.int64]) -> Points:
         """Of some triangles, given by any of their half-edges."""
-        return unit(cross[some // 3].astype(np.float64))
-
-    def on_edges(some: NDArray[np.int64]) -> tuple[Points, NDArray[np.int64], float]:
-        """Points on half-edges, which edges they are, and the whole length."""
-        start, along = _ends(mesh, some)
-        length = np.linalg.norm(along, axis=1)
-        if not length.sum() > 0:
-            return np.zeros((0, 3)), np.zeros(0, np.int64), 0.0
-        at, where = _spread(length, N_EDGE, random)
-        return start[at] + where[:, None] * along[at], at, float(length.sum())
+        return unit(_facets(mesh, some // 3, longest).astype(np.float64))
 
     breathe()
-    order, bounds = edges(weld(vertices)[triangles], breathe)
-    breathe()
-    first, count = order[bounds[:-1]], np.diff(bounds)
-    second = order[np.minimum(bounds[:-1] + 1, len(order) - 1)]
-    sharp = (count >= 2) & turns(cross, first, second)
-    breathe()
-    creases, at, crease_length = on_edges(first[sharp])
-    beside = first[sharp][at] // 3
-    sides = np.stack([normals(first[sharp][at]), normals(second[sharp][at])], axis=1)
+    edges = creases(mesh, longest, breathe, watch)
+    at, crease_points, crease_length = _on_edges(mesh, edges[:, 0], random)
+    first, second = edges[at].astype(np.int64).T
     return Probes(
         surface=surface,
-        surface_normals=normals(3 * chosen),
+        surface_normals=unit(facets.astype(np.float64)),
         surface_triangles=chosen,
         surface_weights=weights,
-        surface_facets=np.sqrt(area[chosen]),
-        creases=creases,
-        crease_triangles=beside,
-        crease_normals=sides,
-        area=float(area.sum()),
+        surface_facets=np.sqrt(widths),
+        creases=crease_points,
+        crease_triangles=first // 3,
+        crease_normals=np.stack([normals(first), normals(second)], axis=1),
+        area=whole,
         crease_length=crease_length,
     )
 
 
-def _ends(mesh: model.Mesh, half_edges: NDArray[np.int64]) -> tuple[Points, Points]:
-    """Where half-edges start, and their vectors."""
+def _on_edges(
+    mesh: model.Mesh, half_edges: NDArray, random: np.random.Generator
+) -> tuple[NDArray[np.int64], Points, float]:
+    """Of points on half-edges: on which they are, where they are; then the whole length."""
+    length = np.empty(len(half_edges))
+    for some in pieces(len(length)):
+        length[some] = np.linalg.norm(_ends(mesh, half_edges[some])[1], axis=1)
+    whole = float(length.sum())
+    if not whole > 0:
+        return np.zeros(0, np.int64), np.zeros((0, 3)), 0.0
+    at, where = _spread(length, N_EDGE, random)
+    start, along = _ends(mesh, half_edges[at])
+    return at, start + where[:, None] * along, whole
+
+
+def _end_vertices(mesh: model.Mesh, half_edges: NDArray) -> tuple[NDArray, NDArray]:
     triangle, corner = half_edges // 3, half_edges % 3
-    start = mesh.vertices[mesh.triangles[triangle, corner]].astype(np.float64)
-    return start, mesh.vertices[mesh.triangles[triangle, (corner + 1) % 3]] - start
+    return mesh.triangles[triangle, corner], mesh.triangles[triangle, (corner + 1) % 3]
+
+
+def _ends(mesh: model.Mesh, half_edges: NDArray) -> tuple[Points, Points]:
+    """Where half-edges start, and their vectors."""
+    start, end = _end_vertices(mesh, half_edges)
+    at = mesh.vertices[start].astype(np.float64)
+    return at, mesh.vertices[end] - at
 
 
 def turns(
-    cross: NDArray[np.float32], first: NDArray, second: NDArray, cosine: float = CREASE_COSINE
+    a: NDArray[np.float32], b: NDArray[np.float32], cosine: float = CREASE_COSINE
 ) -> NDArray[np.bool_]:
-    """Whether the triangles of two half-edges meet at a crease; those without area never do.
+    """Whether triangles meet at a crease; those without area never do.
 
-    cross: (m, 3) cross products of the triangles' edges. cosine: of the least angle of a crease.
+    a, b: (n, 3) cross products of their sides. cosine: of the least angle of a crease.
     """
-    a, b = cross[first // 3], cross[second // 3]
     lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
     return np.einsum("nc,nc->n", a, b) < cosine * lengths
 

@@ -50,7 +50,7 @@ from .tracing import (
     variants,
 )
 from .volume import Volume, VolumeBuilder, VolumeInfo, merge
-from .voxelization import MeshInfo, mesh_layers, voxelize
+from .voxelization import MeshInfo, mesh_edges, mesh_layers, voxelize
 
 __all__ = [
     "HIT_TESTS",
@@ -102,6 +102,7 @@ __all__ = [
     "inputs_of",
     "is_affine",
     "merge",
+    "mesh_edges",
     "mesh_layers",
     "numbers_of",
     "operate",

@@ -41,6 +41,11 @@ HALF_WIDTHS = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # of the ramp: clamping again
 OTHER_WIDTHS = {"cone": 3.0, "gauss": 1.0, "box": 0.5, "binary": 0.5}  # voxels; of gauss its sigma
 SOLID_FILTERS = ("box", "binary")  # they tell inside from outside, which a sheet has not
 
+# Scratch that does not count against max_nbytes: an interpreter with numpy takes more.
+SPARE = 8 << 20
+
+FEW_PAIRS = 1 << 16  # of half-edges, that most meshes have no more of
+
 # Share of the work that is done after a stage; not all are there each time.
 STAGE_DONE = {
     _abi.LR_STAGE_SET_UP: 0.2,
@@ -76,6 +81,7 @@ class MeshInfo:
     obvious: bool  # so that nobody need be told
     winding: bool  # winding numbers told inside from outside, since pseudonormals could not
     hole: float  # extent of the widest loop of border edges in voxels, where it mattered
+    scratch_nbytes: int = 0  # what making the volume took at most beside it
 
 
 def own_half_width(filter: str, dtype: str) -> float:
@@ -105,6 +111,7 @@ def voxelize(
     threads: int = 0,
     watch: Watch | None = None,
     max_nbytes: int | None = None,
+    max_volume_nbytes: int | None = None,
     simd: str = "auto",
 ) -> Volume:
     """The occupancy volume of a mesh, its lattice on multiples of voxel_size.
@@ -137,8 +144,10 @@ def voxelize(
     gradient of the field in their own cell.
     threads 0: all cores; the result does not depend on it. max_nbytes: OutOfMemory,
     its attribute nbytes being the estimate, is raised before the work begins
-    where the volume may take more. simd: the vector instructions, "portable",
-    "avx2" or "avx512"; "auto" takes the best there is. They change nothing but the time.
+    where the volume and the scratch to make it (above SPARE bytes) may take more, and
+    where the volume may take more than max_volume_nbytes. simd: the vector instructions,
+    "portable", "avx2" or "avx512"; "auto" takes the best there is. They change nothing but
+    the time.
     Returns a Volume with mesh_info set. Raises LeapRayError for wrong input and
     lattices that are too large, Stopped when watch was told to stop.
     Source: Sramek and Kaufman 1999 (oriented box filter); Wang and Kaufman 1993
@@ -160,7 +169,13 @@ def voxelize(
         flat=bool(flat),
     )
     check_threads(threads)
-    _check_table(points, chosen.voxel_size, width, max_nbytes)
+    copied = sum(
+        mine.nbytes
+        for mine, given in ((points, vertices), (corners, triangles))
+        if not np.shares_memory(mine, given)
+    )
+    limits = _Limits(max_nbytes, max_volume_nbytes, copied)
+    limits.check_table(points, chosen.voxel_size, width)
     mesh = _abi.lr_mesh(
         pointer(points),
         len(points),
@@ -170,21 +185,23 @@ def voxelize(
     )
     if attributes is not None:
         mesh.attributes = ctypes.pointer(attributes.pack(len(corners)))
-    volume = _run(mesh, chosen, threads, _Progress(watch or Watch()), max_nbytes)
+    volume = _run(mesh, chosen, threads, _Progress(watch or Watch()), limits)
     volume.textures = () if attributes is None else tuple(attributes.textures)
     return volume
 
 
-def _run(mesh, chosen, threads: int, progress: _Progress, max_nbytes: int | None) -> Volume:
+def _run(mesh, chosen, threads: int, progress: _Progress, limits: _Limits) -> Volume:
     voxelizer = ctypes.POINTER(_abi.lr_voxelizer)()
     begin = (ctypes.byref(mesh), ctypes.byref(chosen))
     call(lib.lr_voxelize_begin, *begin, watch=progress, outputs=(voxelizer,))
     try:
         info, n_parts = _abi.lr_voxelizer_info(), ctypes.c_uint64()
+        lib.lr_voxelizer_get_info(voxelizer, ctypes.byref(info))
+        limits.check(info.nbytes, info.scratch_nbytes)
         while True:
             call(lib.lr_voxelize_next, voxelizer, watch=progress, outputs=(n_parts,))
             lib.lr_voxelizer_get_info(voxelizer, ctypes.byref(info))
-            _check_nbytes(info.nbytes, max_nbytes)
+            limits.check(info.nbytes, info.scratch_nbytes)
             if not n_parts.value:
                 break
             share = progress.until(STAGE_DONE[info.stage]) / n_parts.value
@@ -200,7 +217,7 @@ def _run(mesh, chosen, threads: int, progress: _Progress, max_nbytes: int | None
         progress.end()
     finally:
         lib.lr_voxelizer_free(voxelizer)
-    return Volume.from_handle(handle, _mesh_info(info))
+    return Volume.from_handle(handle, _mesh_info(info, limits.copied))
 
 
 def mesh_layers(
@@ -220,6 +237,47 @@ def mesh_layers(
     outputs = (ctypes.c_int32.from_buffer(layer), count)
     call(lib.lr_mesh_layers, ctypes.byref(mesh), float(margin), watch=watch, outputs=outputs)
     return layer
+
+
+def mesh_edges(
+    vertices: ArrayLike,
+    triangles: ArrayLike,
+    cosine: float,
+    *,
+    weld: bool = True,
+    unit: float = 1.0,
+    watch: Watch | None = None,
+) -> tuple[NDArray[np.uint32], int]:
+    """Edges at which triangles turn by more than an angle, and how many edges have one triangle.
+
+    Returns (n, 2) pairs of half-edges (3 t + e runs from corner e of triangle t to the next): of
+    every edge the first two, if the cosine between the normals of their triangles is below the
+    given one; triangles without area never turn. weld: an edge is told by its places, else
+    by its vertices' numbers. unit: coordinates are divided by it, in f32.
+    Raises LeapRayError, as voxelize; Stopped.
+    """
+    points, corners, _ = _mesh_arrays(vertices, triangles, None)
+    mesh = _abi.lr_mesh(
+        pointer(points), len(points), pointer(corners, ctypes.c_int32), len(corners), None
+    )
+    room = FEW_PAIRS
+    while True:
+        pairs = np.empty((room, 2), np.uint32)
+        n_pairs, n_border = ctypes.c_uint64(), ctypes.c_uint64()
+        call(
+            lib.lr_mesh_edges,
+            ctypes.byref(mesh),
+            int(weld),
+            float(unit),
+            float(cosine),
+            pointer(pairs, ctypes.c_uint32),
+            room,
+            watch=watch,
+            outputs=(n_pairs, n_border),
+        )
+        if n_pairs.value <= room:
+            return pairs[: n_pairs.value], n_border.value
+        room = n_pairs.value
 
 
 class _Progress:
@@ -255,7 +313,7 @@ class _Progress:
             self._watch.pointer.contents.progress[0] = share
 
 
-def _mesh_info(info: _abi.lr_voxelizer_info) -> MeshInfo:
+def _mesh_info(info: _abi.lr_voxelizer_info, copied: int) -> MeshInfo:
     return MeshInfo(
         closed=info.n_border_edges == 0 and info.n_bad_edges == 0,
         n_border_edges=info.n_border_edges,
@@ -266,6 +324,7 @@ def _mesh_info(info: _abi.lr_voxelizer_info) -> MeshInfo:
         obvious=info.reason in OBVIOUS,
         winding=bool(info.by_winding),
         hole=info.hole,
+        scratch_nbytes=info.scratch_nbytes + copied,
         simd=next(name for name, code in SIMD.items() if code == info.simd),
     )
 
@@ -309,20 +368,35 @@ def _id_array(ids: ArrayLike | None, n: int) -> NDArray[np.uint16] | None:
     return np.ascontiguousarray(numbers, dtype=np.uint16)
 
 
-def _check_table(points, voxel_size: float, width: float, max_nbytes: int | None) -> None:
-    """Refuse, before anything is allocated, a lattice whose table of bricks is over the budget."""
-    if max_nbytes is None or not len(points) or not voxel_size > 0.0:
-        return
-    extent = points.max(axis=0) - points.min(axis=0)
-    bricks = np.prod(np.ceil((extent / voxel_size + 2.0 * width) / 8.0))
-    _check_nbytes(4.0 * bricks, max_nbytes)
+@dataclass(frozen=True)
+class _Limits:
+    """What a volume and the scratch to make it may take, in bytes; None: anything."""
 
+    both: int | None
+    volume: int | None
+    copied: int  # arrays that were not as the core takes them
 
-def _check_nbytes(wanted: float, max_nbytes: int | None) -> None:
-    if max_nbytes is not None and wanted > max_nbytes:
+    def check_table(self, points: NDArray, voxel_size: float, width: float) -> None:
+        """Refuse, before anything is allocated, a lattice whose table is over the budget."""
+        if not len(points) or not voxel_size > 0.0:
+            return
+        extent = points.max(axis=0) - points.min(axis=0)
+        bricks = np.prod(np.ceil((extent / voxel_size + 2.0 * width) / 8.0))
+        self.check(4.0 * bricks, 0)
+
+    def check(self, volume: float, scratch: int) -> None:
+        counted = max(scratch + self.copied - SPARE, 0)
+        if self.both is not None and volume + counted > self.both:
+            made = f" and {counted / 1e6:.1f} MB to make it" if counted else ""
+            self._refuse(volume, made, volume + counted, self.both)
+        if self.volume is not None and volume > self.volume:
+            self._refuse(volume, "", volume, self.volume)
+
+    def _refuse(self, volume: float, made: str, wanted: float, allowed: int) -> None:
+        larger = "; use a larger voxel_size" if volume else ""
         refusal = OutOfMemory(
-            f"the volume may take {wanted / 1e6:.1f} MB, but {max_nbytes / 1e6:.1f} MB are "
-            f"allowed; use a larger voxel_size"
+            f"the volume may take {volume / 1e6:.1f} MB{made}, but {allowed / 1e6:.1f} MB are "
+            f"allowed{larger}"
         )
         refusal.nbytes = int(min(wanted, 2.0**63))
         raise refusal
