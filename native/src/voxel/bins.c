@@ -8,6 +8,7 @@
  * than its samples and the band reach.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "pages.h"
 #include "voxel/bins.h"
 
 #include "voxel/frame.h"
@@ -200,7 +201,7 @@ static lr_status make_active(uint32_t *count, const int32_t size[3], lr_bins *bi
         count[i] = active++;
     }
     bins->start[active] = sum;
-    bins->list = malloc((sum + 1) * sizeof *bins->list);
+    bins->list = lr_pages_new(sum + 1, sizeof *bins->list);
     if (bins->list == NULL)
         return lr_fail_memory(error, sum * 4, "the triangles of the bricks");
     return LR_OK;
@@ -250,8 +251,8 @@ lr_status lr_bins_make(const lr_topology *m, const int32_t table_size[3], double
         b.size[a] = table_size[a];
         n_table *= (size_t)table_size[a];
     }
-    b.count = calloc(n_table, sizeof *b.count);
-    b.box = malloc(m->source.n_triangles * sizeof *b.box);
+    b.count = lr_pages_new(n_table, sizeof *b.count);
+    b.box = lr_pages_new(m->source.n_triangles, sizeof *b.box);
     lr_status status = LR_OK;
     if (b.count == NULL || b.box == NULL)
         status =
@@ -259,8 +260,8 @@ lr_status lr_bins_make(const lr_topology *m, const int32_t table_size[3], double
     else
         status = list_all(&b, bins, error);
     free(b.next);
-    free(b.box);
-    free(b.count);
+    lr_pages_free(b.box);
+    lr_pages_free(b.count);
     return status;
 }
 
@@ -296,7 +297,7 @@ void lr_bins_free(lr_bins *bins)
 {
     free(bins->brick);
     free(bins->start);
-    free(bins->list);
+    lr_pages_free(bins->list);
     free(bins->part);
     *bins = (lr_bins){0};
 }

@@ -5,6 +5,7 @@
  * time, so that no list of all half-edges is needed; each piece looks at all triangles once.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "pages.h"
 #include "voxel/edges.h"
 
 enum {
@@ -85,8 +86,8 @@ static lr_status next_piece(lr_half_edges *h, const lr_watch *watch, lr_error *e
     const uint64_t wanted = h->start[h->end + 1] - h->before;
     if (wanted > h->room || h->key == NULL) {
         h->room = wanted > h->room ? wanted : h->room;
-        free(h->key);
-        h->key = malloc(h->room * sizeof *h->key);
+        lr_pages_free(h->key);
+        h->key = lr_pages_new(h->room, sizeof *h->key);
     }
     if (h->key == NULL)
         return lr_fail_memory(error, h->room * sizeof *h->key, "the mesh's edges");
@@ -165,7 +166,7 @@ lr_status lr_half_edges_begin(const lr_topology *mesh, bool all, const lr_watch 
 {
     const uint64_t n = mesh->source.n_vertices;
     *h = (lr_half_edges){.mesh = mesh, .all = all, .room = room_of(mesh->source.n_triangles)};
-    h->start = calloc(n + 2, sizeof *h->start);
+    h->start = lr_pages_new(n + 2, sizeof *h->start);
     if (h->start == NULL)
         return lr_fail_memory(error, (n + 2) * sizeof *h->start, "the mesh's edges");
     if (!count(h, watch))
@@ -198,8 +199,8 @@ lr_status lr_half_edges_next(lr_half_edges *h, const lr_watch *watch, uint64_t *
 
 void lr_half_edges_free(lr_half_edges *h)
 {
-    free(h->start);
-    free(h->key);
+    lr_pages_free(h->start);
+    lr_pages_free(h->key);
     *h = (lr_half_edges){0};
 }
 

@@ -7,6 +7,7 @@
  * winding number is asked at the farthest sample of a component, where it is surest.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "pages.h"
 #include "voxel/labels.h"
 
 /* More than rounding of distances and their 16 bits, less than what would matter. */
@@ -104,7 +105,7 @@ static bool label_brick(uint32_t active, const float *distance, const uint8_t *l
 lr_status lr_labels_begin(const lr_bins *bins, lr_labels *labels, lr_error *error)
 {
     *labels = (lr_labels){0};
-    labels->brick = malloc(((size_t)bins->n_active + 1) * sizeof *labels->brick);
+    labels->brick = lr_pages_new((uint64_t)bins->n_active + 1, sizeof *labels->brick);
     labels->part = calloc((size_t)bins->n_parts + 1, sizeof *labels->part);
     if (labels->brick == NULL || labels->part == NULL)
         return lr_fail_memory(error, (uint64_t)bins->n_active * sizeof *labels->brick,
@@ -278,7 +279,7 @@ void lr_labels_free(lr_labels *l, const lr_bins *bins)
     for (uint32_t p = 0; l->part != NULL && p < bins->n_parts; p++)
         free(l->part[p].component);
     free(l->part);
-    free(l->brick);
+    lr_pages_free(l->brick);
     free(l->component);
     free(l->root);
     *l = (lr_labels){0};

@@ -9,6 +9,7 @@
  * with no box too near.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "pages.h"
 #include "voxel/mesh.h"
 
 enum {
@@ -243,8 +244,8 @@ static lr_status split(const lr_topology *m, double margin, const lr_watch *watc
                        int32_t *n_layers, lr_error *error)
 {
     size_t n_triangles = m->source.n_triangles;
-    uint32_t *parent = malloc(n_triangles * sizeof *parent);
-    int32_t *number = malloc(n_triangles * sizeof *number);
+    uint32_t *parent = lr_pages_new(n_triangles, sizeof *parent);
+    int32_t *number = lr_pages_new(n_triangles, sizeof *number);
     island *islands = NULL;
     rank *order = NULL;
     lr_status status = LR_OK;
@@ -253,8 +254,8 @@ static lr_status split(const lr_topology *m, double margin, const lr_watch *watc
         status = lr_fail_memory(error, n_triangles * 8, "the mesh's islands");
     else if (!find_islands(m, parent, number, layer, &n, watch))
         status = lr_fail_stopped(error);
-    free(parent);
-    free(number);
+    lr_pages_free(parent);
+    lr_pages_free(number);
     if (status != LR_OK)
         return status;
     islands = malloc((size_t)n * sizeof *islands);

@@ -15,6 +15,7 @@
  * triangles on the same three places, wound either way, the first one counts.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "pages.h"
 #include "voxel/edges.h"
 
 enum {
@@ -149,15 +150,15 @@ lr_status lr_topology_weld(lr_topology *m, const lr_watch *watch, lr_error *erro
     uint64_t n = m->source.n_vertices, n_slots = 16, n_double = 0;
     while (n_slots < 2 * n)
         n_slots *= 2;
-    uint32_t *slot = calloc(n_slots, sizeof *slot);
-    m->weld = malloc(n * sizeof *m->weld);
+    uint32_t *slot = lr_pages_new(n_slots, sizeof *slot);
+    m->weld = lr_pages_new(n, sizeof *m->weld);
     if (slot == NULL || m->weld == NULL) {
-        free(slot);
+        lr_pages_free(slot);
         return lr_fail_memory(error, (n_slots + n) * 4, "the mesh's vertices");
     }
     for (uint64_t v = 0; v < n; v += AHEAD) {
         if (v % POLL == 0 && lr_stopped(watch)) {
-            free(slot);
+            lr_pages_free(slot);
             return lr_fail_stopped(error);
         }
         uint64_t at[AHEAD], end = v + AHEAD < n ? v + AHEAD : n;
@@ -171,9 +172,9 @@ lr_status lr_topology_weld(lr_topology *m, const lr_watch *watch, lr_error *erro
             n_double += m->weld[w] != w;
         }
     }
-    free(slot);
+    lr_pages_free(slot);
     if (n_double == 0) {
-        free(m->weld);
+        lr_pages_free(m->weld);
         m->weld = NULL;
     }
     return LR_OK;
@@ -207,7 +208,7 @@ static uint32_t first_twin(const lr_topology *m, const uint64_t *run, uint32_t n
 static bool mark_twin(lr_topology *m, uint32_t t, uint32_t first)
 {
     if (m->twin == NULL) {
-        m->twin = malloc(m->source.n_triangles * sizeof *m->twin);
+        m->twin = lr_pages_new(m->source.n_triangles, sizeof *m->twin);
         for (uint32_t i = 0; m->twin != NULL && i < m->source.n_triangles; i++)
             m->twin[i] = i;
     }
@@ -262,7 +263,7 @@ static bool link_vertex(lr_topology *m, uint64_t *key, uint32_t n)
 static lr_status link_edges(lr_topology *m, const lr_watch *watch, lr_error *error)
 {
     const uint64_t n = 3 * m->source.n_triangles;
-    m->ring = malloc(n * sizeof *m->ring);
+    m->ring = lr_pages_new(n, sizeof *m->ring);
     if (m->ring == NULL)
         return lr_fail_memory(error, n * sizeof *m->ring, "the mesh's edges");
     for (uint32_t h = 0; h < n; h++)
@@ -335,9 +336,9 @@ bool lr_edge_closed(const lr_topology *m, uint32_t half_edge)
 
 void lr_topology_unlink(lr_topology *m)
 {
-    free(m->weld);
-    free(m->ring);
-    free(m->twin);
+    lr_pages_free(m->weld);
+    lr_pages_free(m->ring);
+    lr_pages_free(m->twin);
     m->weld = m->ring = m->twin = NULL;
 }
 

@@ -11,6 +11,7 @@
  * node's radius on; 2. a binary tree by count, so that it needs no links.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "pages.h"
 #include "voxel/winding.h"
 
 enum {
@@ -170,24 +171,24 @@ lr_status lr_winding_make(const lr_topology *mesh, const lr_watch *watch, lr_win
     size_t n = mesh->source.n_triangles, n_nodes = tree_size((uint32_t)n);
     extent whole;
     *w = (lr_winding){.mesh = mesh};
-    w->list = malloc(n * sizeof *w->list);
-    w->nodes = calloc(n_nodes, sizeof *w->nodes);
-    uint32_t *key = malloc(n * sizeof *key), *other = malloc(n * sizeof *other);
+    w->list = lr_pages_new(n, sizeof *w->list);
+    w->nodes = lr_pages_new(n_nodes, sizeof *w->nodes);
+    uint32_t *key = lr_pages_new(n, sizeof *key), *other = lr_pages_new(n, sizeof *other);
     lr_status status = LR_OK;
     if (w->list == NULL || w->nodes == NULL || key == NULL || other == NULL)
         status =
             lr_fail_memory(error, n * 12 + n_nodes * sizeof *w->nodes, "the mesh's winding number");
     else if (!order(w, key, other, watch) || !build(w, 0, 0, w->n, watch, &whole))
         status = lr_fail_stopped(error);
-    free(key);
-    free(other);
+    lr_pages_free(key);
+    lr_pages_free(other);
     return status;
 }
 
 void lr_winding_free(lr_winding *w)
 {
-    free(w->list);
-    free(w->nodes);
+    lr_pages_free(w->list);
+    lr_pages_free(w->nodes);
     *w = (lr_winding){0};
 }
 
