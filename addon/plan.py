@@ -26,6 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import leapray
+from leapray.voxelization import SPARE, mesh_scratch_nbytes
 
 from . import bake, errors, light_planes, model, objects, parts, reach, steps
 from . import cache as caches
@@ -101,6 +102,7 @@ class Planner(Separation):
             shown = np.array([u.visible_camera for u in users])
             several = any(len(u.materials) > 1 for u in users)
             used = {m for user in users for m in user.materials}
+            self._check_room(self.scene.meshes[index], users[0].name)
             try:
                 split, torn = self._split(self.scene.meshes[index])
             except leapray.Stopped:
@@ -123,6 +125,18 @@ class Planner(Separation):
                 self._start_one(work)
             self.advance(0.3 * (done + 1) / len(by_mesh))
         self.warnings += self.wardrobe.warnings
+
+    def _check_room(self, mesh: model.Mesh, name: str) -> None:
+        """Refuse a mesh that cannot even be looked at within the budget, before it is."""
+        needs = mesh_scratch_nbytes(len(mesh.vertices), len(mesh.triangles)) - SPARE
+        if self.held() + needs > self.budget:
+            raise self._too_large(name, self.held() + needs)
+
+    def _too_large(self, name: str, needs: int) -> SceneError:
+        return SceneError(
+            f"With {name!r} at its coarsest level the scene needs {math.ceil(needs / MB)} MB, "
+            f"budget is {self.settings.memory_mb} MB."
+        )
 
     def _dressed(self, instance: model.Instance) -> tuple[int, bake.Outfit]:
         """What instances share a volume by: the mesh, and where its colours come from."""
@@ -178,10 +192,7 @@ class Planner(Separation):
                 self.enter(work, size, room)
         except leapray.OutOfMemory as error:
             needs = self.held() + (getattr(error, "nbytes", None) or 0)
-            raise SceneError(
-                f"With {work.name!r} at its coarsest level the scene needs "
-                f"{math.ceil(needs / MB)} MB, budget is {self.settings.memory_mb} MB."
-            ) from error
+            raise self._too_large(work.name, needs) from error
         except leapray.Stopped:
             raise
         except leapray.LeapRayError as error:

@@ -457,6 +457,10 @@ LR_API void lr_voxelizer_free(lr_voxelizer *voxelizer); /* NULL is fine */
 LR_API lr_status lr_mesh_layers(const lr_mesh *mesh, double margin, const lr_watch *watch,
                                 int32_t *layer, int32_t *n_layers, lr_error *error);
 
+/* Bytes that lr_mesh_layers takes while it runs, its result with them; nothing that is done with
+ * a mesh takes less. */
+LR_API uint64_t lr_mesh_scratch_nbytes(uint64_t n_vertices, uint64_t n_triangles);
+
 /* Edges at which triangles turn. Half-edge 3 t + e runs from corner e of triangle t to the next;
  * those on the same two vertices are of one edge, with weld nonzero those on the same two places.
  * An edge's first two half-edges are a pair if the cosine between their triangles' normals, of

@@ -866,6 +866,10 @@ PROTOTYPES = {
         ctypes.POINTER(ctypes.c_int32),
         ctypes.POINTER(lr_error),
     )),
+    "lr_mesh_scratch_nbytes": (ctypes.c_uint64, (
+        ctypes.c_uint64,
+        ctypes.c_uint64,
+    )),
     "lr_mesh_edges": (ctypes.c_int, (
         ctypes.POINTER(lr_mesh),
         ctypes.c_int32,

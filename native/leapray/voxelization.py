@@ -197,11 +197,11 @@ def _run(mesh, chosen, threads: int, progress: _Progress, limits: _Limits) -> Vo
     try:
         info, n_parts = _abi.lr_voxelizer_info(), ctypes.c_uint64()
         lib.lr_voxelizer_get_info(voxelizer, ctypes.byref(info))
-        limits.check(info.nbytes, info.scratch_nbytes)
+        limits.check(info.nbytes, info.scratch_nbytes + limits.copied)
         while True:
             call(lib.lr_voxelize_next, voxelizer, watch=progress, outputs=(n_parts,))
             lib.lr_voxelizer_get_info(voxelizer, ctypes.byref(info))
-            limits.check(info.nbytes, info.scratch_nbytes)
+            limits.check(info.nbytes, info.scratch_nbytes + limits.copied)
             if not n_parts.value:
                 break
             share = progress.until(STAGE_DONE[info.stage]) / n_parts.value
@@ -237,6 +237,12 @@ def mesh_layers(
     outputs = (ctypes.c_int32.from_buffer(layer), count)
     call(lib.lr_mesh_layers, ctypes.byref(mesh), float(margin), watch=watch, outputs=outputs)
     return layer
+
+
+def mesh_scratch_nbytes(n_vertices: int, n_triangles: int) -> int:
+    """Bytes that must be free, beside the mesh itself, for anything to be done with it."""
+    copied = 3 * np.dtype(np.float64).itemsize * n_vertices
+    return lib.lr_mesh_scratch_nbytes(n_vertices, n_triangles) + copied
 
 
 def mesh_edges(
@@ -385,7 +391,7 @@ class _Limits:
         self.check(4.0 * bricks, 0)
 
     def check(self, volume: float, scratch: int) -> None:
-        counted = max(scratch + self.copied - SPARE, 0)
+        counted = max(scratch - SPARE, 0)
         if self.both is not None and volume + counted > self.both:
             made = f" and {counted / 1e6:.1f} MB to make it" if counted else ""
             self._refuse(volume, made, volume + counted, self.both)

@@ -13,8 +13,15 @@ enum {
     LISTED = 8,  /* of a triangle in these lists, before they are counted, */
     SORTED = 8,  /* of a triangle while those of winding numbers are sorted, */
     DECIDED = 9, /* of a brick in the table while those between others are decided, */
-    NUMBER = 4   /* of a triangle's or vertex' number while exact cells take them over */
+    NUMBER = 4,  /* of a triangle's or vertex' number while exact cells take them over, */
+    ISLAND = 12  /* of a triangle while islands are found: parent, number, layer */
 };
+
+uint64_t lr_mesh_scratch_nbytes(uint64_t n_vertices, uint64_t n_triangles)
+{
+    return 3 * n_triangles * sizeof(uint32_t) + n_triangles * ISLAND +
+           lr_half_edges_nbytes(n_vertices, n_triangles);
+}
 
 static uint64_t of_bins(const lr_bins *b)
 {
