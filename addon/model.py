@@ -202,7 +202,7 @@ class Settings:
     layout: str = "objects"  # one of LAYOUTS
     resolution: int = 0  # samples along the longest side of each volume; 0: the plan decides
     pixel_error: float = 0.25  # of a pixel's footprint
-    memory_mb: int = 1024  # for volumes and structures together
+    memory_mb: int = 1024  # for volumes, structures and the scratch to make them
     sample_type: str = "auto"  # one of SAMPLE_TYPES
     filter: str = "ramp"  # how occupancy falls across the surface, see leapray.voxelize
     half_width: float = 0.0  # of the filter, in voxels; 0: its own

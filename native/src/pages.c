@@ -20,6 +20,7 @@ void *lr_pages_new(uint64_t n, size_t element_nbytes)
         mapped = nbytes;
         if (block == MAP_FAILED)
             return NULL;
+        madvise(block, nbytes, MADV_HUGEPAGE); /* fewer faults, where the system has such pages */
     } else {
         block = aligned_alloc(HEADER, nbytes);
         if (block == NULL)

@@ -12,8 +12,8 @@ enum {
     POLL = 1 << 16, /* loop turns between looks at the stop word: some ms */
     FEW = 8,        /* half-edges that are sorted by counting which are less */
     SMALL = 32,     /* half-edges that insertion sorts */
-    PIECES = 4,     /* of a large mesh */
-    LEAST_ROOM = 1 << 18 /* half-edges of a piece, at least */
+    PIECES = 4,     /* of a large mesh, or some more */
+    LEAST_ROOM = 1 << 21 /* half-edges of a piece, at least */
 };
 
 /* ---- pieces ------------------------------------------------------------ */
@@ -25,7 +25,9 @@ typedef struct corners {
 
 LR_INLINE corners corners_of(const lr_half_edges *h, uint32_t t)
 {
-    corners c = {.v = {lr_welded(h->mesh, t, 0), lr_welded(h->mesh, t, 1), lr_welded(h->mesh, t, 2)}};
+    corners c;
+    for (int k = 0; k < 3; k++)
+        c.v[k] = lr_welded(h->mesh, t, k);
     c.v[3] = c.v[0];
     c.skipped = !h->all && (c.v[0] == c.v[1] || c.v[1] == c.v[2] || c.v[2] == c.v[0]);
     return c;
@@ -98,8 +100,8 @@ static lr_status next_piece(lr_half_edges *h, const lr_watch *watch, lr_error *e
 
 static uint64_t room_of(uint64_t n_triangles)
 {
-    const uint64_t n = 3 * n_triangles, piece = n / PIECES + LEAST_ROOM;
-    return piece < n ? piece : n;
+    const uint64_t n = 3 * n_triangles, most = n / PIECES > LEAST_ROOM ? n / PIECES : LEAST_ROOM;
+    return most < n ? most : n;
 }
 
 /* ---- sorting ----------------------------------------------------------- */

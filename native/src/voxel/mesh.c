@@ -2,9 +2,9 @@
  *
  * Vertices at exactly equal positions are one vertex. The half-edges of one edge are
  * linked into a ring. The pseudonormal of an edge is the sum of its faces' unit normals,
- * that of a vertex weights them by the angle; for a closed mesh the sign of (p - c).n at the closest point c
- * tells inside from outside, wherever c lies. They are summed where they are asked
- * for, around the rings, since few samples ask.
+ * that of a vertex weights them by the angle; for a closed mesh the sign of (p - c).n at
+ * the closest point c tells inside from outside, wherever c lies. They are summed where
+ * they are asked for, around the rings, since few samples ask.
  *
  * Source: Baerentzen and Aanaes 2005, Signed distance computation using the
  * angle weighted pseudonormal.
