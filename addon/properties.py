@@ -306,8 +306,8 @@ class LeapRaySettings(bpy.types.PropertyGroup):
     )
     memory_mb: bpy.props.IntProperty(
         name="Memory (MB)",
-        description="Megabytes that volumes and their structures may take, with the scratch to make "
-        "them; what does not fit is modelled more coarsely, with a warning",
+        description="Megabytes that volumes and their structures may take, with what making "
+        "them takes; what does not fit is modelled more coarsely, with a warning",
         default=DEFAULTS.memory_mb,
         min=1,
         soft_min=64,
