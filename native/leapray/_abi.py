@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 31
+LR_ABI = 32
 
 
 class lr_status(IntEnum):
