@@ -63,7 +63,6 @@ class Measure:
     normal: NDArray[np.float32]  # radians between the shading normals of hits and the mesh's
     crease: NDArray[np.float32]
     sharp: NDArray[np.bool_]  # creases in exact cells
-    exact: str  # whose cells keep their triangles
     exact_share: float  # of the surface cells
     crowd: float  # triangles on an exact cell's list, the mean; 0 without such cells
     n_cells: int  # that hold surface
@@ -185,17 +184,16 @@ def measure(
     normal: NDArray[np.float32],
     color: NDArray[np.float32] | None = None,
     rise: float | None = None,
-    exact: str = "sheets",
     ids: NDArray[np.uint16] | None = None,
     gain: float = 0.0,
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
     normal: what `normal_errors` measured there, color: what bake.color_errors did. rise: of
-    occupancy per voxel across a plane, before gain; None: that of the ramp. exact: as it was
-    voxelized. ids: of the mesh's triangles, where several solids share the volume: each is held
-    against its own field. gain above 0: as `volume.narrow(gain)` would leave it. The structure's
-    bytes are the caller's to add.
+    occupancy per voxel across a plane, before gain; None: that of the ramp. ids: of the mesh's
+    triangles, where several solids share the volume: each is held against its own field.
+    gain above 0: as `volume.narrow(gain)` would leave it. The structure's bytes are the
+    caller's to add.
     """
     info, mesh = volume.info, volume.mesh_info
     sheet = info.kind == "sheet"
@@ -225,7 +223,6 @@ def measure(
         normal=np.where(lost, np.float32(0), normal),
         crease=crease,
         sharp=volume.exact_at(probes.creases),
-        exact=exact,
         exact_share=info.n_exact_cells / max(info.n_surface_cells, 1),
         crowd=info.n_exact_triangles / max(info.n_exact_cells, 1),
         n_cells=info.n_surface_cells,

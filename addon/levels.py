@@ -50,6 +50,7 @@ class Work:
     own_normals: bool = False  # shading is the mesh's own at any voxel size, smooth or flat
     dtype: str = ""  # of its samples; "": u16, or u8 where that is enough
     history: list[float] = field(default_factory=list)
+    keys: list[tuple] = field(default_factory=list)  # under which the cache holds its level
 
     @property
     def fixed(self) -> bool:
@@ -108,10 +109,10 @@ class Levels:
         if self.watch.stopped:
             raise leapray.Stopped("The planning was stopped.")
 
-    def _key(self, work: Work, what: str, voxel_size: float, dtype: str, exact: str = "") -> tuple:
+    def _key(self, work: Work, what: str, voxel_size: float, dtype: str) -> tuple:
         s = self.settings
         made = what, work.digest, voxel_size, work.with_ids, work.carries, dtype
-        made = *made, self._filter(work.mesh), s.half_width, exact or work.exact
+        made = *made, self._filter(work.mesh), s.half_width, work.exact
         made = *made, work.own_normals, work.mesh.modelling.kind
         return made if what == "volume" else (*made, s.traverser)
 
@@ -310,11 +311,13 @@ class Levels:
         return kernel, s.half_width if kernel == s.filter else 0.0
 
     def drop(self, work: Work) -> None:
-        """Forget the volume of a level that is left; what was measured on it stays."""
-        m = work.measure
-        for what in KEPT if m is not None else ():
-            self.cache.drop(self._key(work, what, m.voxel_size, m.dtype, m.exact))
-        work.structure = None
+        """Forget the volume of a level that is left, if this frame has made it.
+
+        What was measured on it stays.
+        """
+        for key in work.keys if work.structure is not None else ():
+            self.cache.drop(key)
+        work.structure, work.keys = None, []
 
     def _probes(self, work: Work) -> probes.Probes:
         key = "probes", work.digest
@@ -342,8 +345,10 @@ class Levels:
             raise leapray.OutOfMemory(
                 f"the level needs {measure.nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
             )
-        self.drop(work)
-        work.measure, work.structure, work.stuck = measure, structure, ""
+        keys = [self._key(work, what, voxel_size, measure.dtype) for what in KEPT]
+        if keys != work.keys:
+            self.drop(work)
+        work.measure, work.structure, work.stuck, work.keys = measure, structure, "", keys
         work.errors = self._seen(work, measure)
         work.history.append(work.errors.progress(self.settings.pixel_error))
 
@@ -389,7 +394,7 @@ class Levels:
         whose = ids if volume.info.n_objects else None
         normal = errors.normal_errors(volume, work.mesh, at, whose)
         color = self._color_errors(work, volume)
-        known = at, voxel_size, normal, color, rise, work.exact, ids
+        known = at, voxel_size, normal, color, rise, ids
         measure = errors.measure(volume, *known)
         if not fresh or work.dtype or not self._enough(work, measure):
             return measure

@@ -29,6 +29,7 @@ from .bake import unit
 TURN = math.radians(0.15)  # of normals, the mean: diffuse light changes by a quarter of a per cent
 LOBE_SHARE = 1 / 60  # likewise, of the width of a glossy lobe
 STRAIGHT = ("diffuse", "emission", "transparent")  # lobes that do not send light elsewhere
+ROUNDING = 1e-6  # of normals, radians: less is no turn
 PART = 0.5  # of the error: then steps are what it is made of
 
 
@@ -67,7 +68,7 @@ def turn(
         _central(volume, points[bare], voxel_size, some, whose) for some in (0.0, gain)
     )
     turned = 2 * np.arcsin(np.minimum(np.linalg.norm(after - before, axis=1) / 2, 1.0))
-    return float(turned.sum() / len(points))
+    return float(turned[turned > ROUNDING].sum() / len(points))
 
 
 def _central(volume, points, voxel_size: float, gain: float, ids) -> NDArray[np.float64]:

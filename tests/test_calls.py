@@ -30,7 +30,7 @@ def test_random_calls_end_by_a_result_or_a_sentence():
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
     ends = {name: int(n) for n, name in (row.split(None, 1) for row in done.stdout.splitlines())}
     good = sum(n for name, n in ends.items() if name.endswith("done"))
-    assert good > 0.6 * sum(ends.values()), ends  # most calls are no refusals
+    assert good > 0.5 * sum(ends.values()), ends  # most calls are no refusals
     assert len({name.split()[0] for name in ends}) == 15, ends
 
 

@@ -127,7 +127,8 @@ def test_the_plan_takes_8_bits_where_nobody_sees_it_and_keeps_the_error():
 
 def test_a_mirror_keeps_16_bits_unless_its_faces_lie_along_the_lattice():
     def types(*lobes):
-        scene = scenes.scene([scenes.sphere(), scenes.box()])
+        apart = [scenes.place(0), scenes.place(1, at=(4, 0, 0))]
+        scene = scenes.scene([scenes.sphere(), scenes.box()], apart)
         material = dataclasses.replace(scene.materials[0], lobes=lobes)
         scene = dataclasses.replace(scene, materials=(material, scene.materials[1]))
         return [row["sample_type"] for row in make(scene).volumes]

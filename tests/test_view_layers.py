@@ -252,13 +252,11 @@ def test_view_layers_have_samples_of_their_own():
 
 
 def test_samples_asked_for_on_the_command_line_count_for_every_layer():
-    import argparse
-
-    from addon import cli, properties
+    from addon import arguments, cli, properties
 
     scene = fresh()
     scene.view_layers[0].samples = 100
-    cli.override(scene, argparse.Namespace(samples=7))
+    cli.override(scene, arguments.parse(["render", "a.blend", "--samples", "7"]))
     assert properties.settings(scene, scene.view_layers[0]).samples == 7
 
 

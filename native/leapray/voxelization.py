@@ -384,7 +384,8 @@ class _Limits:
 
     def check_table(self, points: NDArray, voxel_size: float, width: float) -> None:
         """Refuse, before anything is allocated, a lattice whose table is over the budget."""
-        if not len(points) or not voxel_size > 0.0:
+        unlimited = self.both is None and self.volume is None
+        if unlimited or not len(points) or not voxel_size > 0.0:
             return
         extent = points.max(axis=0) - points.min(axis=0)
         bricks = np.prod(np.ceil((extent / voxel_size + 2.0 * width) / 8.0))

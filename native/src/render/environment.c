@@ -19,6 +19,9 @@ static const double PI = 3.141592653589793;
  * parts of the mean. */
 static const double LEAST = 0x1p-4;
 
+/* The texels of smaller images are cut into parts, each of which is chosen by its own light. */
+static const int32_t SIDE = 128;
+
 lr_status lr_environment_check(const lr_world *world, lr_error *error)
 {
     const double *c = world->color, *m = world->image_from_world;
@@ -43,7 +46,7 @@ lr_status lr_environment_check(const lr_world *world, lr_error *error)
 
 /* ---- lookup --------------------------------------------------------------- */
 
-/* Where in the image, in texels from its lower left corner. */
+/* Where in the table, in texels from its lower left corner. */
 static void texel_of(const lr_environment *e, const double d[3], double *x, double *y)
 {
     const double *m = e->image_from_world;
@@ -78,8 +81,8 @@ static double brightness(const double rgb[3])
     return fabs(rgb[0]) + fabs(rgb[1]) + fabs(rgb[2]);
 }
 
-/* Of a texel in the mean over it, by looks at its quarters' middles, which is exact for
- * linear interpolation; with a program at its ninths', one of which is its own middle. */
+/* Of a texel of the table in the mean over it, by looks at its quarters' middles, which is
+ * exact for linear interpolation; with a program at its ninths', one of which is its own middle. */
 static double inside_texel(const lr_environment *e, int32_t x, int32_t y)
 {
     const int n = e->image->program != NULL ? 3 : 2;
@@ -134,8 +137,10 @@ lr_status lr_environment_make(const lr_world *world, lr_environment *e, lr_error
     if (world->image == NULL)
         return LR_OK;
     e->image = world->image;
-    e->width = world->image->width[0];
-    e->height = world->image->height[0];
+    const int32_t width = world->image->width[0], height = world->image->height[0];
+    const int32_t parts = (SIDE - 1) / lr_max_i(width, height) + 1;
+    e->width = width * parts;
+    e->height = height * parts;
     const size_t w = (size_t)e->width, h = (size_t)e->height;
     e->rows = malloc((h + 1) * sizeof *e->rows);
     e->columns = malloc(h * (w + 1) * sizeof *e->columns);

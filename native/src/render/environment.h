@@ -10,7 +10,7 @@ typedef struct lr_environment {
     double color[3];
     double brightness; /* mean of the image over all directions, of all colours, without signs */
     double image_from_world[9];
-    int32_t width, height;   /* 0 without an image */
+    int32_t width, height;   /* of the table below, a multiple of the image's; 0 without one */
     const lr_texture *image; /* the caller's, or NULL */
     float *rows;           /* [height + 1] share of the light below each row */
     float *columns;        /* [height][width + 1] share of a row's light before each column */
