@@ -372,10 +372,11 @@ def test_meshes_of_equal_contents_share_what_is_cached(calls, order):
 def test_an_edited_mesh_alone_is_voxelized_anew(calls):
     cache = Cache()
     meshes = [scenes.sphere(n=32), scenes.box(turn=0.3)]
-    make(scenes.scene(meshes), cache)
+    apart = [scenes.place(0), scenes.place(1, at=(4, 0, 0))]
+    make(scenes.scene(meshes, apart), cache)
     calls.clear()
     edited = dataclasses.replace(meshes[1], vertices=meshes[1].vertices * np.float32(1.5))
-    make(scenes.scene([meshes[0], edited]), cache)
+    make(scenes.scene([meshes[0], edited], apart), cache)
     assert calls and calls.faces == [len(edited.triangles)] * len(calls)
 
 
