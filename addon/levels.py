@@ -352,6 +352,19 @@ class Levels:
         work.errors = self._seen(work, measure)
         work.history.append(work.errors.progress(self.settings.pixel_error))
 
+    def refused(self, work: Work, levels: int, volume_room: float) -> str:
+        """Refine by so many levels, within the budget; why that cannot be, or ""."""
+        try:
+            size = work.measure.voxel_size / 2**levels
+            self.enter(work, size, self.budget - self.held(), volume_room)
+        except leapray.Stopped:
+            raise
+        except leapray.OutOfMemory:
+            return "the memory budget ends"
+        except leapray.LeapRayError as error:
+            return str(error)
+        return ""
+
     def _seen(self, work: Work, measure: errors.Measure) -> errors.Errors:
         if work.weights is None:
             work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)

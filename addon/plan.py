@@ -241,7 +241,7 @@ class Planner(Separation):
         if work.dtype or not before or work.errors.steps < steps.PART * before:
             return False
         measure, work.dtype = work.measure, "f32"
-        if self._refused(work, 0, volume_room):
+        if self.refused(work, 0, volume_room):
             work.dtype = ""
             return False
         if work.errors.surface < steps.PART * before:
@@ -295,7 +295,7 @@ class Planner(Separation):
         size, needed = work.measure.voxel_size, work.needs(self.settings.pixel_error)
         volume_room = self._volume_room(work)
         vars(work).update(changes)
-        if self._refused(work, 0, volume_room):
+        if self.refused(work, 0, volume_room):
             vars(work).update(before)
             return False
         if work.needs(self.settings.pixel_error) < needed:  # what is found may be shaded later
@@ -326,31 +326,18 @@ class Planner(Separation):
             work.stuck = "halving the voxels three times did not help"
             return False
         for levels in range(work.errors.levels(bar), 0, -1):
-            work.stuck = self._refused(work, levels, volume_room)
+            work.stuck = self.refused(work, levels, volume_room)
             if not work.stuck:
                 return True
         if not work.dtype and work.turn > 0:  # a level finer for half the bytes
             work.dtype = "u8"
-            if not self._refused(work, 1, volume_room):
+            if not self.refused(work, 1, volume_room):
                 return True
             work.dtype = ""
         if volume_room < room:
             share = f"1/{round(1 / EDGE_SHARE)} of the memory budget"
             work.stuck = f"for edges and normals a volume gets {share}"
         return False
-
-    def _refused(self, work: Work, levels: int, volume_room: float) -> str:
-        """Refine by so many levels; why that cannot be, or ""."""
-        try:
-            size, room = work.measure.voxel_size / 2**levels, self.budget - self.held()
-            self.enter(work, size, room, volume_room)
-        except leapray.Stopped:
-            raise
-        except leapray.OutOfMemory:
-            return "the memory budget ends"
-        except leapray.LeapRayError as error:
-            return str(error)
-        return ""
 
     def sharpen(self) -> None:
         """Spend a little memory on edges and steps that are good enough, the cheapest first."""
@@ -361,7 +348,7 @@ class Planner(Separation):
                 self._widen(work, left + before)
             wanted = 0 if work.stuck or work.fixed else math.ceil(math.log2(work.errors.softness()))
             for levels in range(wanted, 0, -1):
-                if not self._refused(work, levels, left + before):
+                if not self.refused(work, levels, left + before):
                     break
             left -= work.measure.volume_nbytes - before
 

@@ -65,28 +65,16 @@ class Separation(Levels):
             return "only with automatic exact cells they keep all their triangles"
         before, stuck = (work.exact, work.own_normals), work.stuck
         work.exact, work.own_normals = "every", True
-        why = self._entered(work, work.measure.voxel_size, math.inf)
+        why = self.refused(work, 0, math.inf)
         if why:
             work.exact, work.own_normals = before
         room = max(self.budget * SHARE, TRIANGLE_NBYTES * len(work.mesh.triangles))
         for _ in range(0 if why or work.fixed or self.settings.resolution else MOST_FINER):
             crowded = work.measure.crowd > errors.CROWD
-            if not crowded or self._entered(work, work.measure.voxel_size / 2, room):
+            if not crowded or self.refused(work, 1, room):
                 break
         work.stuck = stuck
         return why
-
-    def _entered(self, work: Work, voxel_size: float, volume_room: float) -> str:
-        """Put the work on a level; why that cannot be, or ""."""
-        try:
-            self.enter(work, voxel_size, self.budget - self.held(), volume_room)
-        except leapray.Stopped:
-            raise
-        except leapray.OutOfMemory:
-            return "the memory budget ends"
-        except leapray.LeapRayError as error:
-            return str(error)
-        return ""
 
 
 def _error(work: Work) -> float:
