@@ -38,6 +38,8 @@ INSIDE = (0.25, 0.5, 1.0, 2.0)  # voxels behind a point that is not lost, f reac
 QUANTILE = 0.99  # of the pixels keep the error
 MARGIN = 1.25  # what is measured at probes predicts that quantile within 20 %
 LOST_SHARE = 0.03  # of the pixels: wedges are always lost at their very edge
+MOSTLY = 0.5  # of a body's pixels: a wire beside a ball is so little that no quantile tells of it
+LEAST_BODY = 1 / 1000  # of the pixels: smaller bodies are not looked at by themselves
 ROUGH = 0.25  # of a voxel
 THIN = 0.25  # of a footprint: what such voxels do not find may be lost
 CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
@@ -101,17 +103,19 @@ class Errors:
 
     surface: float  # the quantile, without what is lost
     steps: float  # the part of it that the samples' type explains
-    lost: float  # share of the pixels
+    lost: float  # share of the pixels, or of a body's if that is mostly lost
     normal: float  # of shading, radians: the quantile, or a third of the RMS if that is more
     voxel: float  # the mean over the surface
     crease: float  # the mean along outlines
     blur: float  # the voxel, the mean along creases that are seen; 0 without creases
     color: float  # the mean over the surface; 0 without colours
     crowd: float  # as measured
+    body: float  # the error that most pixels of a body have, the worst
 
     def of_surface(self, pixel_error: float) -> float:
         """Against the bars of the surface itself; at most 1 is good enough."""
-        return max(self.surface / pixel_error, min(self.lost / LOST_SHARE, self.voxel / THIN))
+        surface = max(self.surface, self.body)
+        return max(surface / pixel_error, min(self.lost / LOST_SHARE, self.voxel / THIN))
 
     def of_edges(self) -> float:
         """Against the bars of creases and crowded cells; at most 1 is good enough."""
@@ -135,7 +139,7 @@ class Errors:
         """What falls with the voxel wherever finer voxels are of any use."""
         lost = self.voxel if self.lost > LOST_SHARE else 0.0
         others = self.of_normals(), self.of_color(), self.of_edges()
-        return max(self.surface / pixel_error, lost, *others)
+        return max(max(self.surface, self.body) / pixel_error, lost, *others)
 
     def levels(self, pixel_error: float) -> int:
         """How many times the voxel must be halved at least, as far as these errors foretell it.
@@ -145,7 +149,7 @@ class Errors:
         error yet: it may vanish at the next level.
         """
         if self.of_surface(pixel_error) > 1:
-            ratio = min(self.surface, ROUGH * self.voxel) / pixel_error
+            ratio = min(max(self.surface, self.body), ROUGH * self.voxel) / pixel_error
             return max(1, math.floor(math.log2(max(ratio, 1.0)) / 2))
         if max(self.of_normals(), self.of_color()) > 1:
             return 1  # facets may show, a texture may be smooth just below
@@ -162,8 +166,9 @@ class Errors:
 
     def sentence(self, pixel_error: float) -> str:
         """What is not good enough, or ""."""
-        if self.surface > pixel_error:
-            return f"an error of {self.surface:.2g} pixels instead of {pixel_error:g}"
+        if max(self.surface, self.body) > pixel_error:
+            error = max(self.surface, self.body)
+            return f"an error of {error:.2g} pixels instead of {pixel_error:g}"
         if self.of_surface(pixel_error) > 1:
             return f"{100 * self.lost:.0f} % of its surface thinner than its voxels"
         if self.of_normals() > 1:
@@ -285,17 +290,34 @@ def seen(measure: Measure, weights: Weights) -> Errors:
         shown = w.surface_footprint[found], pixels[found], QUANTILE
         surface = quantile(m.surface[found] / shown[0], *shown[1:])
         steps = quantile(m.step / shown[0], *shown[1:])
+    lost, body = _worst_body(m, w, pixels)
     return Errors(
         surface=MARGIN * surface,
         steps=MARGIN * min(steps, surface),
-        lost=float(pixels[m.lost].sum()),
+        lost=max(float(pixels[m.lost].sum()), lost),
         normal=normal_seen(m, w),
         voxel=float((m.voxel_size / w.surface_footprint * pixels).sum()),
         crease=mean(m.crease / w.outline_footprint, 1 / w.outline_footprint),
         blur=mean(np.where(m.sharp, 0, turn) / w.crease_footprint, 1 / w.crease_footprint),
         color=color_seen(m, w) if m.color is not None else 0.0,
         crowd=m.crowd,
+        body=body,
     )
+
+
+def _worst_body(measure: Measure, weights: Weights, pixels: NDArray) -> tuple[float, float]:
+    """The share of a body's pixels that are lost, if most are; the error that most have."""
+    of, error = weights.surface_bodies, measure.surface / weights.surface_footprint
+    share = np.bincount(of, pixels)
+    lost = np.bincount(of, pixels * measure.lost)
+    worst, found = 0.0, 0.0
+    for body in np.flatnonzero(share > LEAST_BODY):
+        if lost[body] > MOSTLY * share[body]:
+            worst = max(worst, float(lost[body] / share[body]))
+        else:
+            own = (of == body) & ~measure.lost
+            found = max(found, quantile(error[own], pixels[own], MOSTLY))
+    return worst, found
 
 
 def normal_errors(

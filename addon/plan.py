@@ -262,7 +262,8 @@ class Planner(Separation):
         turned = work.turned_only(self.settings.pixel_error) and (flat or work.own_normals)
         if not self._may_keep_triangles(work) or self._crowds(work):
             return False
-        if not (turned or e.lost > errors.LOST_SHARE or len(m.crease) > 0):
+        thin = e.lost > errors.LOST_SHARE or e.body > self.settings.pixel_error
+        if not (turned or thin or len(m.crease) > 0):
             return False
         return self._try(work, exact="all", own_normals=work.own_normals or flat)
 

@@ -47,6 +47,7 @@ class Probes:
     surface_triangles: NDArray[np.int64]  # (n,) that the points lie in,
     surface_weights: NDArray[np.float64]  # (n, 3) barycentric
     surface_facets: NDArray[np.float64]  # (n,) widths of those triangles: of squares as large
+    surface_bodies: NDArray[np.int32]  # (n,) of the mesh that they are of: solids, or islands
     creases: Points
     crease_triangles: NDArray[np.int64]  # (n,) one of those beside
     crease_normals: NDArray[np.float64]  # (n, 2, 3): of the triangles on either side, unit
@@ -157,12 +158,20 @@ def draw(
         surface_triangles=chosen,
         surface_weights=weights,
         surface_facets=np.sqrt(widths),
+        surface_bodies=_bodies(mesh, watch)[chosen],
         creases=crease_points,
         crease_triangles=first // 3,
         crease_normals=np.stack([normals(first), normals(second)], axis=1),
         area=whole,
         crease_length=crease_length,
     )
+
+
+def _bodies(mesh: model.Mesh, watch: leapray.Watch | None) -> NDArray[np.int32]:
+    """(n_triangles,): the number of its solid; or else of its island, the small ones share one."""
+    if mesh.solids is not None:
+        return mesh.solids
+    return leapray.mesh_layers(mesh.vertices, mesh.triangles, np.inf, watch=watch)
 
 
 def _on_edges(
@@ -218,6 +227,7 @@ class Weights:
     surface_footprint: NDArray[np.float64]
     surface_pixels: NDArray[np.float64]
     surface_facets: NDArray[np.float64]  # widths of the triangles, in pixels
+    surface_bodies: NDArray[np.int32]
     crease_footprint: NDArray[np.float64]
     outline_footprint: NDArray[np.float64]  # of the creases; large where they are no outline
 
@@ -310,4 +320,5 @@ def weigh(
     none = np.zeros(0)
     crease, outline = (best.get(name, none) for name in ("crease", "outline"))
     footprint = best["surface"]
-    return Weights(footprint, footprint**-2.0, probes.surface_facets / footprint, crease, outline)
+    facets, bodies = probes.surface_facets / footprint, probes.surface_bodies
+    return Weights(footprint, footprint**-2.0, facets, bodies, crease, outline)

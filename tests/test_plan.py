@@ -7,6 +7,7 @@ import dataclasses
 import json
 import re
 
+import meshes
 import numpy as np
 import pytest
 import scenes
@@ -557,3 +558,22 @@ def test_a_thin_needle_is_found():
     hit, _, _ = seen_from(view, made, width, height)
     columns = hit[:, 40:-40].sum(axis=0)
     assert (columns >= 1).all() and columns.mean() > 2
+
+
+@pytest.mark.parametrize("minor", [0.004, 0.01, 0.03])
+def test_a_wire_that_is_little_beside_a_ball_is_not_lost(minor):
+    """Of one mesh: no quantile of its pixels tells of the wire, which has no crease."""
+    wire = model.Mesh("Wire", *meshes.torus(96, 32, 0.9, minor))
+    both = scenes.join((scenes.sphere(), (-1.3, 0.0, 0.0)), (wire, (1.3, 0.0, 0.0)))
+    turned = np.eye(4)
+    turned[1:3, 1:3] = [[0, -1], [1, 0]]  # the wire's axis towards the camera
+    instance = dataclasses.replace(scenes.place(), world_from_object=turned)
+    made = make(scenes.scene([both], [instance], width=480, height=270))
+    angles = np.linspace(0, 2 * np.pi, 100)
+    wire = np.stack([1.3 + 0.9 * np.cos(angles), 0 * angles, 0.9 * np.sin(angles)], axis=1)
+    eye = np.array([0.0, -6.0, 0.0])
+    back = np.linalg.inv(turned)[:3, :3]
+    hits = leapray.trace(
+        made.instances[0].structure, np.tile(eye @ back.T, (100, 1)), (wire - eye) @ back.T
+    )
+    assert np.abs(hits.t - 1).max() < 0.02
