@@ -300,3 +300,31 @@ def test_neighbours_errors_cancel(floor):
     shared = error.reshape(48, 2, 48, 2).mean((1, 3))
     assert error.std() > 0.01 * many.mean()
     assert shared.var() < error.var() / 7
+
+
+WRAPPED = 1 << 32, -(1 << 31) - 1, 1 << 70, 1.5
+
+
+@pytest.mark.parametrize("number", WRAPPED)
+def test_whole_numbers_that_do_not_fit_are_refused_and_not_wrapped_around(number, sphere, still):
+    def scene(lights=(), world=None, slots=(0,), slot_objects=None, **instance):
+        things = [one(sphere, **instance)]
+        cam, white = camera((0, -4, 0)), of("diffuse", (1, 1, 1))
+        return leapray.Scene(cam, things, lights, [white], slots, world, slot_objects=slot_objects)
+
+    calls = {
+        "samples": lambda: still.render_tile(0, 0, 4, 4, samples=number),
+        "seed": lambda: still.render_tile(0, 0, 4, 4, seed=number),
+        "glossy_bounces": lambda: still.render_tile(0, 0, 4, 4, glossy_bounces=number),
+        "slots": lambda: scene(slots=[number]),
+        "slot_objects": lambda: scene(slot_objects=[number]),
+        "object_index": lambda: scene(object_index=number),
+        "max_bounces of light 0": lambda: scene([Light("sun", (1, 1, 1), max_bounces=number)]),
+        "max_bounces must": lambda: scene(world=World((1, 1, 1), max_bounces=number)),
+        "cells of start": lambda: leapray.trace(
+            sphere, np.zeros((1, 3)), np.ones((1, 3)), start=([[number, 0, 0]], [1])
+        ),
+    }
+    for sentence, call in calls.items():
+        with pytest.raises(leapray.LeapRayError, match=f"{sentence}.* whole numbers in"):
+            call()

@@ -42,6 +42,22 @@ def empty(shape: tuple[int, ...], dtype) -> NDArray:
         raise OutOfMemory(f"there is no room for an array of {shape}: {error}") from None
 
 
+def numbers(values: ArrayLike, dtype, what: str) -> NDArray:
+    """An array of that type, of numpy's or of ctypes'.
+
+    Raises LeapRayError where a whole number is needed and does not fit, which ctypes and
+    numpy 1 would wrap around.
+    """
+    dtype, array = np.dtype(dtype), np.asarray(values)
+    if dtype.kind in "iu" and array.size:
+        least, most = np.iinfo(dtype).min, np.iinfo(dtype).max
+        whole = array.dtype.kind in "iub"
+        if not (whole and array.min() >= least and array.max() <= most):
+            came = f"{array.min()}..{array.max()}" if whole else f"{array.ravel()[:3].tolist()}"
+            raise LeapRayError(f"{what} must be whole numbers in {least}..{most}; came {came}")
+    return array.astype(dtype)
+
+
 def triple(values, c_type=ctypes.c_int32):
     """Three numbers as a C array. Raises LeapRayError where ctypes would wrap one around."""
     values = tuple(values)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import choice, pointer
+from .arrays import choice, numbers, pointer
 from .programs import Program
 
 INTERPOLATIONS = {
@@ -135,7 +135,7 @@ class Attributes:
                     f"color_sources must be {n} whole numbers, one per triangle; they are "
                     f"{sources.dtype} of shape {sources.shape}"
                 )
-            sources = np.ascontiguousarray(sources, dtype=np.int32)
+            sources = np.ascontiguousarray(numbers(sources, np.int32, "color_sources"))
         handles = (ctypes.POINTER(_abi.lr_texture) * max(len(self.textures), 1))(
             *(texture.handle for texture in self.textures)
         )

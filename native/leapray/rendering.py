@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import choice, empty, pointer
+from .arrays import choice, empty, numbers, pointer
 from .attributes import Texture
 from .tracing import Structure, trace_options
 
@@ -228,7 +228,7 @@ class Scene:
             "instances": _instances(instances),
             "lights": _lights(lights),
             "materials": _materials(materials, lobes),
-            "slots": np.asarray(slots, np.uint32),
+            "slots": numbers(slots, np.uint32, "slots"),
         }
         desc = _abi.lr_scene_desc()
         desc.camera = camera_struct(camera)
@@ -237,7 +237,8 @@ class Scene:
             setattr(desc, name, ctypes.cast(table.ctypes.data, types[name]))
             setattr(desc, f"n_{name}", len(table))
         if slot_objects is not None:
-            objects = np.array(_vector(slot_objects, "slot_objects", (len(slots),)), np.int32)
+            _vector(slot_objects, "slot_objects", (len(slots),))
+            objects = numbers(slot_objects, np.int32, "slot_objects")
             desc.slot_objects = pointer(objects, ctypes.c_int32)
         desc.world, self._sky = _world(world or World())
         desc.film_transparent = int(film_transparent)
@@ -258,7 +259,8 @@ class Scene:
 
     def workspace(self, width: int, height: int, branches: int = 4) -> NDArray[np.uint8]:
         """Working memory for tiles of up to that size; one per thread, to be used again."""
-        return np.empty(lib.lr_render_nbytes(self.handle, width, height, branches), np.uint8)
+        sides = numbers((width, height, branches), np.int32, "width, height and branches").tolist()
+        return np.empty(lib.lr_render_nbytes(self.handle, *sides), np.uint8)
 
     def render_tile(
         self,
@@ -296,7 +298,7 @@ class Scene:
         for name, array in filled.items():
             setattr(pointers, MEMBERS[name], pointer(array, ctypes.c_float))
         tile = _tile(samples, sampling)
-        tile.x, tile.y, tile.width, tile.height, tile.seed = x, y, width, height, seed
+        _assign(tile, x=x, y=y, width=width, height=height, seed=seed)
         names = {"hit_test": "extrema", "root": "newton", "normal": "central", **(options or {})}
         tile.trace = trace_options(**names)
         if workspace is None:
@@ -320,13 +322,19 @@ def _tile(samples: int, sampling: Mapping[str, float | str]) -> _abi.lr_tile:
     if unknown:
         raise LeapRayError(f"sampling is {', '.join(SAMPLING)}, not {', '.join(sorted(unknown))}")
     tile = _abi.lr_tile()
-    tile.samples = samples
+    _assign(tile, samples=samples)
     values = {**SAMPLING, **sampling}
     tile.filter = choice(PIXEL_FILTERS, values.pop("pixel_filter"), "pixel filter")
     values["branches"] = values["branches"] or branches_for(samples)
-    for name, value in values.items():
-        setattr(tile, name, value)
+    _assign(tile, **values)
     return tile
+
+
+def _assign(struct: ctypes.Structure, **values: float) -> None:
+    """Set numbers of a structure. Raises LeapRayError where one does not fit."""
+    types = dict(struct._fields_)
+    for name, value in values.items():
+        setattr(struct, name, numbers(value, types[name], name).item())
 
 
 def branches_for(samples: int) -> int:
@@ -381,9 +389,10 @@ def _instances(instances: Sequence[Instance]) -> NDArray:
         for key, structure in structures.items()
     }
     table["structure"] = [addresses[id(i.structure)] for i in instances]
-    numbers = "object_index", "first_material", "n_materials", "volume_index", "error", "holdout"
-    for name in numbers:
-        table[name] = [getattr(i, name) for i in instances]
+    for name in ("object_index", "first_material", "n_materials", "volume_index", "error"):
+        values = [getattr(i, name) for i in instances]
+        table[name] = numbers(values, table.dtype[name], f"{name} of the instances")
+    table["holdout"] = [bool(i.holdout) for i in instances]
     table["visibility"] = [_visibility(i) for i in instances]
     return table
 
@@ -403,7 +412,7 @@ def _lights(lights: Sequence[Light]) -> NDArray:
         for name in ("position", "direction", "axis_u", "axis_v", "color"):
             row[name] = _vector(getattr(light, name), f"the {name} of light {i}")
         for name in ("radius", "angle", "blend", "plane_margin", "max_bounces"):
-            row[name] = getattr(light, name)
+            row[name] = numbers(getattr(light, name), row.dtype[name], f"the {name} of light {i}")
     return table
 
 
@@ -430,7 +439,7 @@ def _materials(materials: Sequence[Material], lobes: NDArray) -> NDArray:
     for i, (row, material) in enumerate(zip(table, materials, strict=True)):
         row["lobes"] = lobes.ctypes.data + first * lobes.itemsize
         row["n_lobes"] = len(material.lobes)
-        row["index"] = material.index
+        row["index"] = numbers(material.index, np.int32, f"the index of material {i}")
         row["absorption"] = _vector(material.absorption, f"the absorption of material {i}")
         first += len(material.lobes)
     return table
@@ -438,7 +447,8 @@ def _materials(materials: Sequence[Material], lobes: NDArray) -> NDArray:
 
 def _world(world: World) -> tuple[_abi.lr_world, Texture | None]:
     """The description, and the texture that it points to."""
-    result = _abi.lr_world(visibility=_visibility(world), max_bounces=world.max_bounces)
+    result = _abi.lr_world(visibility=_visibility(world))
+    _assign(result, max_bounces=world.max_bounces)
     result.color[:] = _vector(world.color, "the world's color")
     rotation = _vector(world.image_from_world, "the world's rotation", (3, 3))
     result.image_from_world[:] = rotation.ravel()

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import NORMALS, choice, columns, per_ray, pointer
+from .arrays import NORMALS, choice, columns, numbers, per_ray, pointer
 from .threads import check_threads, cores, run_parts, run_steps
 from .volume import Volume
 
@@ -317,7 +317,8 @@ def _starts(start: tuple[ArrayLike, ArrayLike], n: int) -> NDArray:
             f"start must be cells ({n}, 3) and sides ({n},); they are {cells.shape}, {sides.shape}"
         )
     table = np.zeros(n, np.dtype([("cell", np.int32, 3), ("side", np.int32)]))
-    table["cell"], table["side"] = cells, np.sign(sides)
+    table["cell"] = numbers(cells, np.int32, "the cells of start")
+    table["side"] = np.sign(sides)
     return table
 
 
