@@ -21,15 +21,18 @@ from leapray import rendering
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = (
-    "albedo_glass",
-    "albedo_reflection",
-    "area_light",
-    "basis",
-    "bsdf",
-    "environment",
-    "lamps",
-    "light",
-    "material",
+    "base/error",
+    "grid/attributes/shader_program",
+    "grid/attributes/texture",
+    "render/bsdf/albedo_glass",
+    "render/bsdf/albedo_reflection",
+    "render/bsdf/bsdf",
+    "render/bsdf/material",
+    "render/bsdf/shading_frame",
+    "render/lights/area_light",
+    "render/lights/environment",
+    "render/lights/light",
+    "render/lights/light_tree",
 )
 KINDS = {"diffuse": 1, "glossy": 2, "transmission": 3, "transparent": 4}
 
@@ -57,9 +60,8 @@ def door() -> ctypes.CDLL:
     """The compiled functions."""
     folder = tempfile.mkdtemp()
     library = Path(folder, "door.so")
-    sources = [ROOT / "native" / "src" / "render" / f"{name}.c" for name in SOURCES]
-    sources += [ROOT / "native" / "src" / "volume" / f"{name}.c" for name in ("texture", "program")]
-    sources += [ROOT / "native" / "src" / "api.c", ROOT / "tests" / "c" / "shading.c"]
+    sources = [ROOT / "native" / "src" / f"{name}.c" for name in SOURCES]
+    sources += [ROOT / "tests" / "c" / "shading.c"]
     flags = ["-std=c17", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno"]
     flags += [f"-I{ROOT / 'native' / part}" for part in ("include", "src")]
     command = [sys.executable, "-m", "ziglang", "cc", *build_core.TARGET, *flags]

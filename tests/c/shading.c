@@ -2,9 +2,9 @@
  * arrays at once. Compiled by tests/shading.py together with the core's own files.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "render/bsdf.h"
-#include "render/lamps.h"
-#include "render/light.h"
+#include "render/bsdf/bsdf.h"
+#include "render/lights/light_tree.h"
+#include "render/lights/light.h"
 
 static lr_bsdf seen(const lr_material_desc *desc, const lr_point *point)
 {

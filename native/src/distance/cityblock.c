@@ -9,8 +9,8 @@
  * whole rows are combined at once.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "base/error.h"
 #include "distance/metrics.h"
-#include "error.h"
 
 enum { BLOCK = 16384 }; /* columns along z of a part */
 

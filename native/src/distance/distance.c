@@ -1,8 +1,8 @@
 /* lr_distance and its parts: checks, then the transform of the metric.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "base/error.h"
 #include "distance/metrics.h"
-#include "error.h"
 
 static const lr_transform *const transforms[] = {
     [LR_METRIC_CHESSBOARD] = &lr_distance_chessboard,

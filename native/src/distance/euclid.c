@@ -9,8 +9,8 @@
  * Source: Maurer, Qi and Raghavan 2003; Felzenszwalb and Huttenlocher 2012.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "base/error.h"
 #include "distance/metrics.h"
-#include "error.h"
 
 enum {
     BLOCK = 16,       /* columns side by side: a cache line of squares */

@@ -1,10 +1,10 @@
 /* The distance transforms behind lr_distance, one file each, in steps of parts.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef LR_METRICS_H
-#define LR_METRICS_H
+#ifndef LR_DISTANCE_METRICS_H
+#define LR_DISTANCE_METRICS_H
 
-#include "base.h"
+#include "base/base.h"
 
 enum { LR_DISTANCE_CAP = 255 };
 

@@ -14,11 +14,11 @@
  * start on a plane belongs to the cell that the ray goes into.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef LR_RAY_H
-#define LR_RAY_H
+#ifndef LR_TRACE_RAY_H
+#define LR_TRACE_RAY_H
 
-#include "volume/affine.h"
-#include "volume/volume.h"
+#include "base/affine.h"
+#include "grid/brick_grid.h"
 
 typedef struct lr_ray {
     double o[3], d[3];

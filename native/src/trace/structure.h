@@ -2,11 +2,11 @@
  * traverser is run.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef LR_STRUCTURE_H
-#define LR_STRUCTURE_H
+#ifndef LR_TRACE_STRUCTURE_H
+#define LR_TRACE_STRUCTURE_H
 
-#include "base.h"
-#include "error.h"
+#include "base/base.h"
+#include "base/error.h"
 
 /* What a traverser's file gives. data may stay NULL where nothing is needed. */
 typedef struct lr_traverser_ops {

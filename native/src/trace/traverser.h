@@ -2,12 +2,12 @@
  * of the three functions that every line of the registry stands for.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef LR_TRAVERSER_H
-#define LR_TRAVERSER_H
+#ifndef LR_TRACE_TRAVERSER_H
+#define LR_TRACE_TRAVERSER_H
 
+#include "grid/access.h"
 #include "trace/ray.h"
 #include "trace/structure.h"
-#include "volume/access.h"
 
 #define LR_TRAVERSER(name, label, source, about, options, flags)                                   \
     lr_status lr_##name##_build(const lr_volume *, const int32_t *, const lr_watch *, void **,     \

@@ -66,4 +66,4 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_sp
 #define LR_STATE                                            planes
 #define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(ray, spacing, cursor, state)
 #define LR_WALK                                             walk
-#include "trace/batch.h"
+#include "trace/walk_template.h"

@@ -12,9 +12,9 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "traversers/cd.h"
 
-#include "cpu.h"
-#include "distance/near.h"
-#include "volume/exact.h"
+#include "base/cpu.h"
+#include "distance/narrow_band.h"
+#include "grid/triangle_cells.h"
 
 typedef lr_cd_distances distances;
 
@@ -115,4 +115,4 @@ LR_INLINE bool empty_cube(const void *data, const lr_volume *v, const lr_ray *r,
 #define LR_BOX   empty_cube
 #define LR_FITS  lr_cd_fits_eight
 #define LR_FLOCK lr_cd_trace_eight
-#include "trace/batch.h"
+#include "trace/walk_template.h"

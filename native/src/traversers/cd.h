@@ -1,8 +1,8 @@
 /* What the files of the chessboard distance share.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef LR_CD_H
-#define LR_CD_H
+#ifndef LR_TRAVERSERS_CD_H
+#define LR_TRAVERSERS_CD_H
 
 #include "trace/traverser.h"
 

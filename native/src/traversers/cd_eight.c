@@ -12,9 +12,9 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <immintrin.h>
 
-#include "distance/near.h"
-#include "trace/exact.h"
-#include "trace/output.h"
+#include "distance/narrow_band.h"
+#include "trace/hit_record.h"
+#include "trace/triangle_cell.h"
 #include "traversers/cd.h"
 
 #ifdef __clang__

@@ -12,7 +12,7 @@
  * brick and the next, at most 15 cells.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "distance/near.h"
+#include "distance/narrow_band.h"
 #include "trace/traverser.h"
 
 enum {
@@ -219,4 +219,4 @@ LR_INLINE bool empty_ahead(const void *data, const lr_volume *v, const lr_ray *r
 #define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(ray, state)
 #define LR_STATE                                            int
 #define LR_BOX                                              empty_ahead
-#include "trace/batch.h"
+#include "trace/walk_template.h"

@@ -194,4 +194,4 @@ LR_INLINE bool empty_node(const void *data, const lr_volume *v, const lr_ray *r,
 #define LR_START(data, volume, ray, spacing, cursor, state) ((state)->brick[0] = -1) /* none yet   \
                                                                                       */
 #define LR_BOX empty_node
-#include "trace/batch.h"
+#include "trace/walk_template.h"

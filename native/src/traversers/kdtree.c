@@ -254,4 +254,4 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_sp
 #define LR_STATE                                            stack
 #define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(data, state)
 #define LR_WALK                                             walk
-#include "trace/batch.h"
+#include "trace/walk_template.h"

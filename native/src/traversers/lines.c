@@ -16,7 +16,7 @@
  * in all 26 neighbours, one bit per cell, of bricks near the surface only.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "distance/near.h"
+#include "distance/narrow_band.h"
 #include "trace/traverser.h"
 
 enum { ADAPTIVE = 0, CONNECTED_26 = 1, CONNECTED_6 = 2 };
@@ -192,4 +192,4 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
 #define LR_STATE                                            line
 #define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(ray, cursor, state)
 #define LR_EVEN_WALK                                        walk
-#include "trace/batch.h"
+#include "trace/walk_template.h"

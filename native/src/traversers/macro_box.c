@@ -11,7 +11,7 @@
  * surface; 2. a brick knows 255 boxes at most, any other empty cell is left alone.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "error.h"
+#include "base/error.h"
 #include "trace/traverser.h"
 
 enum { ALONE = 255 };
@@ -262,4 +262,4 @@ LR_INLINE bool empty_box(const void *data, const lr_volume *v, const lr_ray *r, 
 
 #define LR_NAME macro_box
 #define LR_BOX  empty_box
-#include "trace/batch.h"
+#include "trace/walk_template.h"

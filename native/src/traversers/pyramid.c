@@ -160,4 +160,4 @@ LR_INLINE bool empty_node(const void *data, const lr_volume *v, const lr_ray *r,
 #define LR_STATE                                            place
 #define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(data, (cursor)->c, state)
 #define LR_BOX                                              empty_node
-#include "trace/batch.h"
+#include "trace/walk_template.h"

@@ -3,7 +3,7 @@
  * Every empty cell knows a radius: from any of its points the ray can go on so far, in
  * any direction, and meets nothing. It goes by such jumps along the continuous ray and,
  * where the radius is below one voxel, by exact steps from cell to cell. Radii come from
- * a distance transform of the cells (distance/radii.h).
+ * a distance transform of the cells (distance/empty_radius.h).
  *
  * The paper's own step is d (chamfer: a third of it) from the surface cells themselves, at
  * least one voxel, and nothing exact near the surface. It misses cells, and says so.
@@ -14,7 +14,7 @@
  * have any scale. The skip of whole pixels is in image/.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "trace/spheres.h"
+#include "trace/sphere_tracing.h"
 #include "trace/traverser.h"
 
 enum { SAFE = 0, PAPER = 1 };
@@ -105,4 +105,4 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
 #define LR_STATE                                            pace
 #define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(ray, cursor, state)
 #define LR_EVEN_WALK                                        walk
-#include "trace/batch.h"
+#include "trace/walk_template.h"

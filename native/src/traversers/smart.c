@@ -340,4 +340,4 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_sp
 #define LR_STATE                                            place
 #define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(data, (cursor)->c, state)
 #define LR_WALK                                             walk
-#include "trace/batch.h"
+#include "trace/walk_template.h"

@@ -111,4 +111,4 @@ LR_INLINE bool empty_block(const void *data, const lr_volume *v, const lr_ray *r
 
 #define LR_NAME supervoxel
 #define LR_BOX  empty_block
-#include "trace/batch.h"
+#include "trace/walk_template.h"

@@ -85,4 +85,4 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
 #define LR_STATE                                            samples
 #define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(data, ray, cursor, state)
 #define LR_EVEN_WALK                                        walk
-#include "trace/batch.h"
+#include "trace/walk_template.h"

@@ -1,0 +1,17 @@
+/* Which vector instructions the processor and the system offer.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_BASE_CPU_H
+#define LR_BASE_CPU_H
+
+#include "base/base.h"
+#include "base/error.h"
+
+/* The best of lr_simd. It asks the processor, which takes up to 0.1 ms under a
+ * hypervisor: once per call of the interface, not per part. */
+int32_t lr_cpu_simd(void);
+
+/* wanted, or for LR_SIMD_AUTO the best; LR_E_ARGUMENT where it is not there. */
+lr_status lr_cpu_choose(int32_t wanted, int32_t *simd, lr_error *error);
+
+#endif

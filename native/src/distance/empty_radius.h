@@ -1,0 +1,48 @@
+/* How far it is empty around every cell.
+ *
+ * Every empty cell knows a radius: from any of its points one may go so far, in any
+ * direction, and meets no surface cell. Radii come from the distance to the surface
+ * cells and their 26 neighbours, which is just the gap between the two cubes; where the
+ * metric is not Euclid's, its value is turned into the least Euclidean distance that it
+ * allows: d / sqrt(3) for city-block, d / sqrt(11) for chamfer 3-4-5, d for chessboard.
+ *
+ * Memory follows the surface: bricks near it hold a radius per cell, up to LR_REACH,
+ * found in the window around them, others one radius. Radii are in voxels, rounded down
+ * to sixteenths.
+ *
+ * Source: Zuiderveld, Koning and Viergever 1992.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_DISTANCE_EMPTY_RADIUS_H
+#define LR_DISTANCE_EMPTY_RADIUS_H
+
+#include "distance/narrow_band.h"
+
+enum {
+    LR_RADIUS_STEPS = 16, /* radii are counted in these parts of a voxel */
+};
+
+struct lr_radii {
+    const lr_volume *volume;
+    int32_t metric;       /* lr_metric */
+    bool safe;            /* else the metric's own distance to the surface cells themselves */
+    uint32_t *bricks;     /* [table]: index into near, or LR_FAR_BRICK | radius of the brick */
+    uint8_t (*near)[512]; /* radius, lr_cell_in_brick; 0 next to surface cells and on them */
+    uint64_t nbytes;
+};
+
+/* As lr_radii_build in leapray.h; without safe, distances by the metric, a third of it
+ * for chamfer, which promise nothing. */
+lr_status lr_radii_make(const lr_volume *volume, int32_t metric, bool safe, const lr_watch *watch,
+                        lr_radii **radii, lr_error *error);
+
+/* The radius of storage cell c, in voxels. */
+LR_INLINE double lr_radius_at(const lr_radii *f, const int32_t c[3])
+{
+    const uint32_t at = f->bricks[lr_table_at(f->volume, c[0] >> 3, c[1] >> 3, c[2] >> 3)];
+    const uint32_t radius =
+        at & LR_FAR_BRICK ? at & ~LR_FAR_BRICK : f->near[at][lr_cell_in_brick(c)];
+    return radius * (1.0 / LR_RADIUS_STEPS);
+}
+
+#endif

@@ -1,0 +1,47 @@
+/* Bricks at and next to the surface, and what lies around one of them.
+ *
+ * Distances per cell are worth their memory only near the surface: in *near*
+ * bricks, those that hold surface and their 26 neighbours. All others are told
+ * apart by their distance in bricks. A near brick's map is found in a window of
+ * 24^3 cells, the brick itself and LR_REACH cells around it.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_DISTANCE_NARROW_BAND_H
+#define LR_DISTANCE_NARROW_BAND_H
+
+#include "grid/brick_grid.h"
+
+enum {
+    LR_REACH = 8,
+    LR_WINDOW = 8 + 2 * LR_REACH,
+};
+
+#define LR_FAR_BRICK 0x80000000u
+
+/* Rows along x of a window: bit x of [z][y] is cell (x, y, z). */
+typedef uint32_t lr_window[LR_WINDOW][LR_WINDOW];
+
+/* index[lr_table_count()]: near bricks are numbered 0..n_near-1 in the table's
+ * order; any other entry is LR_FAR_BRICK | chessboard distance in bricks, capped at
+ * 255. The caller frees *index. */
+lr_status lr_near_bricks(const lr_volume *v, uint32_t **index, uint32_t *n_near,
+                         const lr_watch *watch, lr_error *error);
+
+/* The surface cells around brick b; false where there are none. */
+bool lr_window_fill(const lr_volume *v, const int32_t b[3], lr_window window);
+
+/* Grow the set by one cell in every direction, diagonals too. */
+void lr_window_grow(lr_window window);
+
+/* Where a near brick's cell is in its 512 entries. */
+LR_INLINE int lr_cell_in_brick(const int32_t c[3])
+{
+    return (c[0] & 7) + 8 * (c[1] & 7) + 64 * (c[2] & 7);
+}
+
+/* Call fill(volume, brick, number, context) for every near brick. */
+typedef void lr_near_fill(const lr_volume *v, const int32_t b[3], uint32_t number, void *context);
+lr_status lr_near_each(const lr_volume *v, const uint32_t *index, lr_near_fill *fill, void *context,
+                       const lr_watch *watch, lr_error *error);
+
+#endif

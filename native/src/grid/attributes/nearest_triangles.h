@@ -1,0 +1,85 @@
+/* Triangles of a mesh that a volume keeps for what their corners carry.
+ *
+ * Samples near the surface name the face that is nearest to them, in blocks of 4^3
+ * samples, one for each sub-brick that holds corners of surface cells: block_of[8 brick
+ * + sub] names it, 0 where there is none. Sample (x, y, z) is the block's x%4 + 4 (y%4)
+ * + 16 (z%4). Face 0 is none.
+ *
+ * A normal takes 2 x 16 bits of the octahedron's map: 0.003 degrees at most.
+ *
+ * Source: Cigolle, Donow, Evangelakos et al. 2014 (octahedral unit vectors).
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_GRID_ATTRIBUTES_NEAREST_TRIANGLES_H
+#define LR_GRID_ATTRIBUTES_NEAREST_TRIANGLES_H
+
+#include "grid/brick_grid.h"
+
+#define LR_OCTA_STEPS 65534.0 /* codes 1..65535 of a coordinate, so that 0 is free */
+
+/* Every array is NULL where no face needs it. */
+typedef struct lr_facets {
+    uint32_t n;              /* with face 0 */
+    float (*corner)[3][3];   /* [n]: storage space */
+    uint32_t (*normal)[3];   /* [n]: octahedral codes, outward as the mesh is wound */
+    int32_t *source;         /* [n]: lr_color_source or number of a texture */
+    float (*color)[3][3];    /* [n]: linear RGB */
+    float (*uv)[3][2];       /* [n] */
+    const lr_texture **texture; /* NULL: white, until it is bound */
+    uint32_t n_textures;
+} lr_facets;
+
+void lr_facets_free(lr_facets *faces);
+uint64_t lr_facets_nbytes(const lr_facets *faces); /* NULL: 0 */
+/* Of one face. */
+uint64_t lr_face_nbytes(bool normals, bool sources, bool colors, bool uvs);
+
+/* Make room for n faces, the first of which is none, and so many textures. */
+lr_status lr_facets_new(uint32_t n, bool normals, bool sources, bool colors, bool uvs,
+                       uint32_t n_textures, lr_facets **faces, lr_error *error);
+
+/* The faces of a volume to be merged, or NULL, and where its storage starts in the whole's;
+ * its face f becomes first_face + f. */
+typedef struct lr_facets_part {
+    const lr_facets *faces;
+    int32_t shift[3];
+    uint32_t first_face;
+} lr_facets_part;
+
+/* All of them; what a part lacks and another has is white, or no normal. */
+lr_status lr_facets_join(lr_facets_part *parts, uint32_t n_parts, lr_facets **faces, lr_error *error);
+
+/* n need not be unit; 0 of nothing. */
+LR_INLINE uint32_t lr_normal_encode(const double n[3])
+{
+    double sum = fabs(n[0]) + fabs(n[1]) + fabs(n[2]);
+    if (!(sum > 0.0 && isfinite(sum)))
+        return 0;
+    double u = n[0] / sum, v = n[1] / sum;
+    if (n[2] < 0.0) {
+        double folded = copysign(1.0 - fabs(v), n[0]);
+        v = copysign(1.0 - fabs(u), n[1]);
+        u = folded;
+    }
+    return ((uint32_t)(0.5 * (u + 1.0) * LR_OCTA_STEPS + 0.5) + 1) |
+           ((uint32_t)(0.5 * (v + 1.0) * LR_OCTA_STEPS + 0.5) + 1) << 16;
+}
+
+/* The code must not be 0. */
+LR_INLINE void lr_normal_decode(uint32_t code, double n[3])
+{
+    double u = ((code & 0xffff) - 1) / (0.5 * LR_OCTA_STEPS) - 1.0;
+    double v = ((code >> 16) - 1) / (0.5 * LR_OCTA_STEPS) - 1.0;
+    double w = 1.0 - fabs(u) - fabs(v);
+    if (w < 0.0) {
+        double folded = copysign(1.0 - fabs(v), u);
+        v = copysign(1.0 - fabs(u), v);
+        u = folded;
+    }
+    double length = sqrt(u * u + v * v + w * w);
+    n[0] = u / length;
+    n[1] = v / length;
+    n[2] = w / length;
+}
+
+#endif

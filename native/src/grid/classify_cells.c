@@ -1,0 +1,230 @@
+/* lr_volume_finish: which cells hold surface, and which bricks need no memory.
+ *
+ * A brick that is 0 or 1 throughout and carries neither ids nor attributes is dropped; a surface
+ * cell whose lowest corner lies in a dropped brick brings that brick back, since the cell's bit
+ * needs a place.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <immintrin.h>
+
+#include "base/error.h"
+#include "grid/triangle_cells.h"
+
+/* 0: zero throughout, 1: one throughout, 2: neither. Ids other than 0, touched
+ * cells and attributes are something to keep. */
+static uint32_t constant_of(const lr_volume *v, uint32_t brick)
+{
+    size_t at = (size_t)brick * LR_BRICK_SAMPLES;
+    for (size_t s = 0; v->block_of != NULL && s < 8; s++)
+        if (v->block_of[8 * (size_t)brick + s] != 0)
+            return 2;
+    if (v->ids != NULL)
+        for (int i = 0; i < LR_BRICK_SAMPLES; i++)
+            if (v->ids[at + (size_t)i] != 0)
+                return 2;
+    if (v->desc.kind == LR_KIND_SHEET)
+        for (int s = 0; s < 8; s++)
+            if (v->cells[brick][s] != 0)
+                return 2;
+    double first = lr_load(v, at);
+    if (first != 0.0 && first != v->one)
+        return 2;
+    for (int i = 1; i < LR_BRICK_SAMPLES; i++)
+        if (lr_load(v, at + (size_t)i) != first)
+            return 2;
+    return first == 0.0 ? LR_BRICK_ZERO : LR_BRICK_ONE;
+}
+
+void lr_volume_move_brick(lr_volume *v, uint32_t to, uint32_t from)
+{
+    size_t nbytes = LR_BRICK_SAMPLES * lr_sample_nbytes(v->desc.sample_type);
+    memcpy(v->samples + to * nbytes, v->samples + from * nbytes, nbytes);
+    memcpy(v->cells[to], v->cells[from], sizeof v->cells[to]);
+    if (v->block_of != NULL)
+        memcpy(v->block_of + 8 * (size_t)to, v->block_of + 8 * (size_t)from,
+               8 * sizeof *v->block_of);
+    if (v->ids != NULL)
+        memcpy(v->ids + (size_t)to * LR_BRICK_SAMPLES, v->ids + (size_t)from * LR_BRICK_SAMPLES,
+               LR_BRICK_SAMPLES * sizeof *v->ids);
+}
+
+/* Drop constant bricks and close the gaps. moved[b] is where brick b went. */
+static lr_status drop_constants(lr_volume *v, const lr_watch *watch, lr_error *error)
+{
+    uint32_t *moved = malloc((size_t)v->n_bricks * sizeof *moved);
+    if (moved == NULL)
+        return lr_fail_memory(error, (uint64_t)v->n_bricks * sizeof *moved, "a list of bricks");
+    uint32_t next = LR_FIRST_STORED;
+    bool stopped = false;
+    for (uint32_t b = LR_FIRST_STORED; b < v->n_bricks && !stopped; b++) {
+        uint32_t constant = constant_of(v, b);
+        moved[b] = constant < 2 ? constant : next++;
+        stopped = lr_stopped(watch);
+    }
+    if (!stopped) {
+        for (uint32_t b = LR_FIRST_STORED; b < v->n_bricks; b++)
+            if (moved[b] >= LR_FIRST_STORED && moved[b] != b)
+                lr_volume_move_brick(v, moved[b], b);
+        size_t n = lr_table_count(v);
+        for (size_t at = 0; at < n; at++)
+            if (v->table[at] >> 8 >= LR_FIRST_STORED)
+                v->table[at] = moved[v->table[at] >> 8] << 8;
+        v->n_bricks = next;
+    }
+    free(moved);
+    return stopped ? lr_fail_stopped(error) : LR_OK;
+}
+
+/* Eight samples in a row that are at or above T, as bits. For integers that is at or above
+ * the next whole number, for floats the next float. */
+static uint32_t above_row(const lr_volume *v, size_t at)
+{
+    const double t = ceil(v->threshold);
+    switch (v->desc.sample_type) {
+    case LR_U8: {
+        __m128i row = _mm_loadl_epi64((const void *)(v->samples + at));
+        __m128i least = _mm_set1_epi8((char)(uint8_t)t);
+        return (uint32_t)_mm_movemask_epi8(_mm_cmpeq_epi8(_mm_max_epu8(row, least), row)) & 0xff;
+    }
+    case LR_U16: {
+        __m128i row = _mm_loadu_si128((const void *)(v->samples + 2 * at));
+        __m128i least = _mm_set1_epi16((short)(uint16_t)t);
+        const __m128i zero = _mm_setzero_si128();
+        __m128i above = _mm_cmpeq_epi16(_mm_subs_epu16(least, row), zero);
+        return (uint32_t)_mm_movemask_epi8(_mm_packs_epi16(above, zero)) & 0xff;
+    }
+    default: {
+        const float *row = (const float *)(const void *)v->samples + at;
+        float least = (float)v->threshold;
+        if ((double)least < v->threshold)
+            least = nextafterf(least, INFINITY);
+        __m128 t4 = _mm_set1_ps(least);
+        uint32_t low = (uint32_t)_mm_movemask_ps(_mm_cmpge_ps(_mm_loadu_ps(row), t4));
+        return low | (uint32_t)_mm_movemask_ps(_mm_cmpge_ps(_mm_loadu_ps(row + 4), t4)) << 4;
+    }
+    }
+}
+
+/* Rows of 9 bits: is sample (x, y, z) of the brick or of the near layers of its
+ * upper neighbours at or above T? */
+static void above_rows(const lr_volume *v, const int32_t b[3], uint32_t rows[9][9])
+{
+    size_t brick[8]; /* this one and its upper neighbours; zeros beyond the table */
+    for (int n = 0; n < 8; n++) {
+        int32_t x = b[0] + (n & 1), y = b[1] + (n >> 1 & 1), z = b[2] + (n >> 2);
+        bool inside = x < v->table_size[0] && y < v->table_size[1] && z < v->table_size[2];
+        uint32_t at = inside ? v->table[lr_table_at(v, x, y, z)] >> 8 : LR_BRICK_ZERO;
+        brick[n] = (size_t)at * LR_BRICK_SAMPLES;
+    }
+    for (int z = 0; z < 9; z++)
+        for (int y = 0; y < 9; y++) {
+            size_t at = (size_t)(8 * (y & 7) + 64 * (z & 7));
+            int n = (y >> 3) << 1 | (z >> 3) << 2;
+            rows[z][y] = above_row(v, brick[n] + at) |
+                         (uint32_t)(lr_load(v, brick[n + 1] + at) >= v->threshold) << 8;
+        }
+}
+
+/* Surface cells of the brick at table position b. */
+static bool surface_words(const lr_volume *v, const int32_t b[3], uint64_t words[8])
+{
+    uint32_t rows[9][9];
+    above_rows(v, b, rows);
+    memset(words, 0, 8 * sizeof *words);
+    uint64_t any_cell = 0;
+    for (int z = 0; z < 8; z++)
+        for (int y = 0; y < 8; y++) {
+            const uint32_t r[4] = {rows[z][y], rows[z][y + 1], rows[z + 1][y], rows[z + 1][y + 1]};
+            uint32_t any = r[0] | r[1] | r[2] | r[3], all = r[0] & r[1] & r[2] & r[3];
+            uint64_t cells = ((any | any >> 1) & ~(all & all >> 1)) & 0xff;
+            int word = 2 * (y >> 2) + 4 * (z >> 2), bit = 4 * (y & 3) + 16 * (z & 3);
+            words[word] |= (cells & 15) << bit;
+            words[word + 1] |= (cells >> 4) << bit;
+            any_cell |= cells;
+        }
+    return any_cell != 0;
+}
+
+/* Is the brick surrounded, towards larger coordinates, by its own constant? */
+static bool plain(const lr_volume *v, const int32_t b[3])
+{
+    uint32_t constant = v->table[lr_table_at(v, b[0], b[1], b[2])] >> 8;
+    if (constant >= LR_FIRST_STORED)
+        return false;
+    for (int n = 1; n < 8; n++) {
+        int32_t x = b[0] + (n & 1), y = b[1] + (n >> 1 & 1), z = b[2] + (n >> 2);
+        bool inside = x < v->table_size[0] && y < v->table_size[1] && z < v->table_size[2];
+        if ((inside ? v->table[lr_table_at(v, x, y, z)] >> 8 : LR_BRICK_ZERO) != constant)
+            return false;
+    }
+    return true;
+}
+
+static lr_status classify_brick(lr_volume *v, const int32_t b[3], lr_error *error)
+{
+    uint64_t words[8];
+    if (plain(v, b))
+        return LR_OK;
+    size_t at = lr_table_at(v, b[0], b[1], b[2]);
+    bool any = surface_words(v, b, words);
+    if (v->table[at] >> 8 < LR_FIRST_STORED && (!any || v->desc.kind == LR_KIND_SHEET))
+        return LR_OK; /* an untouched brick of a sheet holds no surface */
+    uint32_t brick;
+    lr_status status = lr_volume_open_brick(v, at, &brick, error);
+    if (status != LR_OK)
+        return status;
+    uint32_t sub = 0;
+    for (int s = 0; s < 8; s++) {
+        v->cells[brick][s] =
+            v->desc.kind == LR_KIND_SHEET ? v->cells[brick][s] & words[s] : words[s];
+        sub |= (uint32_t)(v->cells[brick][s] != 0) << s;
+        v->n_surface_cells += (uint64_t)__builtin_popcountll(v->cells[brick][s]);
+    }
+    v->table[at] = brick << 8 | sub;
+    return LR_OK;
+}
+
+static void bound(lr_volume *v, const int32_t b[3])
+{
+    const uint32_t entry = v->table[lr_table_at(v, b[0], b[1], b[2])];
+    const int32_t first[3] = {8 * b[0], 8 * b[1], 8 * b[2]};
+    for (int s = 0; s < 8 && (entry & 0xff) != 0; s++)
+        lr_bound_word(v, first, s, v->cells[entry >> 8][s]);
+}
+
+lr_status lr_volume_finish_exact(lr_volume *v, const lr_exact_part *parts, uint32_t n_parts,
+                                 const lr_exact_source *source, const lr_watch *watch,
+                                 lr_error *error)
+{
+    lr_status status = drop_constants(v, watch, error);
+    lr_bound_nothing(v);
+    v->n_surface_cells = 0;
+    for (int32_t z = 0; status == LR_OK && z < v->table_size[2]; z++) {
+        for (int32_t y = 0; status == LR_OK && y < v->table_size[1]; y++) {
+            if (lr_stopped(watch))
+                return lr_fail_stopped(error);
+            for (int32_t x = 0; status == LR_OK && x < v->table_size[0]; x++) {
+                const int32_t b[3] = {x, y, z};
+                status = classify_brick(v, b, error);
+                if (status == LR_OK)
+                    bound(v, b);
+            }
+        }
+        lr_progress(watch, (double)(z + 1) / v->table_size[2]);
+    }
+    if (status == LR_OK && n_parts > 0)
+        status = lr_exact_attach(v, parts, n_parts, source, watch, error);
+    if (status == LR_OK)
+        status = lr_volume_trim_blocks(v, watch, error);
+    if (status == LR_OK && v->n_bricks < v->capacity) { /* give back what was not needed */
+        v->capacity = 0;
+        status = lr_volume_reserve(v, v->n_bricks - LR_FIRST_STORED, error);
+    }
+    v->finished = status == LR_OK;
+    return status;
+}
+
+lr_status lr_volume_finish(lr_volume *v, const lr_watch *watch, lr_error *error)
+{
+    return v->finished ? LR_OK : lr_volume_finish_exact(v, NULL, 0, NULL, watch, error);
+}

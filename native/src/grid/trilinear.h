@@ -1,0 +1,116 @@
+/* The trilinear field of a cell: its value, gradient and central differences.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_GRID_TRILINEAR_H
+#define LR_GRID_TRILINEAR_H
+
+#include "grid/objects.h"
+
+LR_INLINE double lr_mix(double a, double b, double u)
+{
+    return a + u * (b - a);
+}
+
+/* p in cell coordinates 0..1. */
+LR_INLINE double lr_trilinear(const double s[8], const double p[3])
+{
+    return lr_mix(lr_mix(lr_mix(s[0], s[1], p[0]), lr_mix(s[2], s[3], p[0]), p[1]),
+                  lr_mix(lr_mix(s[4], s[5], p[0]), lr_mix(s[6], s[7], p[0]), p[1]), p[2]);
+}
+
+LR_INLINE void lr_trilinear_gradient(const double s[8], const double p[3], double g[3])
+{
+    g[0] = lr_mix(lr_mix(s[1] - s[0], s[3] - s[2], p[1]), lr_mix(s[5] - s[4], s[7] - s[6], p[1]),
+                  p[2]);
+    g[1] = lr_mix(lr_mix(s[2] - s[0], s[3] - s[1], p[0]), lr_mix(s[6] - s[4], s[7] - s[5], p[0]),
+                  p[2]);
+    g[2] = lr_mix(lr_mix(s[4] - s[0], s[5] - s[1], p[0]), lr_mix(s[6] - s[2], s[7] - s[3], p[0]),
+                  p[1]);
+}
+
+/* From slopes by cell to slopes by unit of storage space. */
+LR_INLINE void lr_scale_gradient(const lr_volume *v, const int32_t c[3], double g[3])
+{
+    for (int a = 0; a < 3 && v->planes[0] != NULL; a++)
+        g[a] /= v->planes[a][c[a] + 1] - v->planes[a][c[a]];
+}
+
+/* Central differences along axis a where planes are uneven; those of the cell are at[0]
+ * and at[1]. */
+LR_INLINE void lr_spread_differences(const double *at, int a, double corner[8])
+{
+    for (int n = 0; n < 8; n++) {
+        const int upper = n >> a & 1;
+        corner[n] *= 2.0 / (at[upper + 1] - at[upper - 1]);
+    }
+}
+
+/* Central differences at the eight corners of storage cell c, interpolated at p; of one
+ * object's own field, or LR_NO_OBJECT. */
+LR_INLINE void lr_central_gradient(const lr_volume *v, int32_t object, const int32_t c[3],
+                                   const double p[3], double g[3])
+{
+    double b[64];
+    lr_block_of(v, object, c[0] - 1, c[1] - 1, c[2] - 1, 4, b);
+    const int stride[3] = {1, 4, 16};
+    for (int a = 0; a < 3; a++) {
+        double corner[8];
+        for (int n = 0; n < 8; n++) {
+            const double *at = b + 21 + (n & 1) + 4 * (n >> 1 & 1) + 16 * (n >> 2);
+            corner[n] = 0.5 * (at[stride[a]] - at[-stride[a]]);
+        }
+        if (v->planes[0] != NULL)
+            lr_spread_differences(v->planes[a] + c[a], a, corner);
+        g[a] = lr_trilinear(corner, p);
+    }
+}
+
+/* The point at p of cell c in the coordinates of another cell of a rectilinear volume. */
+LR_INLINE void lr_other_cell(const lr_volume *v, const int32_t c[3], const double p[3],
+                             const int32_t other[3], double q[3])
+{
+    for (int a = 0; a < 3; a++) {
+        const double *planes = v->planes[a], low = planes[other[a]];
+        const double at = planes[c[a]] + p[a] * (planes[c[a] + 1] - planes[c[a]]);
+        q[a] = (at - low) / (planes[other[a] + 1] - low);
+    }
+}
+
+/* The analytic gradients of the 2^3 cells around the sample nearest to p, taken
+ * at p, made unit and blended: continuous across faces.
+ *
+ * Source: Hansson-Soderlund, Evans, Akenine-Moller 2022. */
+LR_INLINE void lr_smooth_gradient(const lr_volume *v, int32_t object, const int32_t c[3],
+                                  const double p[3], double g[3])
+{
+    double b[27], weight[3];
+    int32_t first[3];
+    for (int a = 0; a < 3; a++) {
+        const int32_t below = p[a] < 0.5;
+        first[a] = c[a] - below;
+        weight[a] = p[a] - 0.5 + below;
+    }
+    lr_block_of(v, object, first[0], first[1], first[2], 3, b);
+    memset(g, 0, 3 * sizeof *g);
+    for (int n = 0; n < 8; n++) {
+        const int o[3] = {n & 1, n >> 1 & 1, n >> 2};
+        double corner[8], q[3], slope[3], share = 1.0;
+        int32_t cell[3];
+        for (int m = 0; m < 8; m++)
+            corner[m] = b[o[0] + (m & 1) + 3 * (o[1] + (m >> 1 & 1)) + 9 * (o[2] + (m >> 2))];
+        for (int a = 0; a < 3; a++) {
+            q[a] = p[a] + (c[a] - first[a]) - o[a];
+            cell[a] = first[a] + o[a];
+            share *= o[a] ? weight[a] : 1.0 - weight[a];
+        }
+        if (v->planes[0] != NULL)
+            lr_other_cell(v, c, p, cell, q);
+        lr_trilinear_gradient(corner, q, slope);
+        lr_scale_gradient(v, cell, slope);
+        const double length = sqrt(lr_dot(slope, slope));
+        for (int a = 0; a < 3 && length > 0.0; a++)
+            g[a] += share * slope[a] / length;
+    }
+}
+
+#endif

@@ -1,0 +1,334 @@
+/* First object cells of parallel rays, with pixels skipped around those that miss.
+ *
+ * A ray that misses leaves empty space around its line: no surface lies within some
+ * clearance of it. All lines of the image are parallel, so that every pixel whose line is
+ * nearer than that misses too and is not traced. Pixels are visited on coarse grids
+ * first, so that a clearing is found early and skips on all its sides.
+ *
+ * The clearance is that of the whole line. Between two points with radii a and b that lie
+ * l apart it is (a + b - l) / 2 at least, not the smaller of the radii; where that is too
+ * little to be of use, the radius half-way is asked too. In front of the volume and
+ * behind it the line comes away from the box of the surface as it comes away from the
+ * point where it crossed the box's face. Both are forgotten easily, and pixels are lost:
+ * the paper's way, which takes the least radius of the samples, does so.
+ *
+ * Lengths are in voxels, so that voxels may be boxes or sheared: how far apart the lines
+ * of two pixels are is a quadratic form of their coordinates.
+ *
+ * Source: Zuiderveld, Koning and Viergever 1992. Departures: 1. the bounds above; 2. the
+ * order of pixels; 3. any affine film in place of orthonormal axes. Rays in perspective
+ * are not parallel and are refused.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "base/error.h"
+#include "trace/sphere_tracing.h"
+#include "trace/traverser.h"
+
+enum {
+    PENDING = 0xff, /* a pixel not yet visited */
+    COARSEST = 16,  /* pixels between two of the first grid */
+    HALVINGS = 4,   /* of a jump whose clearance is too little */
+    POLL = 64,      /* pixels between looks at the stop word */
+};
+
+/* What the pixels share. */
+typedef struct job {
+    const lr_radii *radii;
+    const lr_volume *volume;
+    const lr_camera *camera;
+    const lr_image *image;
+    int32_t skip;
+    double xx, xy, yy; /* (i, j) pixels apart: xx i^2 + 2 xy i j + yy j^2 voxels^2 between lines */
+    double nearest;    /* voxels: no two lines are nearer to each other */
+    lr_tally tally;
+    uint64_t rays, hits;
+} job;
+
+/* A point of the ray, and how far it is empty around it. */
+typedef struct sample {
+    double t, radius;
+    int32_t c[3];
+} sample;
+
+/* What is empty around the line between two samples in different cells. */
+static double clearance_between(const job *j, const lr_ray *r, const lr_pace *p, const sample *a,
+                                const sample *b, double wanted, int halvings)
+{
+    const double least = 0.5 * (a->radius + b->radius - (b->t - a->t) / p->per_voxel);
+    sample middle = {.t = 0.5 * (a->t + b->t), .c = {a->c[0], a->c[1], a->c[2]}};
+    if (least >= wanted || halvings == 0 || !lr_cell_along(r, middle.t, middle.c))
+        return least;
+    middle.radius = lr_radius_at(j->radii, middle.c);
+    const double before = clearance_between(j, r, p, a, &middle, wanted, halvings - 1);
+    if (before <= least)
+        return least;
+    const double behind = clearance_between(j, r, p, &middle, b, wanted, halvings - 1);
+    return fmax(least, fmin(before, behind));
+}
+
+/* Outside the box: at a distance s from where the line crosses a face, the box is s k
+ * away and the surface radius - s at least. */
+static double clearance_outside(const lr_ray *r, const lr_pace *p, int axis, double radius)
+{
+    const double k = fabs(r->d[axis]) * p->per_voxel;
+    return radius * k / (1.0 + k);
+}
+
+/* How far p lies beyond lo..hi along an axis, signed. */
+LR_INLINE double beyond(double p, double lo, double hi)
+{
+    return p < lo ? p - lo : p > hi ? p - hi : 0.0;
+}
+
+/* Between a line and the box of the surface cells. The derivative of the squared distance
+ * grows along the line and is linear from plane to plane; its zero lies between two. */
+static double clearance_of_box(const lr_ray *r, const lr_volume *v)
+{
+    double slope[2] = {-INFINITY, INFINITY}, at[2] = {0.0, 0.0}, lo[3], hi[3], square = 0.0;
+    if (v->n_surface_cells == 0)
+        return INFINITY;
+    for (int a = 0; a < 3; a++) {
+        lo[a] = v->surface_lo[a];
+        hi[a] = v->surface_hi[a] + 1.0;
+    }
+    for (int n = 0; n < 6; n++) {
+        const int axis = n >> 1;
+        if (r->s[axis] == 0)
+            continue;
+        const double t = ((n & 1 ? hi[axis] : lo[axis]) - r->o[axis]) * r->inv[axis];
+        double sum = 0.0;
+        for (int a = 0; a < 3; a++)
+            if (r->s[a] != 0 && a != axis) /* on its own plane an axis adds nothing */
+                sum += r->d[a] * beyond(r->o[a] + t * r->d[a], lo[a], hi[a]);
+        const int side = sum > 0.0; /* the planes next to the zero, on either side of it */
+        const bool nearer = side == 0 ? sum > slope[0] : sum < slope[1];
+        const bool beside = side == 0 ? t > at[0] : t < at[1];
+        if (nearer || (sum == slope[side] && beside)) {
+            slope[side] = sum;
+            at[side] = t;
+        }
+    }
+    double t = at[0];
+    if (slope[0] < 0.0 && slope[1] < INFINITY)
+        t += (at[1] - at[0]) * (-slope[0] / (slope[1] - slope[0]));
+    for (int a = 0; a < 3; a++) {
+        const double q = r->s[a] != 0 ? r->o[a] + t * r->d[a] : r->o[a];
+        const double e = beyond(q, lo[a], hi[a]);
+        square += e * e;
+    }
+    return sqrt(square);
+}
+
+/* Where the ray leaves the box of the surface cells. */
+static int leaving(const job *j, const lr_ray *r, sample *end)
+{
+    int axis;
+    end->t = lr_exit_t(r, LR_EVEN, r->lo, r->hi, &axis);
+    for (int a = 0; a < 3; a++) {
+        const double q = r->s[a] != 0 ? r->o[a] + end->t * r->d[a] : r->o[a];
+        const double c =
+            a == axis ? (r->s[a] > 0 ? r->hi[a] : r->lo[a]) : lr_floor_along(q, r->s[a]);
+        end->c[a] = (int32_t)lr_clamp(c, r->lo[a], r->hi[a]);
+    }
+    end->radius = lr_radius_at(j->radii, end->c);
+    return axis;
+}
+
+/* Walk from the cell that the cursor stands on to the first surface cell; false at the
+ * ray's end. least: of the radii on the way. */
+static bool walk(job *j, const lr_ray *r, const lr_pace *p, lr_cursor *u, double *least)
+{
+    *least = INFINITY;
+    for (;;) {
+        j->tally.cells++;
+        if (lr_wanted(j->volume, u->c))
+            return true;
+        const double radius = lr_radius_at(j->radii, u->c);
+        *least = fmin(*least, radius);
+        bool jump;
+        if (!lr_next_sphere(r, u, radius, p, &jump))
+            return false;
+        j->tally.jumps += jump;
+    }
+}
+
+/* What is empty around the line of a ray that misses, from where it enters the box of the
+ * surface cells: its walk once more, with what lies between the samples. */
+static double clearance_of_line(const job *j, const lr_ray *r, const lr_pace *p, lr_cursor u)
+{
+    sample from, to = {u.t, lr_radius_at(j->radii, u.c), {u.c[0], u.c[1], u.c[2]}};
+    double clearance = clearance_outside(r, p, u.axis, to.radius);
+    for (bool inside = true, jump; inside;) {
+        int axis = -1;
+        from = to;
+        inside = lr_next_sphere(r, &u, from.radius, p, &jump);
+        if (inside) {
+            to = (sample){u.t, lr_radius_at(j->radii, u.c), {u.c[0], u.c[1], u.c[2]}};
+        } else {
+            axis = leaving(j, r, &to);
+            clearance = fmin(clearance, clearance_outside(r, p, axis, to.radius));
+        }
+        /* without a jump the radii hold for all of the cells that were crossed */
+        const double here =
+            jump ? clearance_between(j, r, p, &from, &to, clearance, HALVINGS) : from.radius;
+        clearance = fmin(clearance, here);
+    }
+    return clearance;
+}
+
+/* Trace pixel (x, y) of the image; returns the voxels around its line that are known to
+ * be empty, 0 where it hits. */
+static double visit(job *j, int32_t x, int32_t y)
+{
+    const lr_camera *camera = j->camera;
+    const double film[2] = {x + j->image->x + 0.5, y + j->image->y + 0.5};
+    const size_t at = (size_t)y * (size_t)j->image->width + (size_t)x;
+    double o[3];
+    lr_ray r;
+    lr_cursor u;
+    lr_pace pace;
+    bool hit = false;
+    for (int a = 0; a < 3; a++)
+        o[a] =
+            camera->eye[a] + camera->corner[a] + film[0] * camera->dx[a] + film[1] * camera->dy[a];
+    j->rays++;
+    j->image->pixel[at] = LR_PIXEL_MISS;
+    if (!lr_ray_setup(&r, j->volume, o, camera->forward, camera->clip_end))
+        return 0.0;
+    lr_begin_spheres(&r, &pace);
+    double clearance = 0.0, least;
+    if (lr_starts_inside(j->volume, &r, LR_EVEN, camera->clip_start, &u))
+        hit = true;
+    else if (lr_enter(&r, LR_EVEN, &u, j->volume->surface_lo, j->volume->surface_hi,
+                      camera->clip_start)) {
+        const lr_cursor first = u;
+        int axis;
+        hit = walk(j, &r, &pace, &u, &least);
+        /* What was not walked because the ray begins or ends there is not known. */
+        const bool whole = first.axis >= 0 && lr_exit_t(&r, LR_EVEN, r.lo, r.hi, &axis) <= r.t_max;
+        if (!hit && whole && least > j->nearest)
+            clearance = j->skip == LR_SKIP_SAFE ? clearance_of_line(j, &r, &pace, first) : least;
+    } else if (j->skip == LR_SKIP_SAFE)
+        clearance = clearance_of_box(&r, j->volume);
+    if (!hit)
+        return clearance - 4.0 * pace.slack;
+    j->hits++;
+    j->image->pixel[at] = LR_PIXEL_HIT;
+    j->image->t[at] = u.t;
+    for (int a = 0; a < 3; a++)
+        j->image->cell[3 * at + (size_t)a] = u.c[a] - LR_PAD;
+    return 0.0;
+}
+
+/* Skip the pixels whose lines are nearer to that of (x, y) than the clearance. */
+static void skip_around(const job *j, int32_t x, int32_t y, double clearance)
+{
+    const lr_image *image = j->image;
+    const double square = clearance * clearance, det = j->xx * j->yy - j->xy * j->xy;
+    const double rows = lr_clamp(clearance * sqrt(j->xx / det), 0.0, image->height);
+    const int32_t first = lr_max_i(0, y - (int32_t)rows);
+    const int32_t last = lr_min_i(image->height - 1, y + (int32_t)rows);
+    for (int32_t row = first; row <= last; row++) {
+        const double dy = row - y, middle = -j->xy * dy / j->xx;
+        const double half = sqrt(fmax(0.0, square - det / j->xx * dy * dy) / j->xx);
+        /* a margin for rounding; it takes in no pixel that lies on the border */
+        const double inside = half * (1.0 - 0x1p-30);
+        const int32_t from = (int32_t)lr_clamp(ceil(x + middle - inside), 0.0, image->width);
+        const int32_t to = (int32_t)lr_clamp(floor(x + middle + inside), -1.0, image->width - 1.0);
+        uint8_t *pixel = image->pixel + (size_t)row * (size_t)image->width;
+        for (int32_t i = from; i <= to; i++)
+            pixel[i] = pixel[i] == PENDING ? LR_PIXEL_SKIPPED : pixel[i];
+    }
+}
+
+/* How far apart the lines of neighbours are; false where the film is flat. */
+static bool measure_film(job *j)
+{
+    double d[3], step[2][3];
+    lr_map_vector(j->volume->storage_from_object, j->camera->forward, d);
+    const double length = sqrt(lr_dot(d, d));
+    for (int n = 0; n < 2; n++) {
+        lr_map_vector(j->volume->storage_from_object, n == 0 ? j->camera->dx : j->camera->dy,
+                      step[n]);
+        const double along = lr_dot(step[n], d) / length / length;
+        for (int a = 0; a < 3; a++)
+            step[n][a] -= along * d[a];
+    }
+    j->xx = lr_dot(step[0], step[0]);
+    j->xy = lr_dot(step[0], step[1]);
+    j->yy = lr_dot(step[1], step[1]);
+    const double det = j->xx * j->yy - j->xy * j->xy, half = 0.5 * (j->xx + j->yy);
+    j->nearest = sqrt(det / (half + sqrt(fmax(0.0, half * half - det)))); /* the least eigenvalue */
+    return length > 0.0 && isfinite(length) && isfinite(det) && det > 1e-12 * j->xx * j->yy;
+}
+
+static lr_status check(const lr_camera *camera, int32_t skip, const lr_image *image,
+                       lr_error *error)
+{
+    if (camera->projection != LR_ORTHOGRAPHIC)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "pixels are skipped around parallel rays: the camera must be orthographic");
+    if (skip < LR_SKIP_SAFE || skip > LR_SKIP_PAPER)
+        return lr_fail(error, LR_E_ARGUMENT, "skip %d is none of safe (0), none (1), paper (2)",
+                       skip);
+    if (image->width < 1 || image->height < 1)
+        return lr_fail(error, LR_E_ARGUMENT, "an image needs pixels; there are %d x %d",
+                       image->width, image->height);
+    return LR_OK;
+}
+
+static void clear(const lr_image *image)
+{
+    const size_t n = (size_t)image->width * (size_t)image->height;
+    memset(image->pixel, PENDING, n);
+    for (size_t i = 0; i < n; i++) {
+        image->t[i] = INFINITY;
+        for (size_t a = 0; a < 3; a++)
+            image->cell[3 * i + a] = INT32_MIN;
+    }
+}
+
+/* The pixels of one grid that are not known yet; false where stopped. */
+static bool visit_grid(job *j, int32_t spacing, const lr_watch *watch)
+{
+    const lr_image *image = j->image;
+    for (int32_t y = 0; y < image->height; y += spacing)
+        for (int32_t x = 0; x < image->width; x += spacing) {
+            if (image->pixel[(size_t)y * (size_t)image->width + (size_t)x] != PENDING)
+                continue;
+            if ((j->rays & (POLL - 1)) == 0 && lr_stopped(watch))
+                return false;
+            const double clearance = visit(j, x, y);
+            if (clearance > j->nearest && j->skip != LR_SKIP_NONE)
+                skip_around(j, x, y, clearance);
+        }
+    return true;
+}
+
+lr_status lr_first_cells(const lr_radii *radii, const lr_camera *camera, int32_t skip,
+                         const lr_image *image, lr_counters *counters, const lr_watch *watch,
+                         lr_error *error)
+{
+    job j = {
+        .radii = radii, .volume = radii->volume, .camera = camera, .image = image, .skip = skip};
+    lr_status status = check(camera, skip, image, error);
+    if (status != LR_OK)
+        return status;
+    if (!measure_film(&j))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the camera's dx and dy must span a film that its rays cross");
+    clear(image);
+    for (int32_t spacing = COARSEST; spacing > 0; spacing /= 2) {
+        lr_progress(watch, (double)j.rays / ((double)image->width * image->height));
+        if (!visit_grid(&j, spacing, watch))
+            return lr_fail_stopped(error);
+    }
+    lr_progress(watch, 1.0);
+    if (counters != NULL) {
+        counters->rays += j.rays;
+        counters->cells += j.tally.cells;
+        counters->jumps += j.tally.jumps;
+        counters->hits += j.hits;
+    }
+    return LR_OK;
+}

@@ -1,0 +1,11 @@
+/* Nearest triangles by the instructions that every processor here has (SSE2).
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <immintrin.h>
+
+#include "mesh/closest_triangle.h"
+#include "mesh/triangle_distance.h"
+
+#define LR_LANES_SIMD 0
+#define LR_SEARCH     lr_nearest_portable
+#include "mesh/closest_triangle_impl.h"

@@ -1,0 +1,98 @@
+/* What a surface does to light at one point, seen from one direction.
+ *
+ * A material's lobes become closures: diffuse, reflecting, refracting. They fall
+ * into groups by the kind of ray that they send on, each of which can be sampled
+ * and evaluated apart from the others.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_RENDER_BSDF_BSDF_H
+#define LR_RENDER_BSDF_BSDF_H
+
+#include "render/bsdf/material.h"
+#include "render/bsdf/shading_frame.h"
+
+/* By what a ray was sent on last; the groups of closures have the same names. */
+typedef enum lr_ray_kind {
+    LR_RAY_CAMERA = 0,
+    LR_RAY_DIFFUSE = 1,
+    LR_RAY_GLOSSY = 2,
+    LR_RAY_TRANSMISSION = 3,
+    LR_RAY_TRANSPARENT = 4
+} lr_ray_kind;
+
+enum { LR_GROUPS = 3, LR_CLOSURES_MAX = 4 * LR_LOBES_MAX };
+
+/* A point of a surface, in world space. */
+typedef struct lr_point {
+    double view[3];   /* unit, towards the viewer */
+    double normal[3]; /* unit, for shading; turned to the viewer's side */
+    double facing[3]; /* unit, of the surface itself; turned to the viewer's side */
+    bool bends;       /* normal is one that a flat face carries: see lr_bsdf */
+    double color[3];  /* baked; multiplies lobes that are textured */
+    double eta;       /* index of the viewer's side over that of the far side, for a lobe with the
+                         material's ior; 0: the surface lies in a void */
+    bool inside;      /* seen from within */
+} lr_point;
+
+/* A direction that light is followed to. */
+typedef struct lr_scatter {
+    double direction[3]; /* unit, away from the surface */
+    double weight[3];    /* its mean times light is what the group sends to the viewer */
+    double pdf;          /* about its density, as lr_response says it; 1 for a single direction */
+    int32_t kind;        /* lr_ray_kind */
+    bool delta;          /* it is a single direction: lights without extent are not seen by it */
+} lr_scatter;
+
+/* How much light from a direction a group sends to the viewer. */
+typedef struct lr_response {
+    double f_cos[3];
+    double pdf; /* about the density with which lr_bsdf_sample finds it, per solid angle */
+} lr_response;
+
+typedef struct lr_closure {
+    int32_t kind;    /* lr_ray_kind of its rays */
+    int32_t fresnel; /* how facets reflect: see bsdf.c */
+    double weight[3];
+    double alpha; /* of GGX; 0: a single direction */
+    double n; /* index of the far side over that of the near side; of diffuse ones the roughness */
+    double f0[3];  /* reflectance at normal incidence; of diffuse ones what comes back by several
+                      bounces, as Fujii's model has it */
+    double dip[3]; /* what the conductor lacks of Schlick's curve near 82 degrees */
+    double share;  /* of its group's rays */
+    double guide;  /* mean of what facets send on, where they are chosen by it; else 0 */
+} lr_closure;
+
+/* Normals of a flat face's own may lean so far that what mirrors in them would go into the
+ * face, or face away from the viewer. Facets have them bent towards the face then, as far as
+ * needed; diffuse closures keep them. */
+typedef struct lr_bsdf {
+    lr_basis basis;     /* of the normal, bent where it must be */
+    lr_basis matte;     /* of the normal as it is, where that is not the same */
+    bool bent;          /* it is not */
+    double share[5];    /* by lr_ray_kind: about what the group sends on, 0..1; 0: it is absent */
+    double emission[3]; /* radiance */
+    double transparency[3]; /* what goes straight through */
+    uint32_t n;
+    lr_closure closures[LR_CLOSURES_MAX];
+} lr_bsdf;
+
+void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsdf);
+
+/* The frame of the closures of a kind. */
+LR_INLINE const lr_basis *lr_bsdf_basis(const lr_bsdf *bsdf, int32_t kind)
+{
+    return bsdf->bent && kind == LR_RAY_DIFFUSE ? &bsdf->matte : &bsdf->basis;
+}
+
+/* Unit: the mean of the closures' normals by what they send on. */
+void lr_bsdf_normal(const lr_bsdf *bsdf, double normal[3]);
+
+/* A direction of one group (diffuse, glossy or transmission); false where the light
+ * is lost. u: three numbers in 0..1, 1 not included. */
+bool lr_bsdf_sample(const lr_bsdf *bsdf, int32_t kind, const double u[3], lr_scatter *scatter);
+
+/* The groups' responses to light from a direction, by lr_ray_kind - 1; single
+ * directions have none. */
+void lr_bsdf_eval(const lr_bsdf *bsdf, const double light[3], lr_response group[LR_GROUPS]);
+
+#endif

@@ -1,0 +1,53 @@
+/* Light that comes straight from lamps and from the world.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_RENDER_INTEGRATOR_DIRECT_LIGHT_H
+#define LR_RENDER_INTEGRATOR_DIRECT_LIGHT_H
+
+#include "render/integrator/context.h"
+
+/* Add to the pixels what the first n surfels send to their viewers of the light
+ * that lamps and a world of unequal brightness send to them. The wave is
+ * overwritten. */
+lr_status lr_light_surfels(const lr_job *job, uint32_t n);
+
+/* Add to the pixels' ao how much of the sky within tile->ao_distance the first n
+ * surfels see, which are seen by the camera. The wave is overwritten. */
+lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n);
+
+/* How often the surface that the path has left last asked the lamp; at the point o. */
+LR_INLINE double lr_lamp_chance(const lr_scene *scene, const lr_path *path, uint64_t lamp,
+                                const double o[3])
+{
+    const lr_lamps *lamps = &scene->lamps;
+    const uint32_t bounces = path->bounces[LR_RAY_CAMERA] - 1u;
+    const double n[3] = {path->normal[0], path->normal[1], path->normal[2]};
+    if (lr_lamps_all(lamps, bounces))
+        return 1;
+    return lr_lamps_asked(lamps, bounces) * lr_lamps_chance(lamps, lamp, o, n);
+}
+
+/* Does a direction lead through the surface? Only where that refracts. */
+LR_INLINE bool lr_leads_beyond(const lr_surfel *s, const double d[3])
+{
+    return s->bsdf.share[LR_RAY_TRANSMISSION] > 0 && lr_dot(d, s->bsdf.basis.axis[2]) < 0;
+}
+
+/* Which side of a surfel gets light, as lr_path.normal: its normal, or 0 if both. */
+LR_INLINE void lr_lit_side(const lr_surfel *s, float normal[3])
+{
+    const bool both = s->bsdf.bent || s->bsdf.share[LR_RAY_TRANSMISSION] > 0;
+    for (int a = 0; a < 3; a++)
+        normal[a] = both ? 0 : (float)s->bsdf.basis.axis[2][a];
+}
+
+/* The share of one of two ways to find the same light: densities p of this one
+ * and q of the other. Power heuristic: Veach 1997. */
+LR_INLINE double lr_mis(double p, double q)
+{
+    if (!(p < INFINITY))
+        return 1;
+    return p > 0 ? 1 / (1 + q / p * (q / p)) : 0;
+}
+
+#endif

@@ -1,0 +1,75 @@
+/* Which solids hold a point.
+ *
+ * The boxes of the hierarchy bound the surfaces, hence what is inside them too.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/integrator/medium_stack.h"
+
+#include "base/affine.h"
+#include "grid/trilinear.h"
+#include "trace/structure.h"
+
+enum { HELD = 64 }; /* branches that are put aside: the hierarchy is no higher */
+
+/* Is f >= T at p of object space? id: of the sample nearest to it. */
+static bool holds(const lr_volume *v, const double object[3], int32_t *id)
+{
+    double p[3], corner[8];
+    int32_t c[3], nearest[3];
+    lr_map_point(v->storage_from_object, object, p);
+    const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
+    for (int a = 0; a < 3; a++) {
+        if (!(p[a] > LR_PAD - 1 && p[a] < n[a] + LR_PAD))
+            return false;
+        c[a] = (int32_t)p[a];
+        p[a] -= c[a];
+        nearest[a] = c[a] + (p[a] > 0.5);
+    }
+    lr_corners(v, c, corner);
+    if (!(lr_trilinear(corner, p) >= v->threshold))
+        return false;
+    *id = v->ids != NULL ? v->ids[lr_sample_at(v, nearest[0], nearest[1], nearest[2])] : 0;
+    return true;
+}
+
+static bool in_box(const lr_node *node, int child, const double p[3])
+{
+    for (int a = 0; a < 3; a++)
+        if (p[a] < node->bound[0][a][child] || p[a] > node->bound[1][a][child])
+            return false;
+    return true;
+}
+
+static void look(const lr_scene *scene, uint32_t instance, const double p[3], lr_insides *in,
+                 uint32_t *lost)
+{
+    const lr_placed *placed = &scene->instances[instance];
+    const lr_volume *v = lr_structure_volume(placed->structure);
+    double object[3];
+    int32_t id;
+    if (!placed->enterable)
+        return;
+    lr_map_point(placed->object_from_world, p, object);
+    if (holds(v, object, &id))
+        *lost += lr_insides_enter(in, instance, lr_material_of(scene, instance, id, NULL));
+}
+
+uint32_t lr_insides_find(const lr_scene *scene, const double p[3], lr_insides *in)
+{
+    uint32_t held[HELD + 2], n = 0, lost = 0;
+    in->n = 0;
+    if (scene->hierarchy.n_nodes > 0)
+        held[n++] = 0;
+    while (n > 0) {
+        const lr_node *node = &scene->hierarchy.nodes[held[--n]];
+        for (int c = 1; c >= 0; c--) {
+            if (!in_box(node, c, p))
+                continue;
+            if ((node->child[c] & LR_LEAF) == 0)
+                held[n++] = node->child[c];
+            else if (node->child[c] != LR_NOWHERE)
+                look(scene, node->child[c] & ~LR_LEAF, p, in, &lost);
+        }
+    }
+    return lost;
+}

@@ -1,0 +1,86 @@
+/* The solids that a ray is in.
+ *
+ * Found by a point query where a ray starts, then kept up by the surfaces that it
+ * goes through. Where solids overlap, the one entered last is the medium: its
+ * index of refraction counts, and the surfaces of the others inside it do not bend
+ * the ray. Absorption adds up. Sheets have no inside.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_RENDER_INTEGRATOR_MEDIUM_STACK_H
+#define LR_RENDER_INTEGRATOR_MEDIUM_STACK_H
+
+#include "render/integrator/path_state.h"
+#include "render/scene/scene.h"
+
+/* Enter; true where there was no more room and the outermost was forgotten. */
+LR_INLINE bool lr_insides_enter(lr_insides *in, uint32_t instance, uint32_t material)
+{
+    const bool full = in->n == LR_INSIDES;
+    if (full)
+        for (uint32_t k = 1; k < LR_INSIDES; k++) {
+            in->instance[k - 1] = in->instance[k];
+            in->material[k - 1] = in->material[k];
+        }
+    in->n -= full;
+    in->instance[in->n] = instance;
+    in->material[in->n++] = material;
+    return full;
+}
+
+/* Leave; nothing happens where the instance was forgotten. */
+LR_INLINE void lr_insides_leave(lr_insides *in, uint32_t instance)
+{
+    uint32_t k = in->n;
+    while (k > 0 && in->instance[k - 1] != instance)
+        k--;
+    if (k == 0)
+        return;
+    for (in->n--; k <= in->n; k++) {
+        in->instance[k - 1] = in->instance[k];
+        in->material[k - 1] = in->material[k];
+    }
+}
+
+/* Index of refraction where the ray is: of the last refracting solid that it entered. */
+LR_INLINE double lr_insides_ior(const lr_scene *scene, const lr_insides *in)
+{
+    for (uint32_t k = in->n; k > 0; k--) {
+        const lr_material *m = &scene->materials[in->material[k - 1]];
+        if ((m->flags & LR_MATERIAL_REFRACTS) != 0)
+            return m->ior;
+    }
+    return 1;
+}
+
+/* Weaken what comes over a way of this length. */
+LR_INLINE void lr_insides_absorb(const lr_scene *scene, const lr_insides *in, double length,
+                                 double weight[3])
+{
+    for (uint32_t k = 0; k < in->n; k++) {
+        const lr_material *m = &scene->materials[in->material[k]];
+        if ((m->flags & LR_MATERIAL_ABSORBS) == 0)
+            continue;
+        for (int a = 0; a < 3; a++)
+            if (m->absorption[a] > 0)
+                weight[a] *= exp(-m->absorption[a] * length);
+    }
+}
+
+/* The solids around a point of the world, among those that a ray can get into.
+ * Returns how many did not fit. */
+uint32_t lr_insides_find(const lr_scene *scene, const double p[3], lr_insides *in);
+
+/* The material of id `id` of an instance; its slot, if asked. */
+LR_INLINE uint32_t lr_material_of(const lr_scene *scene, uint32_t instance, int32_t id,
+                                  uint32_t *slot)
+{
+    const lr_placed *placed = &scene->instances[instance];
+    const uint32_t last = placed->n_materials - 1;
+    const uint32_t m = id > 0 ? (uint32_t)id : 0;
+    const uint32_t at = placed->first_material + (m < last ? m : last);
+    if (slot != NULL)
+        *slot = at;
+    return scene->slots[at];
+}
+
+#endif

@@ -1,0 +1,50 @@
+/* A path: a ray on its way from the camera into the scene, and what the light that
+ * it finds will weigh in its pixel.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_RENDER_INTEGRATOR_PATH_STATE_H
+#define LR_RENDER_INTEGRATOR_PATH_STATE_H
+
+#include "render/bsdf/bsdf.h"
+
+/* More solids than this inside each other are rare; the outermost are forgotten
+ * first, and counted. */
+enum { LR_INSIDES = 6, LR_RAY_KINDS = LR_RAY_TRANSPARENT + 1 };
+
+/* The flag of the instances and lamps that count for rays of a kind. */
+LR_INLINE uint32_t lr_sees(int kind)
+{
+    static const uint32_t flag[LR_RAY_KINDS] = {LR_VISIBLE_CAMERA, LR_VISIBLE_DIFFUSE,
+                                                LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION, 0};
+    return flag[kind];
+}
+
+/* The solids that a ray is in, the last one entered at the end. */
+typedef struct lr_insides {
+    uint32_t n;
+    uint32_t instance[LR_INSIDES], material[LR_INSIDES];
+} lr_insides;
+
+typedef struct lr_path {
+    double origin[3];
+    double direction[3]; /* unit, but for the camera's, whose t is depth */
+    double weight[3];
+    double pdf;      /* density by which sampling the surface that it left chose it, times how often
+                        that was done; infinite where sampling lights could not have found it */
+    float normal[3]; /* of that surface; 0 where it gets light from either side */
+    double travelled; /* since then, through transparent surfaces */
+    double t_max;
+    uint32_t from; /* the instance whose surface it leaves, or LR_NOWHERE, */
+    lr_start start;
+    uint32_t pixel;                 /* of the stretch */
+    uint32_t key;                   /* of its choices */
+    uint32_t sample;                /* of the sequences that they are made by */
+    uint32_t visibility;            /* instances with this flag count */
+    uint16_t bounces[LR_RAY_KINDS]; /* so far, per lr_ray_kind; [LR_RAY_CAMERA] is their sum without
+                                       the transparent ones */
+    bool seen;                      /* by the camera, at most through transparent surfaces */
+    bool last;                      /* beyond a limit: it brings light, but is not scattered */
+    lr_insides insides;
+} lr_path;
+
+#endif

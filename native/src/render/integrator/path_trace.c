@@ -1,0 +1,258 @@
+/* Waves: the paths of a stretch of pixels, one bounce at a time.
+ *
+ * Every round empties one queue and fills the next. A wave takes whole pixels,
+ * so that a pixel's sums grow in the same order whatever the stretch. Paths
+ * that are not scattered any more come in waves of their own: where only the
+ * world can be found, these ask no more than whether anything is hit.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/integrator/path_trace.h"
+
+#include "base/error.h"
+#include "render/integrator/direct_light.h"
+#include "render/integrator/medium_stack.h"
+#include "render/integrator/passes.h"
+#include "render/integrator/scatter.h"
+#include "render/integrator/shading_point.h"
+#include "render/lights/environment.h"
+#include "render/lights/light.h"
+
+static void add(const lr_job *job, const lr_path *path, const double rgb[3], const double weight[3],
+                double share)
+{
+    double brings[3];
+    for (int a = 0; a < 3; a++)
+        brings[a] = share * weight[a] * rgb[a];
+    lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA] - 1, brings);
+}
+
+/* Where the path, which now goes along d, was scattered last. */
+static void scattered_at(const lr_path *path, const double d[3], double o[3])
+{
+    for (int a = 0; a < 3; a++)
+        o[a] = path->origin[a] - path->travelled * d[a];
+}
+
+/* The share of what a ray that was scattered at o finds by itself; the rest comes from
+ * asking the lamp, which chooses the ray's direction with the density pdf. */
+static double found_share(const lr_job *job, const lr_path *path, uint64_t lamp, const double o[3],
+                          double pdf)
+{
+    if (!(path->pdf < INFINITY) || pdf == 0)
+        return 1;
+    return lr_mis(path->pdf, pdf * lr_lamp_chance(job->scene, path, lamp, o));
+}
+
+/* The lamp, if the path meets it before its end; it was scattered at o. */
+static void find_lamp(const lr_job *job, const lr_path *path, uint64_t lamp, const double o[3],
+                      const double d[3], double length)
+{
+    const lr_light *light = &job->scene->lights[lamp];
+    double t, color[3], pdf, weight[3];
+    if ((light->visibility & path->visibility) == 0 ||
+        !lr_light_hit(light, o, d, path->travelled + length, &t, color, &pdf) ||
+        t < path->travelled)
+        return;
+    memcpy(weight, path->weight, sizeof weight);
+    lr_insides_absorb(job->scene, &path->insides, t - path->travelled, weight);
+    add(job, path, color, weight, found_share(job, path, lamp, o, pdf));
+    for (int a = 0; a < 3 && path->seen; a++)
+        job->workspace->pixels[path->pixel].emission[a] += weight[a] * color[a];
+}
+
+/* Lamps with extent that the path meets before its end. */
+static void find_lamps(const lr_job *job, const lr_path *path, const double d[3], double length)
+{
+    const lr_lamps *lamps = &job->scene->lamps;
+    const double t_max = path->travelled + length;
+    lr_lamp_walk walk;
+    double o[3];
+    scattered_at(path, d, o);
+    for (uint32_t k = 0; k < lamps->n_suns && !(t_max < INFINITY); k++)
+        find_lamp(job, path, lamps->suns[k], o, d, length);
+    lr_lamps_start(lamps, &walk);
+    for (uint64_t lamp; (lamp = lr_lamps_next(lamps, &walk, o, d, t_max)) != LR_LAMP_NONE;)
+        find_lamp(job, path, lamp, o, d, length);
+}
+
+/* The path goes off into the world. */
+static void miss(const lr_job *job, const lr_path *path, const double d[3])
+{
+    const lr_scene *scene = job->scene;
+    lr_sum *pixel = &job->workspace->pixels[path->pixel];
+    const bool transparent = path->seen && scene->film_transparent;
+    double rgb[3];
+    if (transparent)
+        pixel->alpha -= (path->weight[0] + path->weight[1] + path->weight[2]) / 3;
+    if ((scene->world_visibility & path->visibility) == 0)
+        return;
+    lr_environment_radiance(&scene->environment, d, rgb);
+    for (int a = 0; a < 3 && path->seen; a++)
+        pixel->environment[a] += path->weight[a] * rgb[a];
+    if (transparent)
+        return;
+    double o[3];
+    scattered_at(path, d, o);
+    add(job, path, rgb, path->weight,
+        found_share(job, path, scene->n_lights, o, lr_environment_pdf(&scene->environment, d)));
+}
+
+/* Take up to `room` rays of whole pixels from *pixel on into a wave; those of
+ * paths that are scattered no more, or the others. Returns how many. */
+static uint32_t gather(const lr_job *job, uint32_t *pixel, uint32_t n_pixels, bool last)
+{
+    lr_workspace *w = job->workspace;
+    uint32_t n = 0;
+    for (; *pixel < n_pixels && n + w->now.n[*pixel] <= w->room; ++*pixel)
+        for (uint32_t k = 0; k < w->now.n[*pixel]; k++) {
+            lr_path *path = &w->now.paths[(size_t)*pixel * job->branches + k];
+            if (path->last != last)
+                continue;
+            lr_aim(&w->wave, n, path->origin, path->direction, path->t_max);
+            w->wave.from[n] = path->from;
+            w->wave.start[n] = path->start;
+            w->wave.visibility[n] = path->visibility;
+            w->flying[n++] = path;
+        }
+    return n;
+}
+
+/* What surfel s, which path i of the wave has hit, sends off by itself. */
+static void shine(const lr_job *job, const lr_surfel *s)
+{
+    lr_sum *pixel = &job->workspace->pixels[s->path->pixel];
+    if ((s->material->flags & LR_MATERIAL_EMITS) == 0)
+        return;
+    add(job, s->path, s->bsdf.emission, s->path->weight, 1);
+    for (int a = 0; a < 3 && s->path->seen; a++)
+        pixel->emission[a] += s->path->weight[a] * s->bsdf.emission[a];
+}
+
+/* What the camera sees of a holdout is a hole in the picture; what its material lets straight
+ * through is left. True where that is nothing. */
+static bool hold_out(const lr_job *job, lr_surfel *s)
+{
+    double held = 0, left = 0;
+    for (int a = 0; a < 3; a++) {
+        held += s->path->weight[a] * (1 - s->bsdf.transparency[a]) / 3;
+        left = fmax(left, s->bsdf.transparency[a]);
+    }
+    job->workspace->pixels[s->path->pixel].alpha -= held;
+    for (int kind = LR_RAY_DIFFUSE; kind <= LR_RAY_TRANSMISSION; kind++)
+        s->bsdf.share[kind] = 0;
+    memset(s->bsdf.emission, 0, sizeof s->bsdf.emission);
+    s->bsdf.n = 0;
+    return !(left > 0);
+}
+
+/* Lamps, world and surfaces that the wave has found; the surfaces are the
+ * surfels. Returns how many; some are missing where the watch says stop. */
+static uint32_t see(const lr_job *job, uint32_t n, bool any)
+{
+    lr_workspace *w = job->workspace;
+    uint32_t n_surfels = 0;
+    for (uint32_t i = 0; i < n && !lr_stopped(job->watch); i++) {
+        lr_path *path = w->flying[i];
+        const bool hit = w->wave.instance[i] != LR_NOWHERE;
+        const double unit = sqrt(lr_dot(path->direction, path->direction));
+        const double length = w->wave.t[i] * unit;
+        const double d[3] = {path->direction[0] / unit, path->direction[1] / unit,
+                             path->direction[2] / unit};
+        if (job->scene->has_lamps)
+            find_lamps(job, path, d, length);
+        if (path->insides.n > 0)
+            lr_insides_absorb(job->scene, &path->insides, length, path->weight);
+        if (!hit) {
+            miss(job, path, d);
+        } else if (!any) {
+            lr_surfel *s = &w->surfels[n_surfels++];
+            lr_surface_find(job->scene, &w->wave, i, &path->insides, s);
+            s->path = path;
+            s->ray = i;
+            s->left = (path->t_max - w->wave.t[i]) * unit;
+            if (path->seen && job->scene->instances[s->instance].holdout && hold_out(job, s))
+                n_surfels--;
+            else
+                shine(job, s);
+        }
+    }
+    return n_surfels;
+}
+
+/* The passes that the camera's own rays bring. */
+static lr_status show(const lr_job *job, uint32_t n_surfels, uint64_t first, bool geometry)
+{
+    if (geometry)
+        lr_write_geometry(job, n_surfels, first);
+    for (uint32_t k = 0; k < n_surfels; k++)
+        lr_add_mist(job, &job->workspace->surfels[k]);
+    return job->passes->ao != NULL ? lr_ambient_occlusion(job, n_surfels) : LR_OK;
+}
+
+static lr_status fly(const lr_job *job, uint32_t n, bool any, uint64_t first, bool camera,
+                     bool geometry)
+{
+    lr_workspace *w = job->workspace;
+    const lr_cast_options options = {
+        .t_min = camera ? job->scene->camera.clip_start : 0,
+        .any = any,
+        .leaving = !camera,
+        .steps = geometry && job->passes->steps != NULL,
+        .trace = job->tile->trace,
+    };
+    lr_status status = lr_cast_wave(job, n, &options);
+    if (status != LR_OK)
+        return status;
+    if (options.steps)
+        lr_write_steps(job, n, first);
+    const uint32_t n_surfels = see(job, n, any);
+    for (uint32_t k = 0; k < n_surfels; k++)
+        lr_scatter_choose(job, &w->surfels[k], &w->spare[w->surfels[k].path->pixel]);
+    status = show(job, n_surfels, first, geometry);
+    if (status == LR_OK)
+        status = lr_light_surfels(job, n_surfels);
+    for (uint32_t k = 0; k < n_surfels && status == LR_OK; k++)
+        lr_scatter_on(job, &w->surfels[k]);
+    return status;
+}
+
+/* All paths of the present queue, those that are scattered first. */
+static lr_status fly_all(const lr_job *job, uint32_t n_pixels, uint64_t first, bool camera,
+                         bool geometry)
+{
+    const lr_scene *scene = job->scene;
+    lr_status status = LR_OK;
+    for (int last = 0; last < 2; last++) {
+        const bool any = last != 0 && !scene->has_clear && !scene->has_media && !scene->shines &&
+                         !scene->has_lamps;
+        for (uint32_t pixel = 0; pixel < n_pixels && status == LR_OK;) {
+            const uint32_t n = gather(job, &pixel, n_pixels, last != 0);
+            if (n > 0)
+                status = fly(job, n, any, first, camera, geometry);
+        }
+    }
+    return status;
+}
+
+lr_status lr_follow(const lr_job *job, uint32_t n_pixels, uint64_t first, bool geometry)
+{
+    lr_workspace *w = job->workspace;
+    for (bool camera = true;; camera = false) {
+        uint32_t n = 0;
+        for (uint32_t p = 0; p < n_pixels; p++) {
+            n += w->now.n[p];
+            w->next.n[p] = 0;
+            w->spare[p] = job->branches - w->now.n[p];
+        }
+        if (lr_stopped(job->watch))
+            return lr_fail_stopped(job->error);
+        if (n == 0)
+            return LR_OK;
+        const lr_status status = fly_all(job, n_pixels, first, camera, geometry && camera);
+        if (status != LR_OK)
+            return status;
+        const lr_queue swap = w->now;
+        w->now = w->next;
+        w->next = swap;
+    }
+}

@@ -1,0 +1,218 @@
+/* Where paths go on from the surfaces that they have hit.
+ *
+ * A surface sends off rays of several kinds: scattered by its diffuse lobes, by
+ * its glossy ones, refracted, straight through. Where the queue has places for all
+ * that matter, each is followed; else the heaviest are, and of the others one,
+ * chosen at random by their shares. A ray that has become light lives on with a
+ * chance. Both are made up for in the weight.
+ *
+ * Limits count as in Cycles: a ray beyond its limit still finds lamps, the world
+ * and shining surfaces, but is not scattered any more.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/integrator/scatter.h"
+
+#include "render/film/sampling.h"
+#include "render/integrator/direct_light.h"
+#include "render/integrator/shading_point.h"
+
+/* Weights below this are left to chance: splitting costs as much as for large ones. */
+static const double LIGHT_WEIGHT = 1.0 / 64;
+
+/* Numbers of 32 bits tell no smaller chance from none. */
+static const double CHANCE_MIN = 0x1p-32;
+
+enum { LOTTERY = 8, LIVE = 16, TURN = 24, TURN_MORE = 32, CHILD = 40 }; /* choices: see lr_key */
+
+static double heaviest(const double weight[3])
+{
+    return fmax(weight[0], fmax(weight[1], weight[2]));
+}
+
+/* Whether a ray of this kind is not scattered again. */
+static bool is_last(const lr_job *job, const lr_path *path, int kind)
+{
+    const lr_tile *tile = job->tile;
+    const int32_t limit[LR_RAY_KINDS] = {tile->max_bounces, tile->diffuse_bounces,
+                                         tile->glossy_bounces, tile->transmission_bounces,
+                                         tile->transparent_bounces};
+    if (path->last || path->bounces[kind] >= limit[kind])
+        return true;
+    return kind != LR_RAY_TRANSPARENT && path->bounces[LR_RAY_CAMERA] >= limit[LR_RAY_CAMERA];
+}
+
+double lr_world_distance(const lr_job *job, const lr_path *path, int kind)
+{
+    const bool short_sighted =
+        job->tile->ambient_distance > 0 && kind == LR_RAY_DIFFUSE && is_last(job, path, kind);
+    return short_sighted ? job->tile->ambient_distance : INFINITY;
+}
+
+/* Whether following this kind may bring anything. */
+static bool worth(const lr_job *job, const lr_surfel *s, int kind)
+{
+    if (!(s->bsdf.share[kind] > 0))
+        return false;
+    if (kind == LR_RAY_TRANSPARENT && s->path->bounces[kind] > job->tile->transparent_bounces)
+        return false;
+    if (kind == LR_RAY_TRANSPARENT) /* the camera sees through to alpha */
+        return s->path->seen || job->last_brings || !is_last(job, s->path, kind);
+    return !s->path->last && (job->last_brings || !is_last(job, s->path, kind));
+}
+
+/* A share of a group as one that sums and quotients can take. */
+static double bounded(double share)
+{
+    return fmin(share, 0x1p1000);
+}
+
+void lr_scatter_choose(const lr_job *job, lr_surfel *s, uint32_t *spare)
+{
+    int order[LR_RAY_KINDS];
+    uint32_t n = 0, sure = 0;
+    double rest = 0;
+    for (int kind = 0; kind < LR_RAY_KINDS; kind++) {
+        s->chance[kind] = 0;
+        s->sure[kind] = false;
+        if (kind == LR_RAY_CAMERA || !worth(job, s, kind))
+            continue;
+        uint32_t at = n++;
+        for (; at > 0 && s->bsdf.share[order[at - 1]] < s->bsdf.share[kind]; at--)
+            order[at] = order[at - 1];
+        order[at] = kind;
+    }
+    const double weight = heaviest(s->path->weight);
+    while (sure < n && sure < *spare + (*spare + 1 >= n) &&
+           s->bsdf.share[order[sure]] * weight >= LIGHT_WEIGHT)
+        s->sure[order[sure++]] = true;
+    if (sure + 1 == n) /* nothing to choose from */
+        s->sure[order[sure++]] = true;
+    for (uint32_t k = 0; k < sure; k++)
+        s->chance[order[k]] = 1;
+    for (uint32_t k = sure; k < n; k++)
+        rest += bounded(s->bsdf.share[order[k]]);
+    for (uint32_t k = sure; k < n; k++) {
+        const double chance = bounded(s->bsdf.share[order[k]]) / rest;
+        s->chance[order[k]] = chance >= CHANCE_MIN ? chance : 0;
+    }
+    const uint32_t followed = sure + (sure < n);
+    *spare -= followed > 1 ? followed - 1 : 0;
+    s->gambles = sure < n;
+}
+
+/* Of the kinds that are left to chance the one whose turn it is, or none (0). */
+static int draw(const lr_surfel *s)
+{
+    double u = lr_sample_one(lr_key(s->path->key, LOTTERY), s->path->sample);
+    int drawn = 0;
+    for (int kind = 0; kind < LR_RAY_KINDS; kind++) {
+        if (s->sure[kind] || !(s->chance[kind] > 0))
+            continue;
+        drawn = kind; /* the last one where rounding left a rest */
+        if (u < s->chance[kind])
+            break;
+        u -= s->chance[kind];
+    }
+    return drawn;
+}
+
+/* Scattered to the wrong side of the surface itself, as normals of their own have it. At a flat
+ * face it is as in Cycles: what is reflected into it is lost, what is refracted goes where it
+ * goes. But where the field's facets stand for a smooth surface, the ray turns to the right
+ * side by the same angle. False: it is lost. */
+static bool turn_to_side(const lr_surfel *s, bool beyond, double d[3])
+{
+    const double height = lr_dot(d, s->point.facing);
+    if ((height < 0) == beyond && height != 0)
+        return true;
+    for (int a = 0; a < 3; a++)
+        d[a] -= 2 * height * s->point.facing[a];
+    return !s->point.bends;
+}
+
+static bool survives(lr_path *child)
+{
+    const double most = heaviest(child->weight);
+    if (most >= LIGHT_WEIGHT)
+        return true;
+    const double chance = most / LIGHT_WEIGHT;
+    for (int a = 0; a < 3; a++)
+        child->weight[a] /= chance;
+    return lr_sample_one(lr_key(child->key, LIVE), child->sample) < chance;
+}
+
+/* Straight on, as the path came. */
+static void go_through(const lr_surfel *s, lr_path *child)
+{
+    const double *o = s->path->origin;
+    const double way[3] = {s->position[0] - o[0], s->position[1] - o[1], s->position[2] - o[2]};
+    for (int a = 0; a < 3; a++) {
+        child->direction[a] = -s->point.view[a];
+        child->weight[a] *= s->bsdf.transparency[a];
+    }
+    child->travelled += sqrt(lr_dot(way, way));
+    child->t_max = s->left;
+}
+
+/* A direction of this kind; false where the light is lost. */
+static bool turn(const lr_job *job, const lr_surfel *s, int kind, lr_path *child)
+{
+    lr_scatter sample;
+    double u[3];
+    lr_sample_pair(lr_key(s->path->key, TURN + (uint32_t)kind), s->path->sample, u);
+    u[2] = lr_sample_one(lr_key(s->path->key, TURN_MORE + (uint32_t)kind), s->path->sample);
+    if (!lr_bsdf_sample(&s->bsdf, kind, u, &sample))
+        return false;
+    for (int a = 0; a < 3; a++) {
+        child->direction[a] = sample.direction[a];
+        child->weight[a] *= sample.weight[a];
+    }
+    child->pdf = sample.delta ? INFINITY : sample.pdf * s->chance[kind];
+    lr_lit_side(s, child->normal);
+    child->travelled = 0;
+    child->t_max = lr_world_distance(job, s->path, kind);
+    child->visibility = lr_sees(kind);
+    child->seen = false;
+    child->bounces[LR_RAY_CAMERA]++;
+    return true;
+}
+
+static void follow(const lr_job *job, const lr_surfel *s, int kind)
+{
+    lr_workspace *w = job->workspace;
+    const uint32_t pixel = s->path->pixel;
+    assert(w->next.n[pixel] < job->branches); /* what lr_scatter_choose has counted */
+    lr_path *child = &w->next.paths[(size_t)pixel * job->branches + w->next.n[pixel]];
+    *child = *s->path;
+    for (int a = 0; a < 3; a++)
+        child->weight[a] /= s->chance[kind];
+    child->last = is_last(job, s->path, kind);
+    child->key = lr_key(s->path->key, CHILD + (uint32_t)kind);
+    child->bounces[kind]++;
+    if (kind == LR_RAY_TRANSPARENT)
+        go_through(s, child);
+    else if (!turn(job, s, kind, child))
+        return;
+    if (!survives(child))
+        return;
+    const bool beyond = kind == LR_RAY_TRANSPARENT ||
+                        (kind == LR_RAY_TRANSMISSION && lr_leads_beyond(s, child->direction));
+    if (kind != LR_RAY_TRANSPARENT && (beyond || !s->risen) &&
+        !turn_to_side(s, beyond, child->direction))
+        return;
+    memcpy(child->origin, beyond ? s->position : s->origin, sizeof child->origin);
+    child->from = s->instance;
+    child->start = lr_surface_start(s, beyond);
+    if (beyond && job->scene->has_media && lr_surface_cross(job->scene, s, &child->insides) &&
+        job->counters != NULL)
+        job->counters->forgotten++;
+    w->next.n[pixel]++;
+}
+
+void lr_scatter_on(const lr_job *job, const lr_surfel *s)
+{
+    const int drawn = s->gambles ? draw(s) : 0;
+    for (int kind = LR_RAY_DIFFUSE; kind < LR_RAY_KINDS; kind++)
+        if (s->sure[kind] || kind == drawn)
+            follow(job, s, kind);
+}

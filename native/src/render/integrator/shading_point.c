@@ -1,0 +1,232 @@
+/* From a hit to the point that is lit.
+ *
+ * The trilinear surface of a curved object is made of facets as large as cells,
+ * which touch the smooth surface of the normals at their corners and lie below it
+ * between them. Light that grazes the smooth surface would be stopped by the
+ * facets: the terminator would have steps. So rays of light start from the smooth
+ * surface, where that is above the facet. Its height follows from the second
+ * differences of the samples, the first term of what linear interpolation leaves
+ * out; flat surfaces have none, and there the ray starts in the very cell and on
+ * the very side of the hit.
+ *
+ * So it is with triangles that carry normals: each corner's normal has a plane, the hit is
+ * moved onto these planes where it lies below, and what comes of it is mixed as the normals
+ * are. There only light that grazes the triangle starts from the smooth surface, the more so
+ * the more it grazes, as in Cycles: triangles may be large.
+ *
+ * Source: Hanika, Hacking the shadow terminator, 2021 (for triangles). Departure: of the
+ * field the samples know the smooth surface itself.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/integrator/shading_point.h"
+
+#include "base/affine.h"
+#include "grid/attributes/attributes.h"
+#include "grid/triangle_cells.h"
+#include "grid/trilinear.h"
+#include "render/integrator/medium_stack.h"
+#include "trace/structure.h"
+
+/* To world space and to unit length. A vanishing gradient tells nothing: then the
+ * surface faces the ray. */
+static void world_normal(const lr_placed *placed, const double gradient[3], const double d[3],
+                         double n[3])
+{
+    lr_map_gradient(placed->object_from_world, gradient, n);
+    double length = sqrt(lr_dot(n, n));
+    if (!(length > 0)) {
+        for (int a = 0; a < 3; a++)
+            n[a] = -d[a];
+        length = sqrt(lr_dot(n, n));
+    }
+    for (int a = 0; a < 3; a++)
+        n[a] /= length;
+}
+
+/* A sphere of one voxel's radius rises 1/4 voxel over its facets; nothing that
+ * samples can tell is more curved. Below 2^-20 voxel rounding has a say. */
+static const double RISE_MAX = 0.25, RISE_MIN = 0x1p-20;
+
+/* What linear interpolation leaves out of f at p in storage cell c, and the
+ * gradient of f there, in storage space. */
+static double remainder_at(const lr_volume *v, int32_t object, const int32_t c[3],
+                           const double p[3], double g[3])
+{
+    double b[64], sum = 0;
+    const int stride[3] = {1, 4, 16};
+    lr_block_of(v, object, c[0] - 1, c[1] - 1, c[2] - 1, 4, b);
+    for (int a = 0; a < 3; a++) {
+        double corner[8];
+        for (int n = 0; n < 8; n++) {
+            const double *at = b + 21 + (n & 1) + 4 * (n >> 1 & 1) + 16 * (n >> 2);
+            corner[n] = at[stride[a]] - 2 * at[0] + at[-stride[a]];
+        }
+        sum -= 0.5 * p[a] * (1 - p[a]) * lr_trilinear(corner, p);
+    }
+    const double cell[8] = {b[21], b[22], b[25], b[26], b[37], b[38], b[41], b[42]};
+    lr_trilinear_gradient(cell, p, g);
+    return sum;
+}
+
+/* Where the hit lies: its storage cell and the place in it. */
+static void locate(const lr_placed *placed, const lr_surfel *s, int32_t c[3], double p[3])
+{
+    const lr_volume *v = lr_structure_volume(placed->structure);
+    double object[3];
+    for (int a = 0; a < 3; a++)
+        c[a] = s->start.cell[a] + LR_PAD;
+    lr_map_point(placed->object_from_world, s->position, object);
+    lr_map_point(v->storage_from_object, object, p);
+    for (int a = 0; a < 3; a++)
+        p[a] = lr_clamp(p[a] - c[a], 0, 1);
+}
+
+/* From the hit, at p of storage cell c, to the smooth surface above it, in world
+ * space; false where that is not above. A hit in an exact cell lies on a triangle,
+ * which is no facet of anything smoother that the samples know; nor are those beside
+ * it, where second differences reach over a crease. */
+static bool rise(const lr_placed *placed, const lr_surfel *s, int32_t id, const int32_t c[3],
+                 const double p[3], double offset[3])
+{
+    const lr_volume *v = lr_structure_volume(placed->structure);
+    double g[3], g_object[3], g_world[3];
+    if (lr_near_doubt(v, c))
+        return false;
+    const double left_out = remainder_at(v, lr_object_of(v, id), c, p, g);
+    const double slope = sqrt(lr_dot(g, g));
+    lr_map_gradient(v->storage_from_object, g, g_object);
+    lr_map_gradient(placed->object_from_world, g_object, g_world);
+    const double share =
+        lr_clamp(left_out, -RISE_MAX * slope, RISE_MAX * slope) / lr_dot(g_world, g_world);
+    for (int a = 0; a < 3; a++)
+        offset[a] = -share * g_world[a];
+    return fabs(left_out) > RISE_MIN * slope && lr_dot(offset, s->point.facing) > 0;
+}
+
+/* The same for a hit on a triangle that carries normals. */
+static bool lift(const lr_placed *placed, const lr_surfel *s, uint32_t triangle,
+                 const int32_t c[3], const double p[3], double offset[3])
+{
+    lr_smooth_triangle t;
+    double side = 0;
+    memset(offset, 0, 3 * sizeof *offset);
+    if (!lr_volume_smooth_triangle(lr_structure_volume(placed->structure), c, p, triangle, &t))
+        return false;
+    for (int b = 0; b < 3; b++) {
+        double corner[3], normal[3], below = 0, length2 = 0;
+        lr_map_point(placed->world_from_object, t.corner[b], corner);
+        lr_map_gradient(placed->object_from_world, t.normal[b], normal);
+        side += t.at[b] * lr_dot(normal, s->point.facing);
+        for (int a = 0; a < 3; a++) {
+            below += (corner[a] - s->position[a]) * normal[a];
+            length2 += normal[a] * normal[a];
+        }
+        t.corner[b][0] = below / length2; /* how far, in its normals */
+        memcpy(t.normal[b], normal, sizeof normal);
+    }
+    for (int b = 0; b < 3; b++)
+        for (int a = 0; a < 3; a++)
+            if ((t.corner[b][0] > 0) == (side > 0))
+                offset[a] += t.at[b] * t.corner[b][0] * t.normal[b][a];
+    return lr_dot(offset, s->point.facing) > 0;
+}
+
+/* Indices of refraction on the viewer's side over that on the far side. Where
+ * the viewer is inside, the solid is left, else entered. */
+static double eta(const lr_scene *scene, const lr_surfel *s, const lr_insides *insides)
+{
+    const bool solid = scene->instances[s->instance].enterable;
+    lr_insides beyond = *insides;
+    if (s->point.inside && solid) {
+        lr_insides_leave(&beyond, s->instance);
+        const bool known = beyond.n < insides->n;
+        return (known ? lr_insides_ior(scene, insides) : s->material->ior) /
+               lr_insides_ior(scene, &beyond);
+    }
+    const double around = lr_insides_ior(scene, &beyond);
+    return s->point.inside ? s->material->ior / around : around / s->material->ior;
+}
+
+void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
+                     const lr_insides *insides, lr_surfel *surfel)
+{
+    const lr_placed *placed = &scene->instances[wave->instance[i]];
+    const lr_hits *hit = &wave->hit;
+    lr_point *point = &surfel->point;
+    double o[3], d[3];
+    lr_get_ray(&wave->ray, i, o, d);
+    const double normal[3] = {hit->nx[i], hit->ny[i], hit->nz[i]};
+    const double field_normal[3] = {hit->gx[i], hit->gy[i], hit->gz[i]};
+    const double length = sqrt(lr_dot(d, d));
+    for (int a = 0; a < 3; a++) {
+        surfel->position[a] = o[a] + wave->t[i] * d[a];
+        point->view[a] = -d[a] / length;
+        point->color[a] = 1;
+    }
+    world_normal(placed, normal, d, point->normal);
+    world_normal(placed, field_normal, d, point->facing);
+    point->inside = lr_dot(d, point->facing) > 0;
+    if (point->inside)
+        for (int a = 0; a < 3; a++) {
+            point->normal[a] = -point->normal[a];
+            point->facing[a] = -point->facing[a];
+        }
+    surfel->instance = wave->instance[i];
+    surfel->start = (lr_start){{hit->ci[i], hit->cj[i], hit->ck[i]}, point->inside ? 1 : -1};
+    const lr_volume *volume = lr_structure_volume(placed->structure);
+    double offset[3], p[3];
+    int32_t c[3];
+    point->bends = hit->triangle[i] != LR_NO_TRIANGLE || lr_carries_normals(volume);
+    if (!point->bends && !(lr_dot(point->normal, point->view) > 0)) /* at the rim of the field */
+        memcpy(point->normal, point->facing, sizeof point->normal);
+    locate(placed, surfel, c, p);
+    lr_volume_color(volume, c, p, hit->id[i], hit->triangle[i], 0.0,
+                    point->color);
+    memcpy(surfel->origin, surfel->position, sizeof surfel->origin);
+    surfel->risen = rise(placed, surfel, hit->id[i], c, p, offset);
+    for (int a = 0; a < 3 && surfel->risen; a++)
+        surfel->origin[a] += offset[a];
+    surfel->lifts = lift(placed, surfel, hit->triangle[i], c, p, surfel->lift);
+    uint32_t slot;
+    surfel->material_index = lr_material_of(scene, surfel->instance, hit->id[i], &slot);
+    surfel->material = &scene->materials[surfel->material_index];
+    surfel->object_index =
+        scene->slot_objects != NULL ? scene->slot_objects[slot] : placed->object_index;
+    const bool bends = (surfel->material->flags & LR_MATERIAL_REFRACTS) != 0;
+    point->eta = !bends ? 1 : scene->lone_media ? 0 : eta(scene, surfel, insides);
+    lr_bsdf_at(surfel->material, point, &surfel->bsdf);
+}
+
+lr_start lr_surface_start(const lr_surfel *surfel, bool beyond)
+{
+    lr_start start = surfel->start;
+    start.side = beyond ? -start.side : surfel->risen ? 0 : start.side;
+    return start;
+}
+
+lr_start lr_surface_light_start(const lr_surfel *s, bool beyond, const double d[3],
+                                double origin[3])
+{
+    static const double GRAZES = 0.1; /* sine: Blender's Shadow Terminator Geometry Offset */
+    const double amount = s->lifts && !beyond ? 1 - lr_dot(d, s->point.facing) / GRAZES : 0;
+    lr_start start = lr_surface_start(s, beyond);
+    memcpy(origin, beyond ? s->position : s->origin, 3 * sizeof *origin);
+    if (!(amount > 0))
+        return start;
+    for (int a = 0; a < 3; a++)
+        origin[a] += fmin(amount, 1) * s->lift[a];
+    start.side = 0;
+    return start;
+}
+
+bool lr_surface_cross(const lr_scene *scene, const lr_surfel *surfel, lr_insides *insides)
+{
+    const uint32_t media = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
+    if (!scene->instances[surfel->instance].enterable)
+        return false;
+    if (!surfel->point.inside && (surfel->material->flags & media) != 0)
+        return lr_insides_enter(insides, surfel->instance, surfel->material_index);
+    if (surfel->point.inside)
+        lr_insides_leave(insides, surfel->instance);
+    return false;
+}

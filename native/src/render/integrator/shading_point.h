@@ -1,0 +1,28 @@
+/* From a hit to the point that is lit.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_RENDER_INTEGRATOR_SHADING_POINT_H
+#define LR_RENDER_INTEGRATOR_SHADING_POINT_H
+
+#include "render/integrator/queues.h"
+
+/* The point that ray i of the wave, which is in these solids, has hit. Surfaces
+ * have two sides; the direction of the ray against the field's own normal tells
+ * which one is seen, and the normals are turned to it. Sets all but path and
+ * chance. */
+void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
+                     const lr_insides *insides, lr_surfel *surfel);
+
+/* What a ray is in after it has gone through the surface; true where that was too
+ * much and something was forgotten. */
+bool lr_surface_cross(const lr_scene *scene, const lr_surfel *surfel, lr_insides *insides);
+
+/* Where rays leave the surface: those on the viewer's side start at
+ * surfel->origin, those beyond at surfel->position. */
+lr_start lr_surface_start(const lr_surfel *surfel, bool beyond);
+
+/* Likewise, and from which point, for a ray along d (unit) that asks for light. */
+lr_start lr_surface_light_start(const lr_surfel *surfel, bool beyond, const double d[3],
+                                double origin[3]);
+
+#endif

@@ -1,0 +1,307 @@
+/* Area lights.
+ *
+ * A rectangle or an ellipse that shines to one side by Lambert's law. A narrower
+ * spread is that of a grid of slats before it, brightened so that as much light
+ * leaves as without it; from a point only that part of the light is seen through
+ * the slats that lies within the spread about the foot of the point's perpendicular:
+ * a disc. A spread of 0 makes a beam: every point is lit from its foot alone.
+ *
+ * Only the part that is seen is sampled: rectangles evenly by the solid angle of
+ * the box around what the light and the disc have in common, ellipses by the smallest
+ * of that box, the disc and themselves.
+ *
+ * The sides of a sheared light are not at right angles, nor is its direction to
+ * them. Everything here takes coordinates by products with the sides, as if they
+ * were, and so does Cycles, whose picture of such a light this is.
+ *
+ * Source: the lights of Blender's manual; units and spread were measured in Cycles.
+ * Urena, Fajardo, King, An area-preserving parametrization for spherical rectangles,
+ * 2013.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/lights/area_light.h"
+
+static const double PI = 3.141592653589793;
+
+/* Spreads from here on are as good as pi: slats that let everything through. */
+static const double SPREAD_FULL = 3.141592653589793 - 2e-6;
+/* Half a spread below which tan(h) - h loses digits, and h^3 / 3 is as good to 1e-8. */
+static const double SPREAD_THIN = 1e-4;
+
+/* ---- radiance ------------------------------------------------------------- */
+
+static bool is_full(const lr_light *light)
+{
+    return light->angle >= SPREAD_FULL;
+}
+
+/* What leaves along d, which leads to the light, as a share of its color; not of a beam. */
+static double let_out(const lr_light *light, const double d[3])
+{
+    const double cosine = -lr_dot(d, light->direction);
+    if (!(cosine > 0))
+        return 0;
+    if (is_full(light))
+        return 1;
+    const double half = 0.5 * light->angle, steepest = tan(half);
+    const double slope = sqrt(fmax(1 - cosine * cosine, 0)) / cosine;
+    const double lost = half > SPREAD_THIN ? steepest - half : half * half * half / 3;
+    return fmax(steepest - slope, 0) / lost;
+}
+
+static bool shine(const lr_light *light, const double d[3], double color[3])
+{
+    const double share = let_out(light, d);
+    for (int a = 0; a < 3; a++)
+        color[a] = share * light->color[a];
+    return share > 0;
+}
+
+static double area_of(const lr_light *light)
+{
+    const double *u = light->axis_u, *v = light->axis_v;
+    return sqrt(lr_dot(u, u) * lr_dot(v, v)) * (light->shape == LR_LIGHT_ROUND ? PI / 4 : 1);
+}
+
+double lr_area_light_intensity(const lr_light *light)
+{
+    const double *n = light->direction, against[3] = {-n[0], -n[1], -n[2]};
+    return area_of(light) * (light->angle > 0 ? let_out(light, against) : PI);
+}
+
+/* ---- what is seen ----------------------------------------------------------- */
+
+/* Which points are drawn from a part of the light, and how. */
+typedef enum lr_part_kind {
+    LR_PART_BOX,      /* evenly by solid angle */
+    LR_PART_FLAT_BOX, /* by area, as all that follow: it is seen as too small */
+    LR_PART_ELLIPSE,  /* the whole light */
+    LR_PART_DISC
+} lr_part_kind;
+
+/* A part of a light as seen from a point, in coordinates along the light's sides
+ * from its centre. */
+typedef struct lr_light_part {
+    lr_part_kind kind;
+    double axis[3][3];       /* along the sides; the last across them, towards the point */
+    double length[2];        /* of the sides */
+    double to[3];            /* from the point to the light's centre */
+    double height;           /* of the point over the light's plane, along its direction */
+    double foot[2];          /* of the point's perpendicular */
+    double radius;           /* of the disc that is seen through the slats */
+    double lo[2], hi[2];     /* of the box */
+    double area;             /* of the part */
+    double x[2], y[2], z;    /* the box from the point */
+    double b0, b1, k, angle; /* names of the source; angle: solid */
+} lr_light_part;
+
+/* Below it the excess of the angles is inexact, and a rectangle is as good as flat. */
+static const double ANGLE_MIN = 1e-4;
+
+/* The cosine of a plane through the origin and a side at that height. */
+static double tilt(double side, double z)
+{
+    return side / sqrt(side * side + z * z);
+}
+
+/* The solid angle of the box. */
+static void see_box(lr_light_part *r)
+{
+    r->z = lr_dot(r->to, r->axis[2]);
+    for (int k = 0; k < 2; k++) {
+        r->x[k] = lr_dot(r->to, r->axis[0]) + (k == 0 ? r->lo[0] : r->hi[0]);
+        r->y[k] = lr_dot(r->to, r->axis[1]) + (k == 0 ? r->lo[1] : r->hi[1]);
+    }
+    r->area = (r->hi[0] - r->lo[0]) * (r->hi[1] - r->lo[1]);
+    const double n0 = -tilt(r->y[0], r->z), n1 = tilt(r->x[1], r->z);
+    const double n2 = tilt(r->y[1], r->z), n3 = -tilt(r->x[0], r->z);
+    r->b0 = n0;
+    r->b1 = n2;
+    r->k = 2 * PI - acos(-n2 * n3) - acos(-n3 * n0);
+    r->angle = acos(-n0 * n1) + acos(-n1 * n2) - r->k;
+    r->kind = r->angle > ANGLE_MIN ? LR_PART_BOX : LR_PART_FLAT_BOX;
+}
+
+/* Cut the box to the disc; false where they have nothing in common. */
+static bool cut_to_disc(const lr_light *light, lr_light_part *r)
+{
+    r->radius = r->height * tan(0.5 * light->angle);
+    for (int a = 0; a < 2; a++) {
+        r->lo[a] = fmax(r->lo[a], r->foot[a] - r->radius);
+        r->hi[a] = fmin(r->hi[a], r->foot[a] + r->radius);
+        if (!(r->lo[a] < r->hi[a]))
+            return false;
+    }
+    return true;
+}
+
+/* The part of a light with extent that is seen from p; false where there is none. */
+static bool see_part(const lr_light *light, const double p[3], lr_light_part *r)
+{
+    const double *side[2] = {light->axis_u, light->axis_v};
+    for (int a = 0; a < 3; a++)
+        r->to[a] = light->position[a] - p[a];
+    r->height = -lr_dot(r->to, light->direction);
+    if (!(r->height > fmax(light->plane_margin, 0)))
+        return false;
+    for (int k = 0; k < 2; k++) {
+        r->length[k] = sqrt(lr_dot(side[k], side[k]));
+        for (int a = 0; a < 3; a++)
+            r->axis[k][a] = side[k][a] / r->length[k];
+        r->foot[k] = -lr_dot(r->to, r->axis[k]) - r->height * lr_dot(light->direction, r->axis[k]);
+        r->lo[k] = -0.5 * r->length[k];
+        r->hi[k] = 0.5 * r->length[k];
+    }
+    const double *x = r->axis[0], *y = r->axis[1];
+    const double n[3] = {x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2],
+                         x[0] * y[1] - x[1] * y[0]};
+    const double sign = lr_dot(r->to, n) > 0 ? -1 : 1;
+    for (int a = 0; a < 3; a++)
+        r->axis[2][a] = sign * n[a];
+    const bool narrow = !is_full(light);
+    if (narrow && !cut_to_disc(light, r))
+        return false;
+    const double whole = area_of(light), disc = narrow ? PI * r->radius * r->radius : INFINITY;
+    const double box = (r->hi[0] - r->lo[0]) * (r->hi[1] - r->lo[1]);
+    if (light->shape == LR_LIGHT_FULL || box < fmin(whole, disc)) {
+        see_box(r);
+        return r->z < 0;
+    }
+    r->kind = disc < whole ? LR_PART_DISC : LR_PART_ELLIPSE;
+    r->area = fmin(disc, whole);
+    return true;
+}
+
+/* ---- sampling ------------------------------------------------------------- */
+
+/* The place in the box, from the point, for u: evenly by solid angle. */
+static void place_by_angle(const lr_light_part *r, const double u[2], double *x, double *y)
+{
+    const double a = u[0] * r->angle + r->k;
+    const double f = (cos(a) * r->b0 - r->b1) / sin(a);
+    const double c = lr_clamp(copysign(1 / sqrt(f * f + r->b0 * r->b0), f), -1, 1);
+    *x = lr_clamp(-c * r->z / sqrt(fmax(1 - c * c, 1e-300)), r->x[0], r->x[1]);
+    const double d = sqrt(*x * *x + r->z * r->z);
+    const double h0 = tilt(r->y[0], d), h1 = tilt(r->y[1], d), h = h0 + u[1] * (h1 - h0);
+    *y = lr_clamp(h * d / sqrt(fmax(1 - h * h, 1e-300)), r->y[0], r->y[1]);
+}
+
+/* Per solid angle, in direction d, where the part is `distance` away. */
+static double density(const lr_light *light, const lr_light_part *r, const double d[3],
+                      double distance)
+{
+    if (r->kind == LR_PART_BOX)
+        return 1 / r->angle;
+    if (r->kind == LR_PART_FLAT_BOX)
+        return distance * distance * distance / (r->area * -r->z);
+    return distance * distance / (r->area * fabs(lr_dot(d, light->direction)));
+}
+
+/* The place in the box for u, from the point, and its density. */
+static double draw_in_box(const lr_light_part *r, const double u[2], double to[3])
+{
+    double x = r->x[0] + u[0] * (r->x[1] - r->x[0]), y = r->y[0] + u[1] * (r->y[1] - r->y[0]);
+    if (r->kind == LR_PART_BOX)
+        place_by_angle(r, u, &x, &y);
+    for (int k = 0; k < 3; k++)
+        to[k] = x * r->axis[0][k] + y * r->axis[1][k] + r->z * r->axis[2][k];
+    return density(NULL, r, NULL, sqrt(x * x + y * y + r->z * r->z));
+}
+
+/* As draw_in_box, for the ellipse or the disc. */
+static double draw_in_ellipse(const lr_light *light, const lr_light_part *r, const double u[2],
+                              double to[3])
+{
+    const bool disc = r->kind == LR_PART_DISC;
+    const double off = sqrt(u[0]), angle = 2 * PI * u[1];
+    const double half[2] = {disc ? r->radius : 0.5 * r->length[0],
+                            disc ? r->radius : 0.5 * r->length[1]};
+    const double x = (disc ? r->foot[0] : 0) + half[0] * off * cos(angle);
+    const double y = (disc ? r->foot[1] : 0) + half[1] * off * sin(angle);
+    for (int k = 0; k < 3; k++)
+        to[k] = r->to[k] + x * r->axis[0][k] + y * r->axis[1][k];
+    const double distance = sqrt(lr_dot(to, to));
+    const double d[3] = {to[0] / distance, to[1] / distance, to[2] / distance};
+    return density(light, r, d, distance);
+}
+
+/* Does the light itself hold the place, from the point? */
+static bool holds(const lr_light_part *r, int32_t shape, const double to[3])
+{
+    double x = 0, y = 0;
+    for (int a = 0; a < 3; a++) {
+        x += (to[a] - r->to[a]) * r->axis[0][a];
+        y += (to[a] - r->to[a]) * r->axis[1][a];
+    }
+    x /= r->length[0];
+    y /= r->length[1];
+    return shape == LR_LIGHT_ROUND ? x * x + y * y <= 0.25 : fabs(x) <= 0.5 && fabs(y) <= 0.5;
+}
+
+/* Where rays to the light end, or have to come from, whose light is `distance` away. */
+static double end_of(const lr_light *light, double height, double distance)
+{
+    return fmax(distance * (1 + light->plane_margin / height), 0);
+}
+
+/* All light comes from the foot of p. */
+static bool sample_beam(const lr_light *light, const double p[3], lr_light_ray *ray)
+{
+    lr_light_part r;
+    lr_light wide = *light;
+    double to[3];
+    wide.angle = PI;
+    if (!see_part(&wide, p, &r))
+        return false;
+    ray->delta = true;
+    ray->pdf = 1;
+    ray->distance = end_of(light, r.height, r.height);
+    for (int a = 0; a < 3; a++) {
+        ray->direction[a] = -light->direction[a];
+        ray->color[a] = PI * light->color[a];
+        to[a] = r.height * ray->direction[a];
+    }
+    return holds(&r, light->shape, to);
+}
+
+bool lr_area_light_sample(const lr_light *light, const double p[3], const double u[2],
+                          lr_light_ray *ray)
+{
+    lr_light_part r;
+    double to[3];
+    if (light->angle == 0)
+        return sample_beam(light, p, ray);
+    if (!see_part(light, p, &r))
+        return false;
+    ray->pdf =
+        r.kind <= LR_PART_FLAT_BOX ? draw_in_box(&r, u, to) : draw_in_ellipse(light, &r, u, to);
+    const double distance = sqrt(lr_dot(to, to));
+    for (int a = 0; a < 3; a++)
+        ray->direction[a] = to[a] / distance;
+    ray->distance = end_of(light, r.height, distance);
+    if (!(ray->pdf > 0 && ray->pdf < INFINITY))
+        return false;
+    if (light->shape == LR_LIGHT_FULL &&
+        is_full(light)) { /* sheared: before and behind, as Cycles */
+        memcpy(ray->color, light->color, sizeof ray->color);
+        return true;
+    }
+    const bool all = r.kind == LR_PART_ELLIPSE || light->shape == LR_LIGHT_FULL;
+    return (all || holds(&r, light->shape, to)) && shine(light, ray->direction, ray->color);
+}
+
+bool lr_area_light_hit(const lr_light *light, const double o[3], const double d[3], double *t,
+                       double color[3], double *pdf)
+{
+    lr_light_part r;
+    const double cosine = -lr_dot(d, light->direction);
+    if (!(cosine > 0) || light->angle == 0 || !see_part(light, o, &r))
+        return false;
+    const double distance = r.height / cosine;
+    const double to[3] = {distance * d[0], distance * d[1], distance * d[2]};
+    if (!holds(&r, light->shape, to) || !shine(light, d, color))
+        return false;
+    *pdf = density(light, &r, d, distance);
+    *t = end_of(light, r.height, distance);
+    return true;
+}

@@ -1,0 +1,41 @@
+/* Lights: where they are seen, how brightly, and how to choose a way to them.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_RENDER_LIGHTS_LIGHT_H
+#define LR_RENDER_LIGHTS_LIGHT_H
+
+#include "base/base.h"
+
+/* A way from a point to a light: what arrives is f cos x color / pdf. */
+typedef struct lr_light_ray {
+    double direction[3]; /* unit */
+    double distance;     /* infinity for suns */
+    double color[3];     /* radiance; of a light without extent the irradiance it brings */
+    double pdf;          /* per solid angle; 1 for a light without extent */
+    bool delta;          /* without extent: no other ray can meet it */
+} lr_light_ray;
+
+/* Can rays meet it? */
+LR_INLINE bool lr_light_has_extent(const lr_light *light)
+{
+    if (light->kind == LR_LIGHT_SUN || light->kind == LR_LIGHT_AREA)
+        return light->angle > 0;
+    return light->radius > 0;
+}
+
+/* Its radiant intensity where it shines brightest, as a share of color; not of a sun. */
+double lr_light_intensity(const lr_light *light);
+
+/* Whether light i can be used. */
+lr_status lr_light_check(const lr_light *light, uint64_t i, lr_error *error);
+
+/* A way from p to the light; false where p gets nothing by it. u: 0..1, 1 not included. */
+bool lr_light_sample(const lr_light *light, const double p[3], const double u[2],
+                     lr_light_ray *ray);
+
+/* Where a ray (d unit) meets a light of extent before t_max: its distance, its radiance, and
+ * the density with which lr_light_sample finds it from o. False where it is missed or dark. */
+bool lr_light_hit(const lr_light *light, const double o[3], const double d[3], double t_max,
+                  double *t, double color[3], double *pdf);
+
+#endif

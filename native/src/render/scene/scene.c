@@ -1,0 +1,279 @@
+/* Making a scene: everything is checked here, once.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/scene/scene.h"
+
+#include "base/affine.h"
+#include "base/error.h"
+#include "grid/brick_grid.h"
+#include "render/lights/light.h"
+#include "trace/structure.h"
+
+enum {
+    VISIBILITY_ALL = LR_VISIBLE_CAMERA | LR_VISIBLE_SHADOW | LR_VISIBLE_DIFFUSE |
+    LR_VISIBLE_GLOSSY | LR_VISIBLE_TRANSMISSION
+};
+
+/* Boxes are grown by this share of a cell. Rays are taken into an instance's
+ * space with an error of some 2^-50 of their origin's coordinates, so surfaces in
+ * the very face of a box are found from a distance of 2^40 cells. */
+static const double MARGIN = 0x1p-10;
+
+static lr_status check_camera(const lr_camera *c, lr_error *error)
+{
+    if (c->projection != LR_PERSPECTIVE && c->projection != LR_ORTHOGRAPHIC)
+        return lr_fail(error, LR_E_ARGUMENT, "the camera's projection must be %d or %d, it is %d",
+                       LR_PERSPECTIVE, LR_ORTHOGRAPHIC, c->projection);
+    if (!lr_all_finite(c->eye, 3) || !lr_all_finite(c->forward, 3) ||
+        !lr_all_finite(c->corner, 3) || !lr_all_finite(c->dx, 3) || !lr_all_finite(c->dy, 3))
+        return lr_fail(error, LR_E_ARGUMENT, "the camera's vectors must be finite, one is not");
+    if (lr_dot(c->forward, c->forward) == 0)
+        return lr_fail(error, LR_E_ARGUMENT, "the camera must look forward, its axis is zero");
+    if (!(c->clip_start < c->clip_end) || !isfinite(c->clip_start))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the camera must clip from a finite depth to a larger one, it clips from "
+                       "%g to %g",
+                       c->clip_start, c->clip_end);
+    return LR_OK;
+}
+
+static lr_status check_instance(const lr_scene_desc *desc, uint64_t i, lr_error *error)
+{
+    const lr_instance *instance = &desc->instances[i];
+    const uint64_t first = instance->first_material, n = instance->n_materials;
+    if (instance->structure != NULL && lr_structure_volume(instance->structure)->planes[0] != NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "instance %llu has a rectilinear volume, which scenes do not take",
+                       (unsigned long long)i);
+    if (instance->structure == NULL)
+        return lr_fail(error, LR_E_ARGUMENT, "instance %llu has no structure",
+                       (unsigned long long)i);
+    if ((instance->visibility & ~(uint32_t)VISIBILITY_ALL) != 0)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "instance %llu has visibility %u, the flags go up to %d",
+                       (unsigned long long)i, instance->visibility, VISIBILITY_ALL);
+    if (n < 1 || first + n > desc->n_slots)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "instance %llu must have 1 or more of the %llu material slots, it has %llu "
+                       "from %llu on",
+                       (unsigned long long)i, (unsigned long long)desc->n_slots,
+                       (unsigned long long)n, (unsigned long long)first);
+    return LR_OK;
+}
+
+static lr_status check_materials(const lr_scene_desc *desc, lr_error *error)
+{
+    for (uint64_t i = 0; i < desc->n_materials; i++) {
+        const lr_status status = lr_material_check(&desc->materials[i], i, error);
+        if (status != LR_OK)
+            return status;
+    }
+    for (uint64_t i = 0; i < desc->n_slots; i++)
+        if (desc->slots[i] >= desc->n_materials)
+            return lr_fail(
+                error, LR_E_ARGUMENT, "slot %llu holds material %u, there are %llu materials",
+                (unsigned long long)i, desc->slots[i], (unsigned long long)desc->n_materials);
+    return LR_OK;
+}
+
+static lr_status check(const lr_scene_desc *desc, lr_error *error)
+{
+    lr_status status = check_camera(&desc->camera, error);
+    if (status != LR_OK)
+        return status;
+    if ((desc->n_instances > 0 && desc->instances == NULL) ||
+        (desc->n_lights > 0 && desc->lights == NULL) ||
+        (desc->n_materials > 0 && desc->materials == NULL) ||
+        (desc->n_slots > 0 && desc->slots == NULL))
+        return lr_fail(error, LR_E_ARGUMENT, "a list of the scene is NULL but not empty");
+    if (!isfinite(desc->mist_start) || !(desc->mist_depth >= 0) || !(desc->mist_power > 0))
+        return lr_fail(
+            error, LR_E_ARGUMENT,
+            "mist must have a finite start, a depth of 0 or more and a power above 0, it "
+            "has %g, %g and %g",
+            desc->mist_start, desc->mist_depth, desc->mist_power);
+    if (desc->n_instances > INT32_MAX)
+        return lr_fail(error, LR_E_SIZE, "a scene holds up to %d instances, there are %llu",
+                       INT32_MAX, (unsigned long long)desc->n_instances);
+    status = lr_environment_check(&desc->world, error);
+    for (uint64_t i = 0; i < desc->n_lights && status == LR_OK; i++)
+        status = lr_light_check(&desc->lights[i], i, error);
+    if (status == LR_OK)
+        status = check_materials(desc, error);
+    for (uint64_t i = 0; i < desc->n_instances && status == LR_OK; i++)
+        status = check_instance(desc, i, error);
+    return status;
+}
+
+/* The world box of the surface cells; empty where there are none. */
+static void bound(const lr_instance *instance, lr_box *box)
+{
+    lr_volume_info info;
+    lr_volume_get_info(lr_structure_volume(instance->structure), &info);
+    double m[16];
+    lr_affine_multiply(instance->world_from_object, info.desc.object_from_index, m);
+    for (int a = 0; a < 3; a++) {
+        box->lo[a] = INFINITY;
+        box->hi[a] = -INFINITY;
+    }
+    if (info.surface_lo[0] > info.surface_hi[0])
+        return;
+    for (int corner = 0; corner < 8; corner++) {
+        double p[3], q[3];
+        for (int a = 0; a < 3; a++)
+            p[a] =
+                corner >> a & 1 ? info.surface_hi[a] + (1 + MARGIN) : info.surface_lo[a] - MARGIN;
+        lr_map_point(m, p, q);
+        for (int a = 0; a < 3; a++) {
+            box->lo[a] = fmin(box->lo[a], q[a]);
+            box->hi[a] = fmax(box->hi[a], q[a]);
+        }
+    }
+}
+
+static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *placed, lr_box *box,
+                       lr_error *error)
+{
+    *placed = (lr_placed){
+        .structure = instance->structure,
+        .visibility = instance->visibility,
+        .object_index = instance->object_index,
+        .first_material = instance->first_material,
+        .n_materials = instance->n_materials,
+        .volume_index = instance->volume_index,
+        .error = instance->error,
+        .holdout = instance->holdout != 0,
+    };
+    if (!lr_affine_invert(instance->world_from_object, placed->object_from_world))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "instance %llu must have a finite, affine and invertible matrix",
+                       (unsigned long long)i);
+    memcpy(placed->world_from_object, instance->world_from_object,
+           sizeof placed->world_from_object);
+    bound(instance, box);
+    if (box->lo[0] <= box->hi[0] && !(lr_all_finite(box->lo, 3) && lr_all_finite(box->hi, 3)))
+        return lr_fail(error, LR_E_SIZE, "instance %llu reaches beyond all numbers",
+                       (unsigned long long)i);
+    return LR_OK;
+}
+
+/* What instances may do to rays. */
+static void judge(lr_scene *scene)
+{
+    const uint32_t media = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
+    for (uint32_t i = 0; i < scene->n_instances; i++) {
+        lr_placed *placed = &scene->instances[i];
+        uint32_t flags = 0;
+        for (uint32_t k = 0; k < placed->n_materials; k++)
+            flags |= scene->materials[scene->slots[placed->first_material + k]].flags;
+        const bool solid = lr_structure_volume(placed->structure)->desc.kind != LR_KIND_SHEET;
+        placed->clear = (flags & LR_MATERIAL_CLEAR) != 0;
+        placed->enterable = solid && (flags & media) != 0;
+        scene->has_clear |= placed->clear;
+        scene->has_media |= placed->enterable;
+        scene->shines |= (flags & LR_MATERIAL_EMITS) != 0;
+    }
+    for (uint64_t k = 0; k < scene->n_lights; k++)
+        scene->has_lamps |= lr_light_has_extent(&scene->lights[k]);
+}
+
+static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error *error)
+{
+    const size_t nbytes = (size_t)desc->n_instances * sizeof(lr_box) + 1;
+    lr_box *boxes = malloc(nbytes);
+    if (boxes == NULL)
+        return lr_fail_memory(error, nbytes, "the boxes of the instances");
+    lr_status status = LR_OK;
+    for (uint64_t i = 0; i < desc->n_instances && status == LR_OK; i++)
+        status = place(&desc->instances[i], i, &scene->instances[i], &boxes[i], error);
+    if (status == LR_OK)
+        status = lr_hierarchy_build(boxes, (uint32_t)desc->n_instances, &scene->hierarchy, error);
+    if (status == LR_OK)
+        judge(scene);
+    free(boxes);
+    return status;
+}
+
+/* A copy of n items; at least one byte, so that only missing memory gives NULL. */
+static void *copy(const void *from, uint64_t n, size_t size)
+{
+    void *to = calloc((size_t)n + 1, size);
+    if (to != NULL && from != NULL && n > 0)
+        memcpy(to, from, (size_t)n * size);
+    return to;
+}
+
+static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *error)
+{
+    scene->camera = desc->camera;
+    scene->n_instances = (uint32_t)desc->n_instances;
+    scene->n_lights = desc->n_lights;
+    scene->world_visibility = desc->world.visibility;
+    scene->world_bounces = desc->world.max_bounces;
+    for (int a = 0; a < 3; a++)
+        scene->world_shines |= desc->world.color[a] != 0;
+    scene->mist_start = desc->mist_start;
+    scene->mist_depth = desc->mist_depth;
+    scene->mist_power = desc->mist_power;
+    scene->film_transparent = desc->film_transparent != 0;
+    scene->lone_media = desc->lone_media != 0;
+    scene->instances = copy(NULL, desc->n_instances, sizeof *scene->instances);
+    scene->lights = copy(desc->lights, desc->n_lights, sizeof *scene->lights);
+    scene->materials = copy(NULL, desc->n_materials, sizeof *scene->materials);
+    scene->lobes = copy(NULL, desc->n_materials * LR_LOBES_MAX, sizeof *scene->lobes);
+    scene->slots = copy(desc->slots, desc->n_slots, sizeof *scene->slots);
+    if (desc->slot_objects != NULL)
+        scene->slot_objects = copy(desc->slot_objects, desc->n_slots, sizeof *scene->slot_objects);
+    if ((desc->slot_objects != NULL && !scene->slot_objects) || !scene->instances ||
+        !scene->lights || !scene->materials || !scene->lobes || !scene->slots)
+        return lr_fail_memory(error, desc->n_instances * sizeof *scene->instances, "the scene");
+    for (uint64_t i = 0; i < desc->n_lights; i++) {
+        double *d = scene->lights[i].direction;
+        const double length = sqrt(lr_dot(d, d));
+        for (int a = 0; a < 3 && scene->lights[i].kind != LR_LIGHT_POINT; a++)
+            d[a] /= length;
+    }
+    for (uint64_t i = 0; i < desc->n_materials; i++)
+        lr_material_make(&desc->materials[i], &scene->lobes[LR_LOBES_MAX * i],
+                         &scene->materials[i]);
+    lr_status status = lr_environment_make(&desc->world, &scene->environment, error);
+    if (status == LR_OK)
+        status = lr_lamps_make(scene->lights, scene->n_lights, &scene->environment, &scene->lamps,
+                               error);
+    return status == LR_OK ? place_all(desc, scene, error) : status;
+}
+
+lr_status lr_scene_new(const lr_scene_desc *desc, lr_scene **scene, lr_error *error)
+{
+    if (desc == NULL || scene == NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "a scene needs a description and a place, one is NULL");
+    lr_status status = check(desc, error);
+    if (status != LR_OK)
+        return status;
+    lr_scene *s = calloc(1, sizeof *s);
+    if (s == NULL)
+        return lr_fail_memory(error, sizeof *s, "the scene");
+    status = fill(desc, s, error);
+    if (status == LR_OK)
+        *scene = s;
+    else
+        lr_scene_free(s);
+    return status;
+}
+
+void lr_scene_free(lr_scene *scene)
+{
+    if (scene == NULL)
+        return;
+    lr_environment_free(&scene->environment);
+    lr_lamps_free(&scene->lamps);
+    free(scene->hierarchy.nodes);
+    free(scene->instances);
+    free(scene->lights);
+    free(scene->materials);
+    free(scene->lobes);
+    free(scene->slots);
+    free(scene->slot_objects);
+    free(scene);
+}

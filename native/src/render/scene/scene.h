@@ -1,0 +1,50 @@
+/* A scene as the renderer keeps it: checked, copied, ready for rays.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_RENDER_SCENE_SCENE_H
+#define LR_RENDER_SCENE_SCENE_H
+
+#include "render/bsdf/material.h"
+#include "render/lights/environment.h"
+#include "render/lights/light_tree.h"
+#include "render/scene/bvh.h"
+
+/* An instance, as seen from a ray. */
+typedef struct lr_placed {
+    const lr_structure *structure;
+    double object_from_world[16], world_from_object[16];
+    uint32_t visibility; /* lr_visibility */
+    int32_t object_index;
+    uint32_t first_material, n_materials;
+    int32_t volume_index;
+    double error;   /* of its surface, in world space */
+    bool clear;     /* lets some light straight through */
+    bool enterable; /* a solid that bends or absorbs light */
+    bool holdout;
+} lr_placed;
+
+struct lr_scene {
+    lr_camera camera;
+    lr_placed *instances;
+    uint32_t n_instances;
+    lr_light *lights; /* directions of unit length */
+    uint64_t n_lights;
+    lr_lamps lamps;
+    lr_material *materials;
+    lr_lobe *lobes; /* of all materials */
+    uint32_t *slots;
+    int32_t *slot_objects; /* or NULL */
+    lr_environment environment;
+    uint32_t world_visibility; /* lr_visibility */
+    int32_t world_bounces;     /* limit of those behind which it is not asked */
+    bool world_shines;         /* its color is not black */
+    bool has_clear, has_media; /* instances that are clear, enterable */
+    bool has_lamps;            /* lights that rays can meet */
+    bool shines;               /* some material does */
+    double mist_start, mist_depth, mist_power;
+    bool film_transparent;
+    bool lone_media; /* see lr_scene_desc */
+    lr_hierarchy hierarchy;
+};
+
+#endif

@@ -1,0 +1,138 @@
+/* What is written for a ray: misses, and hits with normals and ids.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_TRACE_HIT_RECORD_H
+#define LR_TRACE_HIT_RECORD_H
+
+#include "trace/hit_normal.h"
+#include "trace/object_cell.h"
+
+LR_INLINE void lr_put_triple(double *x, double *y, double *z, uint64_t i, const double v[3])
+{
+    if (x != NULL)
+        x[i] = v[0];
+    if (y != NULL)
+        y[i] = v[1];
+    if (z != NULL)
+        z[i] = v[2];
+}
+
+LR_INLINE void lr_put_cell(const lr_hits *hits, uint64_t i, const int32_t c[3])
+{
+    if (hits->ci != NULL)
+        hits->ci[i] = c[0] - LR_PAD;
+    if (hits->cj != NULL)
+        hits->cj[i] = c[1] - LR_PAD;
+    if (hits->ck != NULL)
+        hits->ck[i] = c[2] - LR_PAD;
+}
+
+LR_INLINE void lr_put_miss(const lr_hits *hits, uint64_t i)
+{
+    static const double zero[3] = {0.0, 0.0, 0.0};
+    static const int32_t nowhere[3] = {INT32_MIN + LR_PAD, INT32_MIN + LR_PAD, INT32_MIN + LR_PAD};
+    hits->t[i] = INFINITY;
+    lr_put_cell(hits, i, nowhere);
+    lr_put_triple(hits->nx, hits->ny, hits->nz, i, zero);
+    lr_put_triple(hits->gx, hits->gy, hits->gz, i, zero);
+    if (hits->id != NULL)
+        hits->id[i] = 0;
+    if (hits->triangle != NULL)
+        hits->triangle[i] = LR_NO_TRIANGLE;
+}
+
+LR_INLINE void lr_towards_origin(const double d[3], double normal[3])
+{
+    double length = sqrt(lr_dot(d, d));
+    for (int a = 0; a < 3; a++)
+        normal[a] = -d[a] / length;
+}
+
+/* The id of the object sample nearest to p among the cell's corners. */
+LR_INLINE int32_t lr_nearest_id(const lr_volume *v, const int32_t c[3], const double corner[8],
+                                const double p[3])
+{
+    if (v->ids == NULL)
+        return 0;
+    double nearest = INFINITY;
+    int32_t id = 0;
+    for (int b = 0; b < 8; b++) {
+        const double q[3] = {p[0] - (b & 1), p[1] - (b >> 1 & 1), p[2] - (b >> 2)};
+        double square = lr_dot(q, q);
+        if (corner[b] >= v->threshold && square < nearest) {
+            nearest = square;
+            id = v->ids[lr_sample_at(v, c[0] + (b & 1), c[1] + (b >> 1 & 1), c[2] + (b >> 2))];
+        }
+    }
+    return id;
+}
+
+/* What is known of a triangle that was hit. */
+LR_INLINE void lr_put_triangle(const lr_volume *v, const lr_hits *hits, uint64_t i,
+                               const lr_found *found, int32_t normal_kind)
+{
+    double own[3], shading[3];
+    if (hits->triangle != NULL)
+        hits->triangle[i] = found->triangle;
+    if (hits->id != NULL)
+        hits->id[i] = v->exact->id != NULL ? v->exact->id[found->triangle] : 0;
+    if (hits->nx == NULL && hits->gx == NULL)
+        return;
+    lr_triangle_normals(v, found->triangle, found->c, found->p, normal_kind, own, shading);
+    lr_put_triple(hits->nx, hits->ny, hits->nz, i, shading);
+    lr_put_triple(hits->gx, hits->gy, hits->gz, i, own);
+}
+
+/* A surface hit; d is the ray's direction in object space. */
+LR_INLINE void lr_put_surface(const lr_volume *v, const lr_hits *hits, uint64_t i,
+                              const lr_found *found, const double d[3], int32_t normal_kind)
+{
+    const int32_t *c = found->c;
+    const double *corner = found->corner;
+    hits->t[i] = found->t;
+    lr_put_cell(hits, i, c);
+    if (found->triangle != LR_NO_TRIANGLE) {
+        lr_put_triangle(v, hits, i, found, normal_kind);
+        return;
+    }
+    if (hits->id == NULL && hits->nx == NULL && hits->gx == NULL)
+        return; /* only whether and where */
+    const int32_t id = found->object != LR_NO_OBJECT ? lr_id_of_object(v, found)
+                                                     : lr_nearest_id(v, c, corner, found->p);
+    if (hits->id != NULL)
+        hits->id[i] = id;
+    if (hits->nx == NULL && hits->gx == NULL)
+        return;
+    double own[3], shading[3];
+    if (!lr_field_normal(v, c, corner, found->p, own))
+        lr_towards_origin(d, own);
+    lr_put_triple(hits->gx, hits->gy, hits->gz, i, own);
+    if (hits->nx == NULL)
+        return;
+    lr_field_shading_normal(v, found->object, id, c, found->p, normal_kind, own, shading);
+    lr_put_triple(hits->nx, hits->ny, hits->nz, i, shading);
+}
+
+/* An object cell: its normal is that of the face by which the ray came, none
+ * where it started inside. */
+LR_INLINE void lr_put_binary(const lr_volume *v, const lr_hits *hits, uint64_t i, const lr_ray *r,
+                             const lr_cursor *u)
+{
+    double g[3] = {0.0, 0.0, 0.0}, normal[3] = {0.0, 0.0, 0.0};
+    hits->t[i] = u->t;
+    lr_put_cell(hits, i, u->c);
+    if (u->axis >= 0) {
+        g[u->axis] = r->s[u->axis];
+        lr_outward(v, g, normal);
+    }
+    lr_put_triple(hits->nx, hits->ny, hits->nz, i, normal);
+    lr_put_triple(hits->gx, hits->gy, hits->gz, i, normal);
+    if (hits->id != NULL) {
+        double corner[8];
+        const double centre[3] = {0.5, 0.5, 0.5};
+        lr_corners(v, u->c, corner);
+        hits->id[i] = lr_nearest_id(v, u->c, corner, centre);
+    }
+}
+
+#endif

@@ -1,0 +1,109 @@
+/* The hit test of exact cells, and of the cells that a ray enters from one.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_TRACE_TRIANGLE_CELL_H
+#define LR_TRACE_TRIANGLE_CELL_H
+
+#include "grid/triangle_cells.h"
+#include "trace/object_cell.h"
+#include "trace/uniform_samples.h"
+
+/* How a ray left a surface. */
+typedef struct lr_leaving {
+    double t;        /* where */
+    int32_t side;    /* on which side, -1 or +1; 0: it left none, or nobody knows */
+    int32_t cell[3]; /* storage cell; where there is a side */
+} lr_leaving;
+
+/* start: NULL where rays leave nothing. Where its cell is none, the ray is given up
+ * before it meets anything. */
+LR_INLINE lr_leaving lr_leaving_of(const lr_start *start, double t_min)
+{
+    lr_leaving leaving = {.t = t_min, .side = start != NULL ? start->side : 0};
+    for (int a = 0; a < 3 && leaving.side != 0; a++)
+        leaving.cell[a] = (int32_t)((uint32_t)start->cell[a] + LR_PAD);
+    return leaving;
+}
+
+/* Does the ray meet a triangle in the exact cell it stands on? *side: see lr_hit. */
+bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
+                  const lr_leaving *leaving, const lr_trace_options *options, int *side,
+                  lr_found *found, uint64_t *n_samples);
+
+/* The hit test in a cell of a solid's field, where an exact cell has handed a side on. */
+bool lr_hit_handed(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
+                   const lr_trace_options *options, int *side, lr_found *found,
+                   uint64_t *n_samples);
+
+/* The same of a sheet, which rays may pass by: the side on which the search starts, 0: as the
+ * field says; or LR_STILL where the field leaves the cell on the other side, by no more than
+ * it may be off: then there is nothing to be hit yet. */
+enum { LR_STILL = INT32_MAX };
+int lr_handed_on(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side,
+                 uint64_t *n_samples);
+
+/* Does the field say that the ray, which leaves a surface on this side, starts on the
+ * other one, and by more than rounding? Then it leaves the triangle of an exact cell, but
+ * from a point beyond that cell. */
+bool lr_starts_off(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side);
+
+/* The hit test of any cell. *side as in lr_hit_cell, but twice that where an exact
+ * cell has handed it on; what it is afterwards goes with the next cell. What the rare
+ * branches are given are copies, so that the ray and the cursor may live in registers. */
+LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_spacing spacing, const lr_cursor *u,
+                      const lr_leaving *leaving, int *side, const lr_trace_options *options,
+                      lr_found *found, uint64_t *n_samples)
+{
+    int start = *side;
+    if (v->exact != NULL) {
+        const lr_ray ray = *r;
+        const lr_cursor cursor = *u;
+        uint64_t more = 0;
+        if (lr_is_exact(v, cursor.c)) {
+            lr_found own;
+            const lr_leaving left = *leaving;
+            const bool hit = lr_hit_exact(v, &ray, &cursor, &left, options, &start, &own, &more);
+            *n_samples += more;
+            *side = start;
+            if (hit)
+                *found = own;
+            return hit;
+        }
+        if (abs(start) == 1 && lr_starts_off(v, &ray, &cursor, start))
+            *side = start = 2 * start;
+        if (abs(start) > 1 && v->desc.kind == LR_KIND_SOLID && v->objects == NULL) {
+            lr_found own;
+            const bool hit = lr_hit_handed(v, &ray, &cursor, options, &start, &own, &more);
+            *n_samples += more;
+            *side = start;
+            if (hit)
+                *found = own;
+            return hit;
+        }
+        if (abs(start) > 1)
+            start = lr_handed_on(v, &ray, &cursor, start, &more);
+        *n_samples += more;
+        if (start == LR_STILL)
+            return false;
+    }
+    *side = 0;
+    if (v->objects != NULL) {
+        const lr_ray ray = *r;
+        const lr_cursor cursor = *u;
+        lr_found own;
+        uint64_t more = 0;
+        const bool hit = lr_hit_objects(v, &ray, &cursor, start, options, &own, &more);
+        *n_samples += more;
+        if (hit)
+            *found = own;
+        found->triangle = LR_NO_TRIANGLE;
+        return hit;
+    }
+    found->triangle = LR_NO_TRIANGLE;
+    found->object = LR_NO_OBJECT;
+    return options->hit_test == LR_HIT_UNIFORM
+               ? lr_hit_uniform(v, r, u, leaving->t, start, options, found, n_samples)
+               : lr_hit_cell(v, r, spacing, u, start, options, found, n_samples);
+}
+
+#endif

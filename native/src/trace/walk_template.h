@@ -1,0 +1,170 @@
+/* The batch template: set-up, walk, hit test and output of every traverser.
+ *
+ * A traverser's file defines LR_NAME (its name in the registry) and either
+ *   LR_BOX   box(data, volume, ray, state, c, lo, hi, tally): true where cell c is
+ *            wanted, else an empty box lo..hi around it, or
+ *   LR_WALK  walk(data, volume, ray, spacing, cursor, state, first, tally): leaves the
+ *            cell it stands on, but on the first call, and goes on until the cursor
+ *            stands on a wanted cell; false where the ray has ended, or
+ *   LR_EVEN_WALK  the same without spacing: planes lie at the integers,
+ * and, where it can take several rays at a time, LR_FITS(volume, data, options) and
+ * LR_FLOCK(volume, data, rays, first, end, options, hits, counters), and
+ * LR_STATE and LR_START(data, volume, ray, spacing, cursor, state) where its walk keeps
+ * something (else neither), then includes this file, which makes
+ * lr_<name>_trace. The state survives a cell whose hit test failed: the walk is
+ * simply called again. All of it is compiled for even planes, and once more for
+ * those of rectilinear volumes where the walk can.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+
+#include "trace/hit_record.h"
+#include "trace/traverser.h"
+#include "trace/triangle_cell.h"
+
+#define LR_JOIN_(a, b, c) a##b##c
+#define LR_JOIN(a, b, c)  LR_JOIN_(a, b, c)
+
+#ifndef LR_STATE
+#define LR_STATE                                            int
+#define LR_START(data, volume, ray, spacing, cursor, state) (*(state) = 0)
+#endif
+
+#ifdef LR_BOX
+LR_INLINE bool lr_walk_boxes(const void *data, const lr_volume *v, const lr_ray *r,
+                             lr_spacing spacing, lr_cursor *u, LR_STATE *state, bool first,
+                             lr_tally *tally)
+{
+    int32_t lo[3], hi[3];
+    if (!first && !lr_step(r, spacing, u))
+        return false;
+    for (;;) {
+        lr_count_cell(tally);
+        if (LR_BOX(data, v, r, state, u->c, lo, hi, tally))
+            return true;
+        const bool one = hi[0] - lo[0] + hi[1] - lo[1] + hi[2] - lo[2] == 0;
+        lr_count_jump(tally, !one);
+        if (one ? !lr_step(r, spacing, u) : !lr_exit(r, spacing, u, lo, hi))
+            return false;
+    }
+}
+#define LR_WALK lr_walk_boxes
+#endif
+
+#ifdef LR_EVEN_WALK
+#define LR_WALK(data, volume, ray, spacing, cursor, state, first, tally)                           \
+    LR_EVEN_WALK(data, volume, ray, cursor, state, first, tally)
+#endif
+
+/* One ray; counted and spacing are constants, so that neither costs anything when out. */
+LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays *rays, uint64_t i,
+                            const lr_trace_options *options, const lr_hits *hits,
+                            lr_spacing spacing, bool counted, lr_counters *counters)
+{
+    lr_ray r;
+    lr_cursor u;
+    LR_STATE state;
+    lr_tally tally = {0};
+    uint64_t n_samples = 0, n_tests = 0;
+    const double o[3] = {rays->ox[i], rays->oy[i], rays->oz[i]};
+    const double d[3] = {rays->dx[i], rays->dy[i], rays->dz[i]};
+    const double t_min = rays->t_min != NULL ? rays->t_min[i] : 0.0;
+    const lr_start *start = rays->start != NULL ? &rays->start[i] : NULL;
+    int side = start != NULL ? start->side : 0;
+    const lr_leaving leaving = lr_leaving_of(start, t_min);
+    bool hit = false, first = true;
+    lr_put_miss(hits, i);
+    if (!lr_ray_setup(&r, v, o, d, rays->t_max != NULL ? rays->t_max[i] : INFINITY) ||
+        !(t_min <= r.t_max))
+        goto end;
+    if (options->mode == LR_MODE_BINARY && lr_starts_inside(v, &r, spacing, t_min, &u)) {
+        lr_put_binary(v, hits, i, &r, &u);
+        hit = true;
+        goto end;
+    }
+    if (!(side != 0 ? lr_leave(v, &r, &u, start, t_min)
+                    : lr_enter(&r, spacing, &u, v->surface_lo, v->surface_hi, t_min)))
+        goto end;
+    LR_START(data, v, &r, spacing, &u, &state);
+    while (LR_WALK(data, v, &r, spacing, &u, &state, first, counted ? &tally : NULL)) {
+        if (options->mode == LR_MODE_BINARY) {
+            lr_put_binary(v, hits, i, &r, &u);
+            hit = true;
+            break;
+        }
+        lr_found found;
+        n_tests++;
+        if (lr_hit(v, &r, spacing, &u, &leaving, &side, options, &found, &n_samples)) {
+            lr_put_surface(v, hits, i, &found, d, options->normal);
+            hit = true;
+            break;
+        }
+        first = false;
+    }
+end:
+    if (counted && hits->steps != NULL)
+        hits->steps[i] = (int32_t)(tally.cells < INT32_MAX ? tally.cells : INT32_MAX);
+    if (counted) {
+        counters->rays++;
+        counters->cells += tally.cells;
+        counters->jumps += tally.jumps;
+        counters->nodes += tally.nodes;
+        counters->tests += n_tests;
+        counters->samples += n_samples;
+        counters->hits += hit;
+        if (counters->most_cells < tally.cells)
+            counters->most_cells = tally.cells;
+    }
+}
+
+LR_INLINE void lr_trace_some(const lr_volume *v, const void *data, const lr_rays *rays,
+                             uint64_t first, uint64_t end, const lr_trace_options *options,
+                             const lr_hits *hits, lr_spacing spacing, lr_counters *counters)
+{
+    if (counters != NULL)
+        for (uint64_t i = first; i < end; i++)
+            lr_trace_one(v, data, rays, i, options, hits, spacing, true, counters);
+    else
+        for (uint64_t i = first; i < end; i++)
+            lr_trace_one(v, data, rays, i, options, hits, spacing, false, NULL);
+}
+
+lr_status LR_JOIN(lr_, LR_NAME,
+                  _trace)(const lr_volume *volume, const void *data, const lr_rays *rays,
+                          uint64_t n, const lr_trace_options *options, const lr_hits *hits,
+                          lr_counters *counters, const lr_watch *watch, lr_error *error)
+{
+    enum { POLL = 1024 }; /* rays between looks at the stop word */
+    lr_counters sum = {0};
+    for (uint64_t first = 0; first < n; first += POLL) {
+        if (lr_stopped(watch))
+            return lr_fail_stopped(error);
+        lr_progress(watch, (double)first / (double)n);
+        uint64_t last = n - first < POLL ? n : first + POLL;
+        lr_counters *counted = counters != NULL || hits->steps != NULL ? &sum : NULL;
+#ifdef LR_FLOCK
+        if (LR_FITS(volume, data, options)) {
+            LR_FLOCK(volume, data, rays, first, last, options, hits, counted);
+            continue;
+        }
+#endif
+#ifndef LR_EVEN_WALK
+        if (volume->planes[0] != NULL) {
+            lr_trace_some(volume, data, rays, first, last, options, hits, LR_UNEVEN, counted);
+            continue;
+        }
+#endif
+        lr_trace_some(volume, data, rays, first, last, options, hits, LR_EVEN, counted);
+    }
+    if (counters != NULL) {
+        counters->rays += sum.rays;
+        counters->cells += sum.cells;
+        counters->jumps += sum.jumps;
+        counters->nodes += sum.nodes;
+        counters->tests += sum.tests;
+        counters->samples += sum.samples;
+        counters->hits += sum.hits;
+        if (counters->most_cells < sum.most_cells)
+            counters->most_cells = sum.most_cells;
+    }
+    return LR_OK;
+}

@@ -1,0 +1,523 @@
+/* Which cells keep their triangles: where the field is not the surface.
+ *
+ * Runs when all samples of the volume are made, so that it judges what rays would
+ * see. A cell is exact if one of the triangles near it
+ *  1. ends near it: at a border, or at an edge of many triangles or of opposite
+ *     winding;
+ *  2. is not what the cell's samples are distances from: at one of the cell's corners
+ *     they tell another distance than that from the triangle's plane; by little, where
+ *     the field goes another way there, since that is no bend but a crease;
+ *  3. meets it where the field is off: not on its surface, or with another gradient;
+ * and if rays can find anything in it: a triangle meets it, or its samples change
+ * sides. 2 finds close pairs and flipped windings, 3 creases and thin walls. Where the
+ * job wants every such cell, nothing is judged.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "voxelize/choose_triangle_cells.h"
+
+#include "grid/trilinear.h"
+#include "mesh/triangle_box.h"
+#include "voxelize/filter_profile.h"
+
+enum { SIDE = 9, CORNERS = SIDE * SIDE * SIDE, POLL = 1 << 6, MOST_POLYGON = 9 };
+
+/* Bars, in voxels. A sphere of radius R leaves its tangent plane by r^2 / (2R) at the
+ * distance r, and its field is off by 1/(4R): cells of smooth surfaces stay in the field
+ * down to BEND voxels of radius. */
+static const double SURFACE_OFF = 0.05, CORNER_OFF = 0.1, GRADIENT_OFF = 0.25, BEND = 4.0;
+/* Where facets are to be seen: 1 degree. */
+static const double FLAT_OFF = 0.0175;
+
+/* Beside a crease of more than 20 degrees the surface is no better than the samples: rays
+ * that graze a plane see what it is off. In samples' steps, and in voxels. */
+static const double CREASE = 0.35, CREASE_STEPS = 4.0, CREASE_OFF = 1e-3;
+static const double ONE_WAY = 0.985; /* the cosine of half of them */
+
+/* A brick's samples and those beyond it, as distances (true ones near the surface, where
+ * the filter is no ramp); positive inside. */
+typedef struct field {
+    float s[CORNERS];
+} field;
+
+typedef struct pair {
+    uint32_t cell, triangle;
+} pair;
+
+typedef struct work {
+    const lr_voxel_job *job;
+    const lr_volume *volume;
+    int32_t first[3];  /* sample of the brick */
+    double per_value;  /* voxels at the surface, of a stored value */
+    double crease_off; /* CREASE_OFF, or more where the samples are coarse; voxels */
+    bool one_way;      /* there is no crease in the brick */
+    field field;
+    uint64_t near[8], touched[8], bad[8];
+    pair *pairs;
+    size_t n_pairs, room;
+} work;
+
+LR_INLINE uint64_t bit_of(int cell)
+{
+    return (uint64_t)1 << lr_bit_of(cell & 7, cell >> 3 & 7, cell >> 6);
+}
+
+LR_INLINE uint32_t word_of(int cell)
+{
+    return lr_sub_of(cell & 7, cell >> 3 & 7, cell >> 6);
+}
+
+/* ---- samples ----------------------------------------------------------- */
+
+static bool has_sample(const lr_volume *v, const int32_t c[3])
+{
+    return c[0] >= 0 && c[0] >> 3 < v->table_size[0] && c[1] >= 0 && c[1] >> 3 < v->table_size[1] &&
+           c[2] >= 0 && c[2] >> 3 < v->table_size[2];
+}
+
+static void read_field(const lr_volume *v, const int32_t first[3], double scale, field *f)
+{
+    const size_t own = lr_sample_at(v, first[0], first[1], first[2]);
+    float *out = f->s;
+    for (int z = 0; z < SIDE; z++)
+        for (int y = 0; y < SIDE; y++)
+            for (int x = 0; x < SIDE; x++) {
+                const int32_t c[3] = {first[0] + x, first[1] + y, first[2] + z};
+                double g = 0.0;
+                if ((x | y | z) < 8)
+                    g = lr_load(v, own + (size_t)(x + 8 * y + 64 * z));
+                else if (has_sample(v, c))
+                    g = lr_sample(v, c[0], c[1], c[2]);
+                *out++ = (float)((g - v->threshold) * scale);
+            }
+}
+
+/* The same of one sample, which may lie beyond. */
+static double sample_at(const work *w, const int32_t at[3])
+{
+    const lr_volume *v = w->volume;
+    if (at[0] >= 0 && at[0] < SIDE && at[1] >= 0 && at[1] < SIDE && at[2] >= 0 && at[2] < SIDE)
+        return (double)w->field.s[at[0] + SIDE * (at[1] + SIDE * at[2])];
+    const int32_t c[3] = {w->first[0] + at[0], w->first[1] + at[1], w->first[2] + at[2]};
+    const double g = has_sample(v, c) ? lr_sample(v, c[0], c[1], c[2]) : 0.0;
+    return (g - v->threshold) * w->per_value;
+}
+
+static void cell_corners(const field *f, int cell, double corner[8])
+{
+    const int at = (cell & 7) + SIDE * (cell >> 3 & 7) + SIDE * SIDE * (cell >> 6);
+    for (int b = 0; b < 8; b++)
+        corner[b] = (double)f->s[at + (b & 1) + SIDE * (b >> 1 & 1) + SIDE * SIDE * (b >> 2)];
+}
+
+/* Do the samples of a cell lie on different sides? */
+static bool changes(const field *f, int cell)
+{
+    double corner[8];
+    int inside = 0;
+    cell_corners(f, cell, corner);
+    for (int b = 0; b < 8; b++)
+        inside += corner[b] >= 0.0;
+    return inside > 0 && inside < 8;
+}
+
+/* ---- one triangle and one cell ----------------------------------------- */
+
+/* A triangle in coordinates from the brick's first sample. */
+typedef struct piece {
+    double p[3][3], n[3]; /* unit, outward */
+    double wound[3];      /* unit, by the winding */
+    double lo[3], hi[3];
+    bool ends[3]; /* is the edge from that corner on a border of its kind? */
+    uint32_t triangle;
+} piece;
+
+/* Does a segment meet the cell, widened by LR_EXACT_NEAR? */
+static bool segment_near(const double a[3], const double b[3], const double cell[3])
+{
+    double in = 0.0, out = 1.0;
+    for (int i = 0; i < 3; i++) {
+        const double lo = cell[i] - LR_EXACT_NEAR, hi = cell[i] + 1.0 + LR_EXACT_NEAR;
+        const double d = b[i] - a[i];
+        if (d == 0.0) {
+            if (a[i] < lo || a[i] > hi)
+                return false;
+            continue;
+        }
+        const double t0 = ((d > 0.0 ? lo : hi) - a[i]) / d, t1 = ((d > 0.0 ? hi : lo) - a[i]) / d;
+        in = t0 > in ? t0 : in;
+        out = t1 < out ? t1 : out;
+    }
+    return in <= out;
+}
+
+static bool ends_near(const piece *t, const double cell[3])
+{
+    for (int e = 0; e < 3; e++)
+        if (t->ends[e] && segment_near(t->p[e], t->p[(e + 1) % 3], cell))
+            return true;
+    return false;
+}
+
+/* What samples tell at this distance from a plane. */
+LR_INLINE double told_at(const lr_voxel_job *job, double s)
+{
+    const double r = job->half_width;
+    return job->filter == LR_FILTER_RAMP
+               ? lr_clamp(s, -r, r)
+               : (lr_profile(job->filter, s, r) - 0.5) / lr_profile_slope(job->filter, r);
+}
+
+/* From a sample, which is `gap` off the triangle's plane at the distance s: does the field
+ * go another way than the plane does? */
+static bool goes_elsewhere(const work *w, const int32_t at[3], const double n[3], double s,
+                           double gap)
+{
+    for (int a = 0; a < 3; a++)
+        for (int step = -1; step <= 1; step += 2) {
+            int32_t beside[3] = {at[0], at[1], at[2]};
+            beside[a] += step;
+            const double off = sample_at(w, beside) - told_at(w->job, s - step * n[a]) - gap;
+            if (fabs(off) > CREASE)
+                return true;
+        }
+    return false;
+}
+
+/* Squared distance of a point from the part of the plane that the triangle covers, along
+ * the plane. */
+static double beside2(const piece *t, const double q[3])
+{
+    double best = INFINITY;
+    bool in_face = true;
+    for (int c = 0; c < 3; c++) {
+        double along[3], from[3], out[3];
+        lr_sub(t->p[(c + 1) % 3], t->p[c], along);
+        lr_sub(q, t->p[c], from);
+        lr_cross_product(along, t->wound, out);
+        const double length2 = lr_dot(along, along), height = lr_dot(t->n, from);
+        const double share = lr_clamp(lr_dot(along, from) / length2, 0.0, 1.0);
+        double square = -height * height;
+        for (int a = 0; a < 3; a++)
+            square += (from[a] - share * along[a]) * (from[a] - share * along[a]);
+        in_face = in_face && lr_dot(out, from) <= 0.0;
+        best = square < best ? square : best;
+    }
+    return in_face ? 0.0 : best;
+}
+
+/* crease: whether one may be near. */
+static bool corners_off(const work *w, const piece *t, const int32_t c[3], const double corner[8],
+                        bool crease)
+{
+    const double cell[3] = {c[0], c[1], c[2]};
+    double from[3];
+    lr_sub(cell, t->p[0], from);
+    const double first = -lr_dot(t->n, from);
+    for (int b = 0; b < 8; b++) {
+        const double s = first - (b & 1) * t->n[0] - (b >> 1 & 1) * t->n[1] - (b >> 2) * t->n[2];
+        const double gap = corner[b] - told_at(w->job, s), off = fabs(gap) - CORNER_OFF;
+        const int32_t at[3] = {c[0] + (b & 1), c[1] + (b >> 1 & 1), c[2] + (b >> 2)};
+        if (crease && fabs(gap) > w->crease_off && goes_elsewhere(w, at, t->n, s, gap))
+            return true;
+        if (off <= 0.0)
+            continue;
+        const double q[3] = {at[0], at[1], at[2]};
+        if (off > beside2(t, q) / (2.0 * BEND))
+            return true;
+    }
+    return false;
+}
+
+/* The part of a polygon below a plane of one axis, sign * p[a] <= bound.
+ *
+ * Source: Sutherland and Hodgman 1974. */
+static int clip(double p[MOST_POLYGON][3], int n, int a, double sign, double bound)
+{
+    double out[MOST_POLYGON][3];
+    int kept = 0;
+    for (int i = 0; i < n; i++) {
+        const double *q = p[(i + 1) % n];
+        const double at = sign * p[i][a] - bound, next = sign * q[a] - bound;
+        if (at <= 0.0 && kept < MOST_POLYGON)
+            memcpy(out[kept++], p[i], sizeof out[0]);
+        if ((at < 0.0) != (next < 0.0) && at != 0.0 && next != 0.0 && kept < MOST_POLYGON) {
+            for (int c = 0; c < 3; c++)
+                out[kept][c] = p[i][c] + (q[c] - p[i][c]) * (at / (at - next));
+            kept++;
+        }
+    }
+    memcpy(p, out, (size_t)kept * sizeof *p);
+    return kept;
+}
+
+static bool point_off(const double corner[8], const double cell[3], const double p[3],
+                      const double n[3], double gradient_off)
+{
+    double q[3], g[3];
+    for (int a = 0; a < 3; a++)
+        q[a] = lr_clamp(p[a] - cell[a], 0.0, 1.0);
+    if (fabs(lr_trilinear(corner, q)) > SURFACE_OFF)
+        return true;
+    lr_trilinear_gradient(corner, q, g);
+    for (int a = 0; a < 3; a++)
+        g[a] += n[a];
+    return lr_dot(g, g) > gradient_off * gradient_off;
+}
+
+/* Is the field off at the corners or in the middle of the triangle's part in the cell? */
+static bool surface_off(const piece *t, const double cell[3], const double corner[8],
+                        double gradient_off)
+{
+    double p[MOST_POLYGON][3], middle[3] = {0.0, 0.0, 0.0};
+    int n = 3;
+    memcpy(p, t->p, sizeof t->p);
+    for (int a = 0; a < 3 && n > 0; a++) {
+        if (t->hi[a] > cell[a] + 1.0)
+            n = clip(p, n, a, 1.0, cell[a] + 1.0 + LR_TOUCH);
+        if (t->lo[a] < cell[a])
+            n = clip(p, n, a, -1.0, LR_TOUCH - cell[a]);
+    }
+    for (int i = 0; i < n; i++) {
+        if (point_off(corner, cell, p[i], t->n, gradient_off))
+            return true;
+        for (int a = 0; a < 3; a++)
+            middle[a] += p[i][a] / n;
+    }
+    return n > 0 && point_off(corner, cell, middle, t->n, gradient_off);
+}
+
+/* ---- a brick ----------------------------------------------------------- */
+
+static bool add_pair(work *w, uint32_t cell, uint32_t triangle)
+{
+    if (w->n_pairs == w->room) {
+        const size_t room = 2 * w->room + 4096;
+        pair *pairs = realloc(w->pairs, room * sizeof *pairs);
+        if (pairs == NULL)
+            return false;
+        w->pairs = pairs;
+        w->room = room;
+    }
+    w->pairs[w->n_pairs++] = (pair){cell, triangle};
+    return true;
+}
+
+static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int32_t c[3])
+{
+    const double centre[3] = {c[0] + 0.5, c[1] + 0.5, c[2] + 0.5};
+    const double cell[3] = {c[0], c[1], c[2]};
+    const int at = c[0] + 8 * c[1] + 64 * c[2];
+    const uint32_t word = word_of(at);
+    const uint64_t bit = bit_of(at);
+    double gap = lr_gap(s, centre, LR_EXACT_NEAR);
+    for (int a = 0; a < 3; a++) /* the cell's own axes */
+        gap = fmax(gap, fmax(t->lo[a] - cell[a] - 1.0, cell[a] - t->hi[a]));
+    if (gap > LR_EXACT_NEAR)
+        return true;
+    const bool touched = gap <= LR_TOUCH;
+    w->near[word] |= bit;
+    w->touched[word] |= touched ? bit : 0;
+    if (!(w->bad[word] & bit)) {
+        double corner[8];
+        cell_corners(&w->field, at, corner);
+        if (w->job->every || ends_near(t, cell) || corners_off(w, t, c, corner, touched && !w->one_way) ||
+            (touched && surface_off(t, cell, corner, w->job->flat ? FLAT_OFF : GRADIENT_OFF)))
+            w->bad[word] |= bit;
+    }
+    return add_pair(w, (uint32_t)at, t->triangle);
+}
+
+/* Do all of these triangles face about one way, so that no two of them make a crease? */
+static bool has_one_way(const work *w, const uint32_t *triangle, uint64_t n)
+{
+    double p[3][3], first[3], normal[3];
+    bool known = false;
+    for (uint64_t i = 0; i < n; i++) {
+        lr_triangle(w->job->mesh, triangle[i], p);
+        if (!lr_normal_of((const double (*)[3])p, normal))
+            continue;
+        if (known && lr_dot(first, normal) < ONE_WAY)
+            return false;
+        if (!known)
+            memcpy(first, normal, sizeof first);
+        known = true;
+    }
+    return true;
+}
+
+static bool judge_triangle(work *w, uint32_t triangle)
+{
+    const lr_topology *mesh = w->job->mesh;
+    piece t = {.triangle = triangle};
+    lr_triangle(mesh, triangle, t.p);
+    for (int c = 0; c < 3; c++)
+        for (int a = 0; a < 3; a++)
+            t.p[c][a] -= w->first[a];
+    int32_t lo[3], hi[3];
+    if (!lr_normal_of((const double (*)[3])t.p, t.wound) ||
+        !lr_cell_range((const double (*)[3])t.p, LR_EXACT_NEAR, lo, hi))
+        return true;
+    for (int a = 0; a < 3; a++) {
+        t.n[a] = t.wound[a] * mesh->side;
+        t.lo[a] = fmin(fmin(t.p[0][a], t.p[1][a]), t.p[2][a]);
+        t.hi[a] = fmax(fmax(t.p[0][a], t.p[1][a]), t.p[2][a]);
+        t.ends[a] = !lr_edge_closed(mesh, 3 * triangle + (uint32_t)a);
+    }
+    lr_separator s[LR_SEPARATORS];
+    lr_separators_make((const double (*)[3])t.p, s);
+    int32_t c[3];
+    for (c[2] = lo[2]; c[2] <= hi[2]; c[2]++)
+        for (c[1] = lo[1]; c[1] <= hi[1]; c[1]++)
+            for (c[0] = lo[0]; c[0] <= hi[0]; c[0]++)
+                if (!judge_cell(w, &t, s, c))
+                    return false;
+    return true;
+}
+
+/* ---- lists ------------------------------------------------------------- */
+
+static bool has_room(lr_exact_part *e, uint32_t n_cells, uint32_t n_list)
+{
+    uint32_t *count = realloc(e->count, ((size_t)e->n_cells + n_cells + 1) * sizeof *count);
+    if (count != NULL)
+        e->count = count;
+    uint32_t *list = realloc(e->list, ((size_t)e->n_list + n_list + 1) * sizeof *list);
+    if (list != NULL)
+        e->list = list;
+    return count != NULL && list != NULL;
+}
+
+/* Sort the pairs of exact cells into lists, in the order of the mask's bits. */
+static bool keep_lists(const work *w, const uint64_t exact[8], lr_exact_part *e)
+{
+    uint32_t place[LR_BRICK_SAMPLES], n_cells = 0, n_list = 0;
+    uint32_t count[LR_BRICK_SAMPLES] = {0}, start[LR_BRICK_SAMPLES];
+    for (int cell = 0; cell < LR_BRICK_SAMPLES; cell++) {
+        const uint32_t word = word_of(cell);
+        uint32_t before = 0;
+        for (uint32_t s = 0; s < word; s++)
+            before += (uint32_t)__builtin_popcountll(exact[s]);
+        before += (uint32_t)__builtin_popcountll(exact[word] & (bit_of(cell) - 1));
+        place[cell] = exact[word] & bit_of(cell) ? before : UINT32_MAX;
+        n_cells += place[cell] != UINT32_MAX;
+    }
+    for (size_t i = 0; i < w->n_pairs; i++)
+        if (place[w->pairs[i].cell] != UINT32_MAX) {
+            count[place[w->pairs[i].cell]]++;
+            n_list++;
+        }
+    if (!has_room(e, n_cells, n_list))
+        return false;
+    memcpy(e->count + e->n_cells, count, n_cells * sizeof *count);
+    for (uint32_t i = 0, at = e->n_list; i < n_cells; at += count[i++])
+        start[i] = at;
+    for (size_t i = 0; i < w->n_pairs; i++)
+        if (place[w->pairs[i].cell] != UINT32_MAX)
+            e->list[start[place[w->pairs[i].cell]]++] = w->pairs[i].triangle;
+    e->n_cells += n_cells;
+    e->n_list += n_list;
+    return true;
+}
+
+static bool keep(const work *w, uint32_t place, lr_cells_part *part)
+{
+    uint64_t exact[8], any_near = 0, any = 0;
+    for (int s = 0; s < 8; s++) {
+        exact[s] = w->bad[s] & w->touched[s];
+        for (uint64_t left = w->bad[s] & ~exact[s]; left != 0; left &= left - 1) {
+            const int bit = __builtin_ctzll(left);
+            const int cell = 4 * (s & 1) + (bit & 3) + 8 * (4 * (s >> 1 & 1) + (bit >> 2 & 3)) +
+                             64 * (4 * (s >> 2) + (bit >> 4));
+            exact[s] |= changes(&w->field, cell) ? (uint64_t)1 << bit : 0;
+        }
+        any |= w->bad[s];
+        any_near |= w->near[s];
+    }
+    if (any_near != 0) {
+        memcpy(part->near[part->n], w->near, sizeof w->near);
+        part->place[part->n++] = place;
+    }
+    if (any == 0)
+        return true;
+    lr_exact_part *e = &part->exact;
+    memcpy(e->doubt[e->n], w->bad, sizeof w->bad);
+    memcpy(e->exact[e->n], exact, sizeof exact);
+    e->place[e->n++] = place;
+    return keep_lists(w, exact, e);
+}
+
+static bool judge_brick(work *w, const lr_bins *bins, uint32_t active, const lr_watch *watch,
+                        lr_cells_part *part, bool *stopped)
+{
+    const uint32_t at = bins->brick[active];
+    const lr_volume *v = w->volume;
+    const uint32_t nx = (uint32_t)v->table_size[0], ny = (uint32_t)v->table_size[1];
+    w->first[0] = 8 * (int32_t)(at % nx);
+    w->first[1] = 8 * (int32_t)(at / nx % ny);
+    w->first[2] = 8 * (int32_t)(at / nx / ny);
+    memset(w->near, 0, sizeof w->near);
+    memset(w->touched, 0, sizeof w->touched);
+    memset(w->bad, 0, sizeof w->bad);
+    w->n_pairs = 0;
+    read_field(v, w->first, w->per_value, &w->field);
+    w->one_way = has_one_way(w, bins->list + bins->start[active],
+                             bins->start[active + 1] - bins->start[active]);
+    for (uint64_t i = bins->start[active]; i < bins->start[active + 1]; i++) {
+        if (i % POLL == 0 && lr_stopped(watch)) {
+            *stopped = true;
+            return false;
+        }
+        if (!judge_triangle(w, bins->list[i]))
+            return false;
+    }
+    return keep(w, at, part);
+}
+
+lr_status lr_cells_make(const lr_voxel_job *job, const lr_volume *volume, const lr_bins *bins,
+                        uint32_t first, uint32_t end, const lr_watch *watch, lr_cells_part *part,
+                        lr_error *error)
+{
+    const size_t n = (size_t)(end - first) + 1;
+    *part = (lr_cells_part){.place = malloc(n * sizeof *part->place),
+                            .near = malloc(n * sizeof *part->near)};
+    part->exact.place = malloc(n * sizeof *part->exact.place);
+    part->exact.doubt = malloc(n * sizeof *part->exact.doubt);
+    part->exact.exact = malloc(n * sizeof *part->exact.exact);
+    const double per_value = 1.0 / (volume->one * lr_profile_slope(job->filter, job->half_width));
+    const double step = volume->desc.sample_type == LR_F32 ? 0.0 : per_value;
+    work w = {.job = job,
+              .volume = volume,
+              .per_value = per_value,
+              .crease_off = fmax(CREASE_OFF, CREASE_STEPS * step)};
+    bool good = part->place != NULL && part->near != NULL && part->exact.place != NULL &&
+                part->exact.doubt != NULL && part->exact.exact != NULL;
+    bool stopped = false;
+    for (uint32_t i = first; i < end && good; i++) {
+        lr_progress(watch, (double)(i - first) / (double)(end - first));
+        good = judge_brick(&w, bins, i, watch, part, &stopped);
+    }
+    free(w.pairs);
+    if (good)
+        return LR_OK;
+    return stopped ? lr_fail_stopped(error)
+                   : lr_fail_memory(error, n * sizeof(pair) + w.room * sizeof(pair),
+                                    "the exact cells of a part");
+}
+
+void lr_cells_free(lr_cells_part *part)
+{
+    free(part->place);
+    free(part->near);
+    free(part->exact.place);
+    free(part->exact.doubt);
+    free(part->exact.exact);
+    free(part->exact.count);
+    free(part->exact.list);
+    memset(part, 0, sizeof *part);
+}
+
+uint64_t lr_cells_nbytes(const lr_cells_part *part)
+{
+    const lr_exact_part *e = &part->exact;
+    return (uint64_t)e->n_cells * sizeof *e->count + (uint64_t)e->n_list * sizeof *e->list;
+}

@@ -1,0 +1,286 @@
+/* Sides by the winding number, asked once per component of the band.
+ *
+ * Two neighbours whose distances to the surface add up to more than what lies
+ * between them are on one side of it. Samples in the band are connected so, within a
+ * brick to all 26 neighbours, across bricks to those next to them; one whose nearest
+ * point lies on the mesh's border is not, since what closes a hole passes there. The
+ * winding number is asked at the farthest sample of a component, where it is surest.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "base/pages.h"
+#include "voxelize/component_sides.h"
+
+/* More than rounding of distances and their 16 bits, less than what would matter. */
+#define LINK 1.001
+
+/* ---- within a brick ---------------------------------------------------- */
+
+uint16_t lr_linked_root(uint16_t *parent, uint16_t i)
+{
+    for (; parent[i] != i; i = parent[i])
+        parent[i] = parent[parent[i]];
+    return i;
+}
+
+/* The half of the neighbours that come later. */
+static const int8_t STEP[13][3] = {
+    {1, 0, 0},  {-1, 1, 0}, {0, 1, 0}, {1, 1, 0},  {-1, -1, 1}, {0, -1, 1}, {1, -1, 1},
+    {-1, 0, 1}, {0, 0, 1},  {1, 0, 1}, {-1, 1, 1}, {0, 1, 1},   {1, 1, 1},
+};
+
+static void link_step(const float *distance, const int8_t step[3], uint16_t *parent)
+{
+    float length = sqrtf((float)(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]));
+    int offset = step[0] + 8 * step[1] + 64 * step[2];
+    for (int z = 0; z < 8 - step[2]; z++)
+        for (int y = step[1] < 0; y < 8 - (step[1] > 0); y++)
+            for (int x = step[0] < 0; x < 8 - (step[0] > 0); x++) {
+                int i = x + 8 * y + 64 * z, j = i + offset;
+                if (!(distance[i] + distance[j] > (float)LINK * length) || distance[i] <= 0.0f ||
+                    distance[j] <= 0.0f || distance[i] == INFINITY || distance[j] == INFINITY)
+                    continue;
+                uint16_t a = lr_linked_root(parent, (uint16_t)i),
+                         b = lr_linked_root(parent, (uint16_t)j);
+                parent[a < b ? b : a] = a < b ? a : b;
+            }
+}
+
+void lr_link_samples(const float *distance, uint16_t *parent)
+{
+    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++)
+        parent[i] = i;
+    for (int s = 0; s < 13; s++)
+        link_step(distance, STEP[s], parent);
+}
+
+static bool add_component(lr_labels_part *part, uint32_t brick, uint16_t sample, uint16_t depth)
+{
+    if (part->n == part->room) {
+        uint32_t room = 2 * part->room + 1024;
+        lr_component *more = realloc(part->component, room * sizeof *more);
+        if (more == NULL)
+            return false;
+        part->component = more;
+        part->room = room;
+    }
+    part->component[part->n++] = (lr_component){.brick = brick, .sample = sample, .depth = depth};
+    return true;
+}
+
+/* distance: 0 where a sample links to none, infinity beyond the band. Labels count
+ * from the part's first component on until they are joined. */
+static bool label_brick(uint32_t active, const float *distance, const uint8_t *loose, double band,
+                        lr_brick_labels *out, lr_labels_part *part)
+{
+    uint16_t parent[LR_BRICK_SAMPLES], label_of[LR_BRICK_SAMPLES], n = 0;
+    float linked[LR_BRICK_SAMPLES];
+    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++)
+        linked[i] = loose[i] ? 0.0f : fabsf(distance[i]);
+    lr_link_samples(linked, parent);
+    out->first = part->n;
+    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++) {
+        out->label[i] = LR_UNLABELLED;
+        out->depth[i] = 0;
+        if (distance[i] == INFINITY)
+            continue;
+        uint16_t root = lr_linked_root(parent, i);
+        double depth = fabs((double)distance[i]) / band * 65535.0;
+        uint16_t rounded = depth < 65535.0 ? (uint16_t)depth : 65535;
+        if (root == i) {
+            label_of[i] = n++;
+            if (!add_component(part, active, i, rounded))
+                return false;
+        }
+        out->label[i] = label_of[root];
+        out->depth[i] = loose[i] ? 0 : rounded;
+        lr_component *c = &part->component[out->first + out->label[i]];
+        if (rounded > c->depth) {
+            c->depth = rounded;
+            c->sample = i;
+        }
+    }
+    return true;
+}
+
+lr_status lr_labels_begin(const lr_bins *bins, lr_labels *labels, lr_error *error)
+{
+    *labels = (lr_labels){0};
+    labels->brick = lr_pages_new((uint64_t)bins->n_active + 1, sizeof *labels->brick);
+    labels->part = calloc((size_t)bins->n_parts + 1, sizeof *labels->part);
+    if (labels->brick == NULL || labels->part == NULL)
+        return lr_fail_memory(error, (uint64_t)bins->n_active * sizeof *labels->brick,
+                              "the sides of the mesh");
+    return LR_OK;
+}
+
+lr_status lr_labels_run(lr_labels *labels, const lr_voxel_job *job, const lr_bins *bins,
+                        uint32_t part, const lr_watch *watch, lr_scratch *scratch, lr_error *error)
+{
+    _Alignas(16) float distance[LR_BRICK_SAMPLES];
+    uint8_t loose[LR_BRICK_SAMPLES];
+    lr_labels_part *p = &labels->part[part];
+    p->n = 0;
+    for (uint32_t i = bins->part[part]; i < bins->part[part + 1]; i++) {
+        uint64_t list = bins->start[i];
+        uint32_t n = (uint32_t)(bins->start[i + 1] - list);
+        memset(loose, 0, sizeof loose);
+        if (lr_stopped(watch) || !lr_brick_distances(job, bins->brick[i], bins->list + list, n,
+                                                     watch, scratch, distance, loose))
+            return lr_fail_stopped(error);
+        if (!label_brick(i, distance, loose, job->band, &labels->brick[i], p))
+            return lr_fail_memory(error, (uint64_t)p->room * 2 * sizeof *p->component,
+                                  "the sides of the mesh");
+    }
+    return LR_OK;
+}
+
+/* ---- across bricks ----------------------------------------------------- */
+
+static uint32_t root_of(lr_component *c, uint32_t i)
+{
+    for (; c[i].parent != i; i = c[i].parent)
+        c[i].parent = c[c[i].parent].parent;
+    return i;
+}
+
+/* The lower root stays and takes the farther sample. */
+static void connect(lr_component *c, uint32_t a, uint32_t b)
+{
+    a = root_of(c, a);
+    b = root_of(c, b);
+    if (a == b)
+        return;
+    uint32_t to = a < b ? a : b, from = a < b ? b : a;
+    c[from].parent = to;
+    if (c[from].depth > c[to].depth) {
+        c[to].depth = c[from].depth;
+        c[to].brick = c[from].brick;
+        c[to].sample = c[from].sample;
+    }
+}
+
+/* Neighbours along an axis: the last layer of a, the first of b. */
+static void connect_bricks(lr_labels *l, const lr_brick_labels *a, const lr_brick_labels *b,
+                           int axis, double least)
+{
+    static const int STRIDE[3] = {1, 8, 64};
+    int step = STRIDE[axis], u = STRIDE[(axis + 1) % 3], v = STRIDE[(axis + 2) % 3];
+    for (int j = 0; j < 8; j++)
+        for (int k = 0; k < 8; k++) {
+            int near = j * u + k * v, last = near + 7 * step;
+            if (a->depth[last] == 0 || b->depth[near] == 0 ||
+                a->depth[last] + b->depth[near] <= least)
+                continue;
+            connect(l->component, a->first + a->label[last], b->first + b->label[near]);
+        }
+}
+
+/* The active brick at a place of the table, from a given one on; UINT32_MAX: none. */
+static uint32_t active_at(const lr_bins *bins, uint32_t from, uint64_t place)
+{
+    uint32_t lo = from, hi = bins->n_active;
+    while (lo < hi) {
+        uint32_t middle = lo + (hi - lo) / 2;
+        if (bins->brick[middle] < place)
+            lo = middle + 1;
+        else
+            hi = middle;
+    }
+    return lo < bins->n_active && bins->brick[lo] == place ? lo : UINT32_MAX;
+}
+
+static bool connect_all(lr_labels *l, const lr_voxel_job *job, const lr_bins *bins,
+                        const lr_watch *watch)
+{
+    const double least = LINK / job->band * 65535.0;
+    for (uint32_t i = 0; i < bins->n_active; i++) {
+        if (i % 256 == 0 && lr_stopped(watch))
+            return false;
+        uint64_t rest = bins->brick[i], step = 1;
+        for (int a = 0; a < 3; a++) {
+            uint64_t size = (uint64_t)job->table_size[a];
+            uint32_t next =
+                rest % size + 1 < size ? active_at(bins, i, bins->brick[i] + step) : UINT32_MAX;
+            if (next != UINT32_MAX)
+                connect_bricks(l, &l->brick[i], &l->brick[next], a, least);
+            rest /= size;
+            step *= size;
+        }
+    }
+    return true;
+}
+
+static lr_status gather(lr_labels *l, const lr_bins *bins, lr_error *error)
+{
+    uint64_t n = 0;
+    for (uint32_t p = 0; p < bins->n_parts; p++)
+        n += l->part[p].n;
+    if (n > UINT32_MAX - 1)
+        return lr_fail(error, LR_E_SIZE, "the mesh divides space into %llu pieces, too many",
+                       (unsigned long long)n);
+    l->component = malloc((n + 1) * sizeof *l->component);
+    l->root = malloc((n + 1) * sizeof *l->root);
+    if (l->component == NULL || l->root == NULL)
+        return lr_fail_memory(error, n * (4 + sizeof *l->component), "the sides of the mesh");
+    for (uint32_t p = 0; p < bins->n_parts; p++) {
+        for (uint32_t i = bins->part[p]; i < bins->part[p + 1]; i++)
+            l->brick[i].first += l->n;
+        for (uint32_t c = 0; c < l->part[p].n; c++) {
+            l->component[l->n] = l->part[p].component[c];
+            l->component[l->n].parent = l->n;
+            l->n++;
+        }
+        free(l->part[p].component);
+    }
+    free(l->part);
+    l->part = NULL;
+    return LR_OK;
+}
+
+lr_status lr_labels_join(lr_labels *l, const lr_voxel_job *job, const lr_bins *bins,
+                         const lr_watch *watch, lr_error *error)
+{
+    lr_status status = gather(l, bins, error);
+    if (status == LR_OK && !connect_all(l, job, bins, watch))
+        status = lr_fail_stopped(error);
+    for (uint32_t i = 0; i < l->n && status == LR_OK; i++)
+        if (l->component[i].parent == i)
+            l->root[l->n_roots++] = i;
+    return status;
+}
+
+bool lr_labels_ask(lr_labels *l, const lr_voxel_job *job, const lr_bins *bins,
+                   const lr_winding *winding, uint32_t first, uint32_t end, const lr_watch *watch)
+{
+    for (uint32_t r = first; r < end; r++) {
+        lr_component *c = &l->component[l->root[r]];
+        uint64_t rest = bins->brick[c->brick];
+        double p[3];
+        if (r % 64 == 0 && lr_stopped(watch))
+            return false;
+        for (int a = 0; a < 3; a++) {
+            uint64_t size = (uint64_t)job->table_size[a];
+            p[a] = 8.0 * (double)(rest % size) + (c->sample >> (3 * a) & 7);
+            rest /= size;
+        }
+        c->inside = fabs(lr_winding_at(winding, p)) > 0.5;
+    }
+    return true;
+}
+
+void lr_labels_spread(lr_labels *l)
+{
+    for (uint32_t i = 0; i < l->n; i++)
+        l->component[i].inside = l->component[root_of(l->component, i)].inside;
+}
+
+void lr_labels_free(lr_labels *l, const lr_bins *bins)
+{
+    for (uint32_t p = 0; l->part != NULL && p < bins->n_parts; p++)
+        free(l->part[p].component);
+    free(l->part);
+    lr_pages_free(l->brick);
+    free(l->component);
+    free(l->root);
+    *l = (lr_labels){0};
+}

@@ -1,0 +1,73 @@
+/* Filters: the occupancy of a sample at signed distance s from a plane.
+ *
+ *   ramp    linear up to the half width r: the oriented box filter
+ *   cone    1/2 + u - u^3 + u^4 / 2, u = s / r: a hypercone of radius r
+ *   gauss   (1 + erf(s / (r sqrt 2))) / 2, r being sigma
+ *   binary  1 inside, 0 outside
+ *   box     the covered share of the voxel itself, which no distance tells: coverage.c
+ *
+ * Source: Sramek and Kaufman 1999 (oriented box); Wang and Kaufman 1993 (hypercone).
+ * Departure: the last three are taken along the normal, so that a sphere keeps its
+ * radius; filters in space move it inwards by their variance over the radius.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_VOXELIZE_FILTER_PROFILE_H
+#define LR_VOXELIZE_FILTER_PROFILE_H
+
+#include "base/base.h"
+
+#define LR_GAUSS_REACH 4.5    /* sigma: beyond, less than half a step of u16 is left */
+#define LR_BOX_REACH   0.8661 /* sqrt(3) / 2: farther voxels are of one side */
+
+/* How far from the surface, in voxels, occupancy is neither 0 nor 1. */
+LR_INLINE double lr_profile_reach(int32_t filter, double r)
+{
+    switch (filter) {
+    case LR_FILTER_GAUSS:
+        return LR_GAUSS_REACH * r;
+    case LR_FILTER_BOX:
+        return LR_BOX_REACH;
+    case LR_FILTER_BINARY:
+        return 0.0;
+    default:
+        return r;
+    }
+}
+
+/* Of the box, what its voxel would be if it were of one side. */
+LR_INLINE double lr_profile(int32_t filter, double s, double r)
+{
+    switch (filter) {
+    case LR_FILTER_CONE: {
+        const double u = lr_clamp(fabs(s) / r, 0.0, 1.0);
+        return 0.5 + copysign(u - u * u * u + 0.5 * u * u * u * u, s);
+    }
+    case LR_FILTER_GAUSS:
+        return fabs(s) < LR_GAUSS_REACH * r ? 0.5 + 0.5 * erf(s / (r * 1.4142135623730951))
+                                            : (double)(s > 0.0);
+    case LR_FILTER_BINARY:
+    case LR_FILTER_BOX:
+        return s >= 0.0;
+    default:
+        return lr_clamp(0.5 + s / (2.0 * r), 0.0, 1.0);
+    }
+}
+
+/* How much it rises per voxel across a plane, at the plane; of box and binary between
+ * the samples on either side. */
+LR_INLINE double lr_profile_slope(int32_t filter, double r)
+{
+    switch (filter) {
+    case LR_FILTER_CONE:
+        return 1.0 / r;
+    case LR_FILTER_GAUSS:
+        return 0.3989422804014327 / r;
+    case LR_FILTER_BINARY:
+    case LR_FILTER_BOX:
+        return 1.0;
+    default:
+        return 0.5 / r;
+    }
+}
+
+#endif

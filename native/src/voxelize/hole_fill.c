@@ -1,0 +1,196 @@
+/* What closes the wide holes of a mesh that is to be a solid: the surface on which it winds
+ * half around.
+ *
+ * The generalised winding number falls from 1 to 0 through a hole; a place is inside
+ * where it is above 1/2. How far it is from 1/2, over its slope, is the distance to what
+ * closes the hole, to first order: exact on it, and on either side to a share that falls
+ * with the hole's width in voxels. Samples of a brick that no surface parts are asked
+ * together, at every other place, and one by one only where the number comes near 1/2.
+ *
+ * The closing surface ends at borders of the mesh and nowhere else (the number is
+ * harmonic, and so has no level set of its own that is bounded), so the bricks that it
+ * meets are found from those of the mesh on, neighbour by neighbour.
+ *
+ * Source: Jacobson, Kavan, Sorkine-Hornung 2013, Robust inside-outside segmentation using
+ * generalized winding numbers.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "voxelize/hole_fill.h"
+
+#include "voxelize/component_sides.h"
+
+/* Where the number is farther from 1/2, the mesh is nearer than the closing surface: at a
+ * straight border it is the angle from that surface, over 2 pi, and this a right angle. */
+#define NEAR_HALF 0.25
+
+/* What a number that is not fine may be off. */
+#define DOUBT 0.02
+
+/* Of a brick's sample from one with even places: the diagonal of a cell. */
+#define APART 1.7321
+
+/* Samples of a brick lie within this of its centre; the rest is for the bend of the
+ * closing surface. */
+#define HALF_DIAGONAL 6.0622
+#define BEND          1.25
+
+/* ---- samples ----------------------------------------------------------- */
+
+typedef struct closing {
+    const lr_winding *winding;
+    const int32_t *first;
+    double band;
+    float *distance;
+} closing;
+
+static void place_of(const closing *c, int sample, double p[3])
+{
+    for (int a = 0; a < 3; a++)
+        p[a] = c->first[a] + (sample >> (3 * a) & 7);
+}
+
+/* A brick's sample, by itself. */
+static void ask(const closing *c, int sample)
+{
+    double p[3], gradient[3];
+    place_of(c, sample, p);
+    double beyond = fabs(lr_winding_slope(c->winding, p, false, gradient)) - 0.5;
+    double d = fmin(fabs((double)c->distance[sample]), c->band);
+    double reach = 2.0 * d * sqrt(lr_dot(gradient, gradient)) + DOUBT;
+    if (fabs(beyond) < fmin(reach, NEAR_HALF + DOUBT)) {
+        beyond = fabs(lr_winding_slope(c->winding, p, true, gradient)) - 0.5;
+        const double slope = sqrt(lr_dot(gradient, gradient));
+        if (slope > 0.0 && fabs(beyond) < NEAR_HALF)
+            d = fmin(d, fabs(beyond) / slope);
+    }
+    c->distance[sample] = (float)(beyond > 0.0 ? d : -d);
+}
+
+/* What the places of a component that were probed say. */
+enum { SOME_INSIDE = 1, SOME_OUTSIDE = 2, CLOSING_NEAR = 4 };
+
+/* Probe at every other place of the brick and at the components' roots, what[512]; no
+ * place is farther than APART from one that is probed. */
+static void probe(const closing *c, uint16_t *parent, uint8_t *what)
+{
+    memset(what, 0, LR_BRICK_SAMPLES);
+    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++) {
+        const uint16_t root = lr_linked_root(parent, i);
+        const bool even = ((i | i >> 3 | i >> 6) & 1) == 0;
+        if (what[root] == (SOME_INSIDE | SOME_OUTSIDE | CLOSING_NEAR) || (!even && root != i))
+            continue;
+        double p[3], gradient[3];
+        place_of(c, i, p);
+        const double beyond = fabs(lr_winding_slope(c->winding, p, false, gradient)) - 0.5;
+        const double reach = 2.0 * (c->band + APART) * sqrt(lr_dot(gradient, gradient)) + DOUBT;
+        what[root] |= beyond > 0.0 ? SOME_INSIDE : SOME_OUTSIDE;
+        what[root] |= fabs(beyond) < fmin(reach, NEAR_HALF + DOUBT) ? CLOSING_NEAR : 0;
+    }
+}
+
+bool lr_closing_brick(const lr_winding *winding, const int32_t first[3], double band,
+                      const uint8_t *loose, const lr_watch *watch, float *distance)
+{
+    const closing c = {.winding = winding, .first = first, .band = band, .distance = distance};
+    float linked[LR_BRICK_SAMPLES];
+    uint16_t parent[LR_BRICK_SAMPLES];
+    uint8_t what[LR_BRICK_SAMPLES];
+    for (int i = 0; i < LR_BRICK_SAMPLES; i++)
+        linked[i] = loose[i] ? 0.0f : fminf(fabsf(distance[i]), (float)band);
+    lr_link_samples(linked, parent);
+    probe(&c, parent, what);
+    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++) {
+        const uint8_t of_all = what[lr_linked_root(parent, i)];
+        const float d = fminf(fabsf(distance[i]), (float)band);
+        if (i % 8 == 0 && lr_stopped(watch))
+            return false;
+        if (of_all == SOME_INSIDE || of_all == SOME_OUTSIDE)
+            distance[i] = of_all == SOME_INSIDE ? d : -d;
+        else
+            ask(&c, i);
+    }
+    return true;
+}
+
+/* ---- bricks ------------------------------------------------------------ */
+
+typedef struct spread {
+    const lr_winding *winding;
+    const int32_t *size; /* of the table */
+    double reach;        /* of the closing surface from a brick's centre */
+    uint8_t *wanted;     /* [table]: 1 asked, 2 wanted */
+    uint32_t *queue;     /* bricks whose neighbours are to be asked */
+    size_t n, room;
+} spread;
+
+static bool comes_near(const spread *s, size_t at)
+{
+    double p[3], gradient[3];
+    for (int a = 0; a < 3; a++) {
+        p[a] = 8.0 * (double)(at % (size_t)s->size[a]) + 3.5;
+        at /= (size_t)s->size[a];
+    }
+    const double beyond = fabs(lr_winding_slope(s->winding, p, false, gradient)) - 0.5;
+    return fabs(beyond) <= s->reach * sqrt(lr_dot(gradient, gradient)) + DOUBT;
+}
+
+static bool push(spread *s, size_t at)
+{
+    if (s->n == s->room) {
+        const size_t room = 2 * s->room + 1024;
+        uint32_t *more = realloc(s->queue, room * sizeof *more);
+        if (more == NULL)
+            return false;
+        s->queue = more;
+        s->room = room;
+    }
+    s->wanted[at] = 2;
+    s->queue[s->n++] = (uint32_t)at;
+    return true;
+}
+
+static lr_status spread_out(spread *s, const lr_watch *watch, lr_error *error)
+{
+    for (size_t i = 0; i < s->n; i++) {
+        size_t rest = s->queue[i], step = 1;
+        if (i % 16 == 0 && lr_stopped(watch))
+            return lr_fail_stopped(error);
+        for (int side = 0; side < 6; side++) {
+            const size_t n = (size_t)s->size[side / 2], x = rest % n;
+            const size_t next = side % 2 ? s->queue[i] + step : s->queue[i] - step;
+            if ((side % 2 ? x + 1 < n : x > 0) && s->wanted[next] == 0) {
+                s->wanted[next] = 1;
+                if (comes_near(s, next) && !push(s, next))
+                    return lr_fail_memory(error, 2 * s->room * sizeof *s->queue,
+                                          "what closes the mesh");
+            }
+            if (side % 2) {
+                rest /= n;
+                step *= n;
+            }
+        }
+    }
+    return LR_OK;
+}
+
+lr_status lr_closing_bricks(const lr_winding *winding, const int32_t table_size[3], double band,
+                            const lr_watch *watch, lr_bins *bins, lr_error *error)
+{
+    const size_t n_table = (size_t)table_size[0] * (size_t)table_size[1] * (size_t)table_size[2];
+    spread s = {.winding = winding, .size = table_size, .reach = BEND * (HALF_DIAGONAL + band)};
+    s.wanted = calloc(n_table, 1);
+    lr_status status = LR_OK;
+    if (s.wanted == NULL)
+        status = lr_fail_memory(error, n_table, "what closes the mesh");
+    for (uint32_t i = 0; i < bins->n_active && status == LR_OK; i++)
+        if (!push(&s, bins->brick[i]))
+            status =
+                lr_fail_memory(error, bins->n_active * sizeof *s.queue, "what closes the mesh");
+    if (status == LR_OK)
+        status = spread_out(&s, watch, error);
+    if (status == LR_OK)
+        status = lr_bins_add(bins, s.wanted, n_table, (uint32_t)s.n, error);
+    free(s.wanted);
+    free(s.queue);
+    return status;
+}
