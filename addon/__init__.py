@@ -6,13 +6,24 @@ do not need it can be used without.
 """
 
 import atexit
+import importlib
+
+SCRIPTED = {"engine": ".blender.engine", "session": ".blender.open_file"}
+
+
+def __getattr__(name: str):
+    """What scripts import from the add-on itself: the engine with its reports, and the session."""
+    if name in SCRIPTED:
+        return importlib.import_module(SCRIPTED[name], __package__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def register() -> None:
     """Make the engine, its settings, panels and command known to Blender."""
     import bpy
 
-    from . import cli, engine, operators, properties, ui
+    from . import cli
+    from .blender import engine, operators, properties, ui
 
     for part in (properties, engine, operators, ui, cli):
         part.register()
@@ -21,7 +32,8 @@ def register() -> None:
 
 
 def unregister() -> None:
-    from . import cli, engine, operators, properties, ui
+    from . import cli
+    from .blender import engine, operators, properties, ui
 
     atexit.unregister(unregister)
     for part in (cli, ui, operators, engine, properties):

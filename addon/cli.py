@@ -19,9 +19,10 @@ from pathlib import Path
 import leapray
 from leapray import LeapRayError
 
-from . import arguments, files, model, process
-from .files import check_file, check_folder, part_folder, resolved
-from .session import open_scene, render_frame, set_format
+from . import arguments, model, process
+from .blender.open_file import open_scene, render_frame, set_format
+from .store import files
+from .store.files import check_file, check_folder, part_folder, resolved
 
 FORMATS = (".png", ".exr")
 _command = None  # Blender's handle of the registered command

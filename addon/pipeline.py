@@ -25,8 +25,9 @@ from leapray._abi import lr_counters
 from leapray.threads import cores
 from leapray.voxelization import FILTERS
 
-from . import memory, model, plan, tiles
-from .cache import Cache
+from . import memory, model, tiles
+from .plan import plan
+from .store.memory_cache import Cache
 
 POLL = 0.03  # seconds between two looks at `stop`
 WIDEST = 7.0  # half width of a filter, in voxels: what every one of them can have

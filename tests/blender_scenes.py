@@ -16,7 +16,7 @@ def fresh(settings=PLAIN):
     settings: of LeapRay's, those that are not to be its defaults."""
     if not hasattr(bpy.types.Scene, "leapray"):
         addon.register()
-    from addon import engine
+    from addon.blender import engine
 
     engine.reports.clear()
     engine.failures.clear()
@@ -89,7 +89,7 @@ def light(kind, **attributes):
 
 def read(width=64, height=48):
     """The scene as LeapRay reads it, at render visibility as far as Blender gives it here."""
-    from addon import scene
+    from addon.blender.read import scene
 
     return scene.read(bpy.context.evaluated_depsgraph_get(), width, height)
 

@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 from blender_scenes import combined, fresh, nodes_of, put
 
-from addon import session
+from addon.blender import open_file
 
 SHIFT = 10.0  # so that negative values show
 
@@ -62,7 +62,7 @@ def picture(materials, side):
     camera = scene.camera
     camera.data.type, camera.data.ortho_scale = "ORTHO", max(columns, rows)
     camera.location = columns / 2, rows / 2, 10
-    with session.quiet():
+    with open_file.quiet():
         bpy.ops.render.render()
     whole = combined(scene)[..., :3].reshape(rows, side, columns, side, 3)
     squares = whole.transpose(0, 2, 1, 3, 4).reshape(rows * columns, side, side, 3)

@@ -59,7 +59,7 @@ def both(scene, samples=16, bounces=0):
 
 def warnings():
     """What LeapRay said about its last render."""
-    from addon import engine
+    from addon.blender import engine
 
     return [sentence for report in engine.reports.values() for sentence in report["warnings"]]
 

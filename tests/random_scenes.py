@@ -26,7 +26,7 @@ from blender_scenes import exr, fresh, nodes_of
 from mathutils import Matrix, Vector
 
 import leapray
-from addon import session
+from addon.blender import open_file
 from addon.study import frames, metrics
 
 SIDE = 64  # pixels of the longer side of a picture
@@ -492,17 +492,17 @@ class Maker:
 def render(scene, picture: Path, engine: str) -> dict[str, np.ndarray]:
     """The geometry's passes of the frame, all of its channels, and the reports of LeapRay."""
     scene.render.engine = engine
-    session.set_format(scene, picture)
+    open_file.set_format(scene, picture)
     picture.unlink(missing_ok=True)
     if engine == "LEAPRAY":
-        found = session.render_frame(scene)
+        found = open_file.render_frame(scene)
     else:
         cycles = scene.cycles
         cycles.samples, cycles.max_bounces = 1, 0
         cycles.use_adaptive_sampling = cycles.use_denoising = False
         cycles.pixel_filter_type = "BOX"
         found = {}
-        with session.quiet():
+        with open_file.quiet():
             bpy.ops.render.render(write_still=True, scene=scene.name)
     first = f"{scene.view_layers[0].name}."
     planes = {

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from blender_scenes import diffuse, exr, fresh, light, mesh, nodes_of, plane, put
 
-from addon import engine, session
+from addon.blender import engine, open_file
 
 SAMPLES = Path(__file__).parents[1] / "blend_samples"
 N_FRAMES = 10
@@ -64,7 +64,7 @@ def scene(tmp_path):
     put("Sun", light("SUN", energy=3.0), rotation_euler=(0.5, 0.3, 0.0))
     made.camera.location = (0, -1.0, 12)
     bpy.context.view_layer.update()
-    session.set_format(made, tmp_path / "out.png")
+    open_file.set_format(made, tmp_path / "out.png")
     return made
 
 
@@ -92,7 +92,7 @@ def frames(scene, made, numbers=range(1, N_FRAMES + 1)):
 
 def again(scene, made):
     made.clear()
-    session.render_frame(scene)
+    open_file.render_frame(scene)
     return list(made)
 
 
@@ -184,14 +184,14 @@ def test_volumes_go_with_the_setting(scene, made):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["gallery", "textured", "cad", "thin", "cornell", "still"])
 def test_a_second_run_of_a_sample_makes_nothing_and_shows_the_same(name, made, tmp_path):
-    scene = session.open_scene(SAMPLES / f"{name}.blend")
+    scene = open_file.open_scene(SAMPLES / f"{name}.blend")
     scene.render.use_persistent_data = False
     scene.render.resolution_percentage, scene.leapray.samples = 20, 1
     pictures, told = [], []
     for folder in ("", str(tmp_path / "folder"), str(tmp_path / "folder")):
         scene.leapray.cache_folder = folder
         picture = tmp_path / f"{len(pictures)}.exr"
-        session.set_format(scene, picture)
+        open_file.set_format(scene, picture)
         told.append(again(scene, made))
         pictures.append(exr(picture))
     bare, first, second = pictures

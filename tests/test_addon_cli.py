@@ -17,7 +17,8 @@ import pytest
 from blender_scenes import exr, fresh, light, mesh, put
 
 import leapray
-from addon import cli, result, session
+from addon import cli
+from addon.blender import open_file, result
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -142,7 +143,7 @@ def test_paths_are_relative_to_the_scene_and_to_the_home_folder(copied, monkeypa
     ],
 )
 def test_the_size_of_the_picture_is_as_asked_for(copied, words, size):
-    scene = session.open_scene(copied)
+    scene = open_file.open_scene(copied)
     scene.render.resolution_percentage = 25
     bpy.ops.wm.save_mainfile()
     assert cli.main(["render", str(copied), *words]) == 0
@@ -188,7 +189,7 @@ def test_several_frames_may_share_the_file_of_their_figures(copied, monkeypatch)
 
 def test_frames_differ_and_are_those_of_single_renders(blend, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    scene = session.open_scene(blend)
+    scene = open_file.open_scene(blend)
     cube = scene.objects["Cube"]
     for frame, x in ((1, 0.0), (2, 1.0)):
         cube.location.x = x

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from test_addon_lights import environment
 from test_addon_materials import node, surface, tree
 
-from addon import session
+from addon.blender import open_file
 
 pytestmark = pytest.mark.slow
 
@@ -49,7 +49,7 @@ def both(scene, diffuse_bounces):
     images = []
     for engine in ("CYCLES", "LEAPRAY"):
         scene.render.engine = engine
-        with session.quiet():
+        with open_file.quiet():
             bpy.ops.render.render()
         images.append(combined(scene)[..., :3])
     return images

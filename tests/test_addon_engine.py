@@ -17,8 +17,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import addon
 import leapray
-from addon import engine, model, pipeline, plan, properties, result, session, ui, volumes
-from addon import scene as scene_module
+from addon import model, pipeline
+from addon.blender import engine, open_file, properties, result, ui
+from addon.blender.read import scene as scene_module
+from addon.plan import plan
+from addon.store import volume_files
 
 
 @pytest.fixture
@@ -35,8 +38,8 @@ def scene():
 
 
 def render_exr(scene, path):
-    session.set_format(scene, path)
-    session.render_frame(scene)
+    open_file.set_format(scene, path)
+    open_file.render_frame(scene)
     return exr(path)
 
 
@@ -47,7 +50,7 @@ def of_layer(channels, layer, each):
 
 
 def test_a_multilayer_exr_holds_the_passes_of_the_pipeline(scene, tmp_path):
-    session.set_format(scene, tmp_path / "out.exr")  # asks for all passes
+    open_file.set_format(scene, tmp_path / "out.exr")  # asks for all passes
     want = pipeline.render(read()).passes
     got = render_exr(scene, tmp_path / "out.exr")
     assert {each.name for each in result.PASSES} == set(want)
@@ -58,11 +61,11 @@ def test_a_multilayer_exr_holds_the_passes_of_the_pipeline(scene, tmp_path):
 
 
 def test_only_the_passes_that_the_layer_asks_for_are_there(scene, tmp_path):
-    session.set_format(scene, tmp_path / "out.exr")
+    open_file.set_format(scene, tmp_path / "out.exr")
     layer = bpy.context.view_layer
     for each in result.PASSES[1:]:
         setattr(each.owner(layer), each.switch, each.name == "Normal")
-    session.render_frame(scene)
+    open_file.render_frame(scene)
     names = {name.split(".")[1] for name in exr(tmp_path / "out.exr") if name.count(".") == 2}
     assert names == {"Combined", "Normal"}
 
@@ -102,12 +105,12 @@ def test_an_animation_moves(scene, tmp_path):
     for frame, x in ((1, -1.5), (3, 1.5)):
         cube.location.x = x
         cube.keyframe_insert("location", frame=frame)
-    session.set_format(scene, tmp_path / "frame_.exr")
+    open_file.set_format(scene, tmp_path / "frame_.exr")
     scene.render.filepath = str(tmp_path / "frame_")
     scene.frame_start, scene.frame_end = 1, 3
     for kept in (False, True):  # with and without volumes kept between frames
         scene.render.use_persistent_data = kept
-        with session.quiet():
+        with open_file.quiet():
             bpy.ops.render.render(animation=True)
         places = []
         for frame in (1, 2, 3):
@@ -235,7 +238,7 @@ def test_an_objects_volume_is_exported_as_it_is_voxelized(scene, tmp_path):
     bpy.context.view_layer.objects.active = cube
     path = tmp_path / "cube.vdb"
     bpy.ops.object.leapray_export_vdb(filepath=str(path), resolution=40, space="OBJECT")
-    got = volumes.read(path)
+    got = volume_files.read(path)
     (mine,) = (m for m in read().meshes if m.name == "Cube")
     assert len(mine.triangles) > 12
     want = leapray.voxelize(mine.vertices, mine.triangles, plan.fixed_size(mine, 40))
@@ -304,16 +307,16 @@ def test_an_exported_volume_opens_in_blender_where_the_object_is(scene, tmp_path
     opened = bpy.context.object
     assert opened.type == "VOLUME" and opened.data.grids.load()
     assert [grid.name for grid in opened.data.grids] == ["density"]
-    (grid,) = volumes._grids(path)  # Blender's module reads what Blender shows
+    (grid,) = volume_files._grids(path)  # Blender's module reads what Blender shows
     lo, hi = (np.array(grid.transform.indexToWorld(c)) for c in grid.evalActiveVoxelBoundingBox())
     corners = np.array([cube.matrix_world @ Vector(corner) for corner in cube.bound_box])
     assert_allclose((lo + hi) / 2, (corners.min(axis=0) + corners.max(axis=0)) / 2, atol=0.1)
-    place = volumes.read(path).info.object_from_index
+    place = volume_files.read(path).info.object_from_index
     turned = np.array(cube.matrix_world)[:3, :3]
     assert_allclose(np.linalg.solve(turned, place[:3, :3]) / place[0, 0] * turned[0, 0], np.eye(3),
                     atol=1e-6)  # fmt: skip
-    values, _ = volumes.read(path).sample(corners * 0.98 + np.array(cube.location) * 0.02)
-    outside, _ = volumes.read(path).sample(corners * 1.2 - np.array(cube.location) * 0.2)
+    values, _ = volume_files.read(path).sample(corners * 0.98 + np.array(cube.location) * 0.02)
+    outside, _ = volume_files.read(path).sample(corners * 1.2 - np.array(cube.location) * 0.2)
     assert (values > 0.2).all() and (outside < 0.2).all()
 
 
@@ -361,7 +364,7 @@ def test_a_missing_library_is_named_with_what_it_lacks(scene, tmp_path):
     bpy.context.scene.collection.objects.link(linked.objects[0])
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "user.blend"))
     library.unlink()
-    with session.quiet():
+    with open_file.quiet():
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "user.blend"))
     (warning,) = read().warnings
     assert warning == "Library '//library.blend' is missing, or lacks 'Cube'"
@@ -370,7 +373,7 @@ def test_a_missing_library_is_named_with_what_it_lacks(scene, tmp_path):
 @pytest.mark.parametrize("name", ["cornell", "mirrors"])
 def test_the_samples_light_paths_are_equal_for_both_engines(name):
     path = Path(addon.__file__).resolve().parent.parent / "blend_samples" / f"{name}.blend"
-    scene = session.open_scene(path)
+    scene = open_file.open_scene(path)
     for kind in ("max", "diffuse", "glossy", "transmission"):
         limits = [getattr(owner, f"{kind}_bounces") for owner in (scene.leapray, scene.cycles)]
         assert limits[0] == limits[1], kind
@@ -382,7 +385,7 @@ def test_nothing_leaks_from_instances():
     code = (
         "import bpy, addon; addon.register()\n"
         f"bpy.ops.wm.open_mainfile(filepath={str(root / 'blend_samples/gallery.blend')!r})\n"
-        "from addon import scene\n"
+        "from addon.blender.read import scene\n"
         "read = scene.read(bpy.context.evaluated_depsgraph_get(), 64, 48)\n"
         "assert len(read.instances) > 50\n"
         "addon.unregister()"

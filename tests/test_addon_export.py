@@ -8,7 +8,7 @@ import pytest
 from blender_scenes import diffuse, fresh, mesh, plane, polygons, put
 from mathutils import Matrix
 
-from addon import volumes
+from addon.store import volume_files
 
 VOXEL = 2 / 38  # of a ball with 48 samples across
 OFF = (
@@ -69,7 +69,7 @@ def test_blender_finds_the_surface_where_the_object_is(place, scene, tmp_path):
     assert len(points) > 1000
     assert np.abs(radius - 1).max() < OFF * VOXEL
     assert np.abs(points.mean(axis=0)).max() < OFF * VOXEL
-    (grid,) = volumes._grids(tmp_path / "ball.vdb")
+    (grid,) = volume_files._grids(tmp_path / "ball.vdb")
     points = np.asarray(grid.convertToPolygons(isovalue=0.5)[0], float) @ inverse[:3, :3].T
     assert np.abs(np.linalg.norm(points + inverse[:3, 3], axis=1) - 1).max() < 0.1 * VOXEL
 
@@ -87,7 +87,7 @@ def test_sheets_and_thin_walls_are_exported_as_their_field(scene, tmp_path):
     """Cells that keep triangles have the samples' best values in a file."""
     chosen("Plane", plane(), PLACES["rotated"])
     bpy.ops.object.leapray_export_vdb(filepath=str(tmp_path / "plane.vdb"), resolution=32)
-    volume = volumes.read(tmp_path / "plane.vdb")
+    volume = volume_files.read(tmp_path / "plane.vdb")
     assert volume.info.kind == "sheet" and volume.info.n_exact_cells == 0
     inverse = np.linalg.inv(np.array(PLACES["rotated"]))
     points = opened(tmp_path / "plane.vdb") @ inverse[:3, :3].T + inverse[:3, 3]
@@ -105,7 +105,7 @@ def test_materials_are_ids_of_the_file(scene, tmp_path):
         ob.data.materials.append(diffuse(name))
     ob.data.polygons[5].material_index = 1
     bpy.ops.object.leapray_export_vdb(filepath=str(tmp_path / "box.vdb"), resolution=32)
-    assert set(np.unique(volumes.read(tmp_path / "box.vdb").read_ids())) == {0, 1}
+    assert set(np.unique(volume_files.read(tmp_path / "box.vdb").read_ids())) == {0, 1}
 
 
 def test_what_cannot_be_exported_is_a_sentence(scene, tmp_path):

@@ -21,7 +21,8 @@ from mathutils import Vector
 from numpy.testing import assert_allclose
 
 import leapray
-from addon import colors, pipeline
+from addon import pipeline
+from addon.blender.read import colors
 
 
 @pytest.fixture

@@ -10,8 +10,9 @@ from blender_scenes import diffuse, fresh, mesh, nodes_of, plane, put, read
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
-from addon import images, materials, model
-from addon.notes import Notes
+from addon import model
+from addon.blender.read import images, materials
+from addon.blender.read.warnings import Notes
 
 
 @pytest.fixture

@@ -12,7 +12,8 @@ from blender_scenes import fresh, light, mesh, plane, put, read
 
 import addon
 import leapray
-from addon import engine, model, operators, pipeline, presets, properties, ui, ui_report
+from addon import model, pipeline
+from addon.blender import engine, operators, presets, properties, ui, ui_report
 
 SAMPLES = sorted((Path(addon.__file__).resolve().parent.parent / "blend_samples").glob("*.blend"))
 

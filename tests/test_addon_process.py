@@ -71,9 +71,9 @@ def test_the_process_ends_at_once_whatever_blender_has_to_unload(blend, tmp_path
 
 SCRIPTS = {
     "registers": "",
-    "renders": "session.open_scene(Path({blend!r})).render.resolution_percentage = 10\n"
-    "session.set_format(bpy.context.scene, Path('a.png').absolute())\n"
-    "session.render_frame(bpy.context.scene)",
+    "renders": "open_file.open_scene(Path({blend!r})).render.resolution_percentage = 10\n"
+    "open_file.set_format(bpy.context.scene, Path('a.png').absolute())\n"
+    "open_file.render_frame(bpy.context.scene)",
     "unregisters": "addon.unregister()",
     "registers again": "addon.unregister(); addon.register()",
     "exits": "raise SystemExit(0)",
@@ -88,7 +88,7 @@ def test_scripts_that_register_the_addon_end_well(blend, tmp_path, body):
         put("Cube", mesh())
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "plain.blend"))
         assert scene.leapray.samples
-    text = "from pathlib import Path\nimport bpy, addon\nfrom addon import session\n"
+    text = "from pathlib import Path\nimport bpy, addon\nfrom addon.blender import open_file\n"
     text += "addon.register()\n" + body.format(blend=str(tmp_path / "plain.blend")) + "\n"
     done = subprocess.run(
         [sys.executable, "-c", text], cwd=tmp_path, env=VARIABLES, timeout=60, capture_output=True
@@ -154,7 +154,8 @@ def test_ctrl_c_while_blender_loads_is_never_lost(blend, tmp_path):
 DEAF = """
 import sys, time, ctypes
 from pathlib import Path
-from addon import process, files
+from addon import process
+from addon.store import files
 def work(argv):
     with files.part_folder(Path('a.png')) as folder:
         (folder / 'picture.png').touch()

@@ -23,7 +23,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
 from addon import pipeline
-from addon import scene as scene_module
+from addon.blender.read import scene as scene_module
 
 
 @pytest.fixture

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import leapray
-from addon import arguments, cli, files
+from addon import arguments, cli
+from addon.store import files
 from leapray import LeapRayError
 
 FIRST = leapray.traversers()[0].name

@@ -9,8 +9,9 @@ from numpy.testing import assert_allclose
 from scenes import box, camera, join, place, plane, scene, sphere
 
 import leapray
-from addon import bake, model, objects, parts, plan
-from addon.cache import Cache
+from addon import model
+from addon.plan import mesh_colors, mesh_split, objects, plan
+from addon.store.memory_cache import Cache
 
 TEXTURED = (model.Lobe("diffuse", (1.0, 1.0, 1.0), textured=True),)
 
@@ -123,9 +124,9 @@ def test_slots_that_no_triangle_has_ask_for_nothing():
 
 def test_meshes_whose_facets_show_carry_normals_and_others_do_not():
     coarse, fine = sphere(n=6), sphere(n=64)
-    assert bake.facet_voxel(smooth(coarse), False) > 0.02
-    assert bake.facet_voxel(coarse, True) == 0  # flat: its triangles have normals of their own
-    assert not bake.facet_voxel(smooth(fine), True) > 0.1  # facets smaller than voxels
+    assert mesh_colors.facet_voxel(smooth(coarse), False) > 0.02
+    assert mesh_colors.facet_voxel(coarse, True) == 0  # flat: its triangles have their own normals
+    assert not mesh_colors.facet_voxel(smooth(fine), True) > 0.1  # facets smaller than voxels
     places = [place(0), place(1, at=(3, 0, 0)), place(2, at=(-3, 0, 0)), place(3, at=(0, 0, 3))]
     made = planned(scene([smooth(coarse), coarse, fine, plane()], places))
     carried = [row["carries"] for row in made.volumes]
@@ -156,7 +157,7 @@ def test_beside_a_crease_normals_are_those_of_the_face():
 def test_normals_along_the_facets_are_not_worth_it():
     flat = plane()
     up = np.broadcast_to(np.float32((0, 0, 1)), (2, 3, 3))
-    assert not bake.facet_voxel(dataclasses.replace(flat, corner_normals=up), False) > 0.01
+    assert not mesh_colors.facet_voxel(dataclasses.replace(flat, corner_normals=up), False) > 0.01
 
 
 # ---- meshes that change ---------------------------------------------------------
@@ -170,7 +171,7 @@ def test_parts_keep_what_their_corners_carry():
         corner_normals=np.concatenate([ball.corner_normals] * 2),
         corner_uvs=np.concatenate([ball.corner_uvs, ball.corner_uvs + 1]),
     )
-    split = parts.split(two)
+    split = mesh_split.split(two)
     assert len(split) == 2
     for part in split:
         assert len(part.corner_normals) == len(part.corner_uvs) == len(part.triangles)

@@ -7,7 +7,7 @@ import pytest
 from blender_scenes import combined, fresh, light, mesh, nodes_of, plane, put
 from mathutils import Vector
 
-from addon import engine, session
+from addon.blender import engine, open_file
 
 # Noise: the darkest of these pictures varies by 0.1 % from seed to seed.
 LIMIT = 0.01
@@ -63,7 +63,7 @@ def test_a_first_picture_is_as_bright_as_cycles_has_it(make):
     for name in ("CYCLES", "LEAPRAY"):
         scene.render.engine = name
         engine.failures.clear()
-        with session.quiet():
+        with open_file.quiet():
             bpy.ops.render.render()
         means[name] = combined(scene)[..., :3].mean(axis=(0, 1))
     (report,) = engine.reports.values()

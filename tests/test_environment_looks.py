@@ -10,8 +10,9 @@ from blender_scenes import combined, fresh, nodes_of, plane, put
 from test_addon_materials import node
 
 import leapray
-from addon import lights, session
-from addon.notes import Notes
+from addon.blender import open_file
+from addon.blender.read import lights
+from addon.blender.read.warnings import Notes
 
 WIDTH, HEIGHT = 9, 5
 ROWS = 24
@@ -50,7 +51,7 @@ def all_around(scene):
     scene.cycles.samples, scene.cycles.use_denoising = 1, False
     scene.cycles.use_adaptive_sampling = False
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BLACKMAN_HARRIS", 0.01
-    with session.quiet():
+    with open_file.quiet():
         bpy.ops.render.render()
     return combined(scene)[..., :3]
 

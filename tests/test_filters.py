@@ -12,8 +12,9 @@ from scenes import plane as model_plane
 from scenes import sphere as model_sphere
 
 import leapray
-from addon import pipeline, plan
-from addon.cache import Cache
+from addon import pipeline
+from addon.plan import plan
+from addon.store.memory_cache import Cache
 from leapray.voxelization import FILTERS, own_half_width, slope
 
 TOP = {"u8": 255, "u16": 65535, "f32": 1.0}

@@ -9,7 +9,8 @@ import pytest
 import scenes
 
 import leapray
-from addon import model, objects, pipeline
+from addon import model, pipeline
+from addon.plan import objects
 from leapray import LeapRayError
 from leapray.voxelization import voxelize
 

@@ -11,8 +11,8 @@ from cycles_values import emitter, middles, picture
 from test_addon_materials import node
 
 import leapray
-from addon import images, materials
-from addon.notes import Notes
+from addon.blender.read import images, materials
+from addon.blender.read.warnings import Notes
 
 SIDE = 8
 WIDTH, HEIGHT = 7, 5

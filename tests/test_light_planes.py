@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import scenes
 
-from addon import light_planes, model, pipeline
+from addon import model, pipeline
+from addon.plan import light_planes
 
 OFF = 1e-3  # what the surfaces may be off
 

@@ -14,8 +14,9 @@ import scenes
 from meshes import grid_surface
 
 import leapray
-from addon import bake, memory, objects, parts, pipeline, probes
+from addon import memory, pipeline
 from addon.model import Mesh
+from addon.plan import mesh_colors, mesh_split, objects, probes
 from leapray.voxelization import SPARE, mesh_scratch_nbytes
 
 HERE = Path(__file__).parent
@@ -66,7 +67,7 @@ def closed() -> Mesh:
 
 def smooth() -> Mesh:
     mesh = bumpy()
-    normals = np.repeat(bake.unit(bake.facet_normals(mesh)[:, :1]), 3, axis=1)
+    normals = np.repeat(mesh_colors.unit(mesh_colors.facet_normals(mesh)[:, :1]), 3, axis=1)
     return Mesh("Smooth", mesh.vertices, mesh.triangles, corner_normals=normals.astype(np.float32))
 
 
@@ -150,7 +151,7 @@ def test_the_budget_counts_scratch_and_the_refusal_tells_both_sizes():
 
 
 def test_a_mesh_too_large_for_the_budget_is_refused_before_it_is_looked_at(monkeypatch):
-    monkeypatch.setattr(parts, "split", None)
+    monkeypatch.setattr(mesh_split, "split", None)
     monkeypatch.setattr(probes, "draw", None)
     with pytest.raises(objects.SceneError, match="budget is 1 MB"):
         pipeline.render(scene(bumpy(), memory_mb=1))
@@ -180,7 +181,7 @@ def edges_of(vertices, triangles, cosine, weld):
     count = np.diff(np.append(starts, len(order)))
     pairs = np.stack([order[starts], order[np.minimum(starts + 1, len(order) - 1)]], axis=1)
     p = vertices[triangles].astype(np.float64)
-    normal = bake.unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))
+    normal = mesh_colors.unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))
     first, second = normal[pairs // 3].transpose(1, 0, 2)
     real = first.any(axis=1) & second.any(axis=1)
     turns = (count > 1) & real & (np.einsum("nc,nc->n", first, second) < cosine)

@@ -10,8 +10,9 @@ from meshes import box, icosphere
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
-from addon import model, pipeline, plan
-from addon.cache import Cache
+from addon import model, pipeline
+from addon.plan import plan
+from addon.store.memory_cache import Cache
 from leapray import VERTEX, Attributes
 
 H = 1 / 16

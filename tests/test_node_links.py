@@ -12,8 +12,9 @@ from cycles_values import picture, values
 from test_addon_materials import misunderstood, node, surface, tree
 from test_node_values import ours
 
-from addon import lights, materials, session
-from addon.notes import Notes
+from addon.blender import open_file
+from addon.blender.read import lights, materials
+from addon.blender.read.warnings import Notes
 
 ORANGE = (0.9, 0.4, 0.1, 1.0)
 
@@ -267,7 +268,7 @@ def mean(scene, engine):
     scene.render.resolution_x = scene.render.resolution_y = 8
     scene.cycles.samples = scene.leapray.samples = 1
     scene.cycles.use_denoising = scene.cycles.use_adaptive_sampling = False
-    with session.quiet():
+    with open_file.quiet():
         bpy.ops.render.render()
     return combined(scene)[..., :3].mean(axis=(0, 1))
 
@@ -395,7 +396,7 @@ def test_the_frame_goes_on_beside_nonsense():
     scene.camera.data.type, scene.camera.data.ortho_scale = "ORTHO", 4
     scene.render.resolution_x, scene.render.resolution_y = 16, 8
     scene.leapray.samples = 1
-    with session.quiet():
+    with open_file.quiet():
         bpy.ops.render.render()
     got = combined(scene)[..., :3]
     assert np.isfinite(got).all()
@@ -464,7 +465,7 @@ def test_a_ramp_of_vertex_colours_is_sharp_where_it_is_hit():
         mean(scene, engine)
         scene.render.resolution_x, scene.render.resolution_y = 40, 8
         scene.cycles.pixel_filter_type = "BOX"
-        with session.quiet():
+        with open_file.quiet():
             bpy.ops.render.render()
         pictures[engine] = combined(scene)[..., 0]
     want, got = pictures["CYCLES"], pictures["LEAPRAY"]

@@ -9,9 +9,9 @@ import pytest
 from blender_scenes import fresh
 from cycles_values import SHIFT, emitter, values
 
-from addon.links import output_of, source
-from addon.node_values import NODES
-from addon.nodes import Folder
+from addon.blender.read.links import output_of, source
+from addon.blender.read.node_values import NODES
+from addon.blender.read.nodes import Folder
 
 ODD = (-2.5, -2.0, -1.0, -0.5, 0.0, 0.3, 1.0, 2.0, 3.0)
 

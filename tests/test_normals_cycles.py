@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from blender_scenes import diffuse, exr, fresh, light, polygons, put
 
-from addon import session
+from addon.blender import open_file
 from addon.study import metrics
 
 pytestmark = pytest.mark.slow
@@ -154,7 +154,7 @@ def passes(scene, engine, path):
     scene.cycles.pixel_filter_type, scene.leapray.pixel_filter = "BOX", "box"
     scene.cycles.diffuse_bounces = 0
     scene.render.filepath = str(path)
-    with session.quiet():
+    with open_file.quiet():
         bpy.ops.render.render(write_still=True)
     found = exr(path)
 

@@ -8,16 +8,17 @@ import pytest
 import scenes
 
 import leapray
-from addon import model, parts, plan
-from addon.cache import Cache
+from addon import model
+from addon.plan import mesh_split, plan
+from addon.store.memory_cache import Cache
 
 
 def test_there_are_never_too_many_parts():
     """A thicket of spheres within one another: the last volume takes what is left."""
     mesh = scenes.join(*((scenes.sphere(0.5 + k / 40, n=2), (k / 40, 0, 0)) for k in range(20)))
-    split = parts.split(mesh)
-    assert len(split) == parts.MOST_LAYERS
-    assert [len(part.triangles) for part in split[:-1]] == [48] * (parts.MOST_LAYERS - 1)
+    split = mesh_split.split(mesh)
+    assert len(split) == mesh_split.MOST_LAYERS
+    assert [len(part.triangles) for part in split[:-1]] == [48] * (mesh_split.MOST_LAYERS - 1)
     assert sum(len(part.triangles) for part in split) == len(mesh.triangles)
 
 
@@ -25,7 +26,7 @@ def test_parts_keep_their_triangles_and_slots():
     near = scenes.join((scenes.sphere(n=4), (0, 0, 0)), (scenes.box(), (1.5, 0, 0)))
     slots = np.arange(len(near.triangles)).astype(np.uint16)
     whole = model.Mesh("Pair", near.vertices, near.triangles, slots)
-    split = parts.split(whole)
+    split = mesh_split.split(whole)
     assert sorted(len(part.triangles) for part in split) == [12, 192]
     corners = {}
     for part in split:
@@ -39,8 +40,8 @@ def test_parts_keep_their_triangles_and_slots():
 @pytest.mark.parametrize("apart", [5.0, 0.5])
 def test_only_near_parts_are_taken_apart(apart):
     mesh = scenes.join((scenes.sphere(n=4), (0, 0, 0)), (scenes.sphere(n=4), (2 + apart, 0, 0)))
-    assert parts.split(mesh) == [mesh]
-    assert parts.split(scenes.sphere(n=4))[0].name == "Sphere"
+    assert mesh_split.split(mesh) == [mesh]
+    assert mesh_split.split(scenes.sphere(n=4))[0].name == "Sphere"
 
 
 def test_crossing_parts_keep_their_shape():

@@ -17,7 +17,7 @@ import scenes
 
 import leapray
 from addon import pipeline, tiles
-from addon.cache import Cache
+from addon.store.memory_cache import Cache
 
 WIDTH, HEIGHT = 96, 64
 

@@ -13,8 +13,9 @@ import pytest
 import scenes
 
 import leapray
-from addon import errors, model, objects, plan, probes
-from addon.cache import Cache
+from addon import model
+from addon.plan import error_metric, objects, plan, probes
+from addon.store.memory_cache import Cache
 from leapray.voxelization import SPARE
 
 
@@ -158,7 +159,9 @@ def test_the_measured_error_of_a_sphere_is_the_predicted_one(dtype, voxel_size):
     mesh = scenes.sphere(n=160)  # chords sink by 1.2e-5
     drawn = probes.draw(mesh)
     volume = leapray.voxelize(mesh.vertices, mesh.triangles, voxel_size, dtype=dtype, threads=1)
-    error, lost = errors.measure_surface(volume, drawn.surface, drawn.surface_normals, voxel_size)
+    error, lost = error_metric.measure_surface(
+        volume, drawn.surface, drawn.surface_normals, voxel_size
+    )
     assert not lost.any()
     # the second-order terms that the formula leaves out are h/R of it
     assert np.quantile(error, 0.99) == pytest.approx(voxel_size**2 / 4, rel=0.1 + voxel_size)
@@ -192,7 +195,7 @@ def test_thin_walls_are_found():
     scene = scenes.scene([scenes.box((2, 2, 0.05), turn=0.3)], view=view, width=320, height=240)
     mesh, drawn = scene.meshes[0], probes.draw(scene.meshes[0])
     coarse = leapray.voxelize(mesh.vertices, mesh.triangles, 0.125, threads=1)
-    _, lost = errors.measure_surface(coarse, drawn.surface, drawn.surface_normals, 0.125)
+    _, lost = error_metric.measure_surface(coarse, drawn.surface, drawn.surface_normals, 0.125)
     assert lost.mean() > 0.5
     row = make(scene).volumes[0]
     assert row["exact_share"] > 0.9 and row["lost"] < 0.01 and row["nbytes"] < 1 << 20
@@ -201,15 +204,15 @@ def test_thin_walls_are_found():
 
 
 def test_creases_ask_for_finer_voxels_than_their_faces(monkeypatch):
-    monkeypatch.setattr(errors, "CREASE_VOXEL", np.inf)  # for their shape, not their look
-    monkeypatch.setattr(errors, "SHARP_VOXEL", np.inf)
+    monkeypatch.setattr(error_metric, "CREASE_VOXEL", np.inf)  # for their shape, not their look
+    monkeypatch.setattr(error_metric, "SHARP_VOXEL", np.inf)
     turned, straight = (
         make(scenes.scene([scenes.box(turn=a)], exact="sheets", sample_type="u16")).volumes[0]
         for a in (0.4, 0.0)
     )
     assert turned["voxel_size"] < straight["voxel_size"]
     assert straight["crease_footprints"] < 0.01  # lattice planes hold its faces
-    assert turned["crease_footprints"] <= errors.CREASE_ERROR
+    assert turned["crease_footprints"] <= error_metric.CREASE_ERROR
 
 
 # ---- flat things --------------------------------------------------------------------
@@ -470,7 +473,7 @@ def test_the_unit_of_a_mesh_does_not_matter(unit):
     assert made.warnings == []
     row = made.volumes[0]
     assert 0.5 <= row["voxel_size"] / unit / first["voxel_size"] <= 2  # powers of two
-    assert row["crease_footprints"] <= errors.CREASE_ERROR
+    assert row["crease_footprints"] <= error_metric.CREASE_ERROR
 
 
 # ---- one volume for all -----------------------------------------------------------------------
@@ -508,7 +511,7 @@ def test_corners_look_sharp():
     rounded = make(scenes.replace(scene, exact="sheets")).volumes[0]
     assert rounded["exact_share"] == 0 and rounded["nbytes"] > 10 * row["nbytes"]
     assert rounded["crease_footprints"] > 0.05
-    assert 0.5 < rounded["crease_voxel_footprints"] <= errors.SHARP_VOXEL
+    assert 0.5 < rounded["crease_voxel_footprints"] <= error_metric.SHARP_VOXEL
 
 
 # ---- thin things --------------------------------------------------------------------------------
@@ -554,7 +557,7 @@ def test_a_thin_needle_is_found():
     view = scenes.camera(eye=(0, -3.2, 0), width=width, height=height)
     made = make(scenes.scene([needle], view=view, width=width, height=height))
     (row,) = made.volumes
-    assert row["kind"] == "solid" and row["lost"] < errors.LOST_SHARE
+    assert row["kind"] == "solid" and row["lost"] < error_metric.LOST_SHARE
     hit, _, _ = seen_from(view, made, width, height)
     columns = hit[:, 40:-40].sum(axis=0)
     assert (columns >= 1).all() and columns.mean() > 2

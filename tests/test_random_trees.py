@@ -9,9 +9,9 @@ from random_trees import OUTPUTS, Grower
 from stage import camera, one
 
 import leapray
-from addon import lights, materials
-from addon.node_values import NODES
-from addon.notes import Notes
+from addon.blender.read import lights, materials
+from addon.blender.read.node_values import NODES
+from addon.blender.read.warnings import Notes
 
 TREES = 2000
 BATCH = 250

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import scenes
 
-from addon import model, pipeline, reach
+from addon import model, pipeline
+from addon.plan import culling
 
 SUN = model.Light("Sun", "sun", (3.0, 3.0, 3.0), direction=(0.0, 0.0, 1.0))
 LAMP = model.Light("Lamp", "point", (40.0, 40.0, 40.0), position=(3.0, -3.0, 5.0))
@@ -21,7 +22,7 @@ def dark(*places, lights=(SUN,), **more):
 
 
 def reached(scene):
-    return reach.reached(scene, list(scene.instances)).tolist()
+    return culling.reached(scene, list(scene.instances)).tolist()
 
 
 def test_what_is_behind_the_camera_and_off_the_ways_of_light_is_left_out():
@@ -40,7 +41,7 @@ def test_a_light_without_shadow_and_an_object_without_one_do_not_count():
     assert reached(scene) == [True, False]
     scene = dark((0, 0, 0), (0, 0, 30))
     clear = dataclasses.replace(scene.instances[1], visible_shadow=False)
-    assert reach.reached(scene, [scene.instances[0], clear]).tolist() == [True, False]
+    assert culling.reached(scene, [scene.instances[0], clear]).tolist() == [True, False]
 
 
 def test_light_from_all_around_reaches_everything():
@@ -123,9 +124,9 @@ def test_pictures_do_not_depend_on_what_is_left_out(monkeypatch, lights, scale):
     places = [(0, 0, 0), *rng.uniform(-6, 6, (60, 3))]
     scene = dark(*places, lights=lights, view=scenes.camera(scale=scale), resolution=16)
     some = pipeline.render(scene)
-    met = reach.reached(scene, list(scene.instances))
+    met = culling.reached(scene, list(scene.instances))
     assert not met.all()
-    monkeypatch.setattr(reach, "reached", lambda s, instances: np.ones(len(instances), bool))
+    monkeypatch.setattr(culling, "reached", lambda s, instances: np.ones(len(instances), bool))
     every = pipeline.render(scene)
     for name, image in every.passes.items():
         np.testing.assert_array_equal(some.passes[name], image, err_msg=name)

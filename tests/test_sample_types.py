@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import leapray
-from addon import model, pipeline, plan, steps
-from addon.cache import Cache
+from addon import model, pipeline
+from addon.plan import plan, sample_types
+from addon.store.memory_cache import Cache
 from leapray.voxelization import HALF_WIDTHS
 from tests import meshes, scenes
 
@@ -156,7 +157,7 @@ def test_normals_turn_as_foretold():
     volume = leapray.voxelize(*meshes.icosphere(5), VOXEL, threads=1)
     directions = np.random.default_rng(3).normal(size=(2000, 3))
     points = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    told = steps.turn(volume, points, VOXEL, GAIN)
+    told = sample_types.turn(volume, points, VOXEL, GAIN)
     normals = []
     for _ in range(2):
         hits = leapray.trace(leapray.build(volume), 3 * points, -points, threads=1)

@@ -11,9 +11,10 @@ from meshes import box, icosphere, torus, uv_sphere
 from scenes import camera, place, scene
 
 import leapray
-from addon import model, plan
-from addon.bake import unit
-from addon.cache import Cache
+from addon import model
+from addon.plan import plan
+from addon.plan.mesh_colors import unit
+from addon.store.memory_cache import Cache
 from addon.study import embree
 
 

@@ -19,7 +19,9 @@ import scenes
 from numpy.testing import assert_array_equal
 
 import leapray
-from addon import errors, model, pipeline, probes, shelf, volumes
+from addon import model, pipeline
+from addon.plan import error_metric, probes
+from addon.store import disk_cache, volume_files
 
 pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
 
@@ -101,7 +103,7 @@ def test_it_does_not_matter_who_reads_and_who_wrote(tmp_path, made):
 
 
 def test_blender_and_others_find_the_occupancy_in_a_file(tmp_path):
-    openvdb = volumes._openvdb()
+    openvdb = volume_files._openvdb()
     rendered(with_texture(scenes.scene([painted(scenes.sphere(n=12))], resolution=40)), tmp_path)
     (file,) = tmp_path.glob("*.vdb")
     (grid,) = openvdb.readAll(str(file))[0]
@@ -179,10 +181,10 @@ def test_files_that_change_places_are_not_believed(tmp_path):
 
 def test_files_of_other_versions_are_made_anew(kept, made, monkeypatch):
     scene, frame, folder, files = kept
-    for name, value in (("FORMAT", shelf.FORMAT + 1), ("LR_ABI", shelf.LR_ABI + 1)):
+    for name, value in (("FORMAT", disk_cache.FORMAT + 1), ("LR_ABI", disk_cache.LR_ABI + 1)):
         made.clear()
         with monkeypatch.context() as other:
-            other.setattr(shelf, name, value)
+            other.setattr(disk_cache, name, value)
             assert_same(rendered(scene, folder), frame)
         assert made
     for path, data in files.items():
@@ -191,11 +193,11 @@ def test_files_of_other_versions_are_made_anew(kept, made, monkeypatch):
 
 def forged(shelf_, key, head, data, suffix):
     """A file whose seal is right, whoever wrote it."""
-    shelf_.path(key, suffix).write_bytes(shelf._sealed(key, head, data))
+    shelf_.path(key, suffix).write_bytes(disk_cache._sealed(key, head, data))
 
 
 def test_a_right_seal_makes_no_wrong_volume_right(tmp_path):
-    kept, key = shelf.Shelf(str(tmp_path)), ("volume", "ball")
+    kept, key = disk_cache.Shelf(str(tmp_path)), ("volume", "ball")
     ball = leapray.voxelize(*meshes.icosphere(2), 0.1)
     packed, room = ball.pack().tobytes(), 1 << 30
     mesh = dataclasses.asdict(ball.mesh_info)
@@ -226,16 +228,16 @@ def test_a_right_seal_makes_no_wrong_volume_right(tmp_path):
 
 
 def test_a_right_seal_makes_no_wrong_record_right(tmp_path):
-    kept, key = shelf.Shelf(str(tmp_path)), ("measure", "ball")
+    kept, key = disk_cache.Shelf(str(tmp_path)), ("measure", "ball")
     scene = scenes.scene([scenes.sphere(n=32)])
-    kinds = shelf.Shelf(str(tmp_path / "frame"))
+    kinds = disk_cache.Shelf(str(tmp_path / "frame"))
     rendered(scene, kinds.folder)
     path = next((tmp_path / "frame").glob("*.measure"))
-    told, _, data = path.read_bytes()[: -shelf.SEAL.size].partition(b"\n")
+    told, _, data = path.read_bytes()[: -disk_cache.SEAL.size].partition(b"\n")
     head = json.loads(told)
     head.pop("name")
     forged(kept, key, head, data, ".measure")
-    assert kept.record(key, errors.Measure).kind == "solid"
+    assert kept.record(key, error_metric.Measure).kind == "solid"
     values, arrays = head["values"], head["arrays"]
     for wrong, body in (
         ({"values": {**values, "volume_nbytes": "1"}}, data),
@@ -250,12 +252,12 @@ def test_a_right_seal_makes_no_wrong_record_right(tmp_path):
         ({}, zlib.compress(b"")),
     ):
         forged(kept, key, {**head, **wrong}, body, ".measure")
-        assert kept.record(key, errors.Measure) is None, wrong
+        assert kept.record(key, error_metric.Measure) is None, wrong
     short = {**arrays, "lost": ["|b1", [arrays["lost"][1][0] - 1]]}
     body = zlib.compress(zlib.decompress(data)[:-1])
     forged(kept, key, {**head, "arrays": short}, body, ".measure")
     ball = probes.draw(scene.meshes[0])
-    measure = kept.record(key, errors.Measure)
+    measure = kept.record(key, error_metric.Measure)
     assert measure is None or not measure.fits(ball)
 
 
@@ -316,12 +318,12 @@ def test_renders_side_by_side_share_a_folder(tmp_path):
 
 
 def test_another_process_reads_what_this_one_wrote(tmp_path):
-    kept, key = shelf.Shelf(str(tmp_path)), ("volume", "leaf", 0.1)
+    kept, key = disk_cache.Shelf(str(tmp_path)), ("volume", "leaf", 0.1)
     volume = leapray.voxelize(*meshes.leaf(), 0.05)
     kept.keep_volume(key, volume)
     code = (
-        "import sys; from addon import shelf\n"
-        f"volume = shelf.Shelf({str(tmp_path)!r}).volume({key!r}, 1 << 30)\n"
+        "import sys; from addon.store import disk_cache\n"
+        f"volume = disk_cache.Shelf({str(tmp_path)!r}).volume({key!r}, 1 << 30)\n"
         "sys.stdout.buffer.write(volume.pack().tobytes())\n"
         "assert 'bpy' not in sys.modules and 'openvdb' not in sys.modules"
     )

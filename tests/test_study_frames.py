@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy")
 pytest.importorskip("flip_evaluator")
 pytest.importorskip("matplotlib")
 
-from addon import session  # noqa: E402
+from addon.blender import open_file  # noqa: E402
 from addon.study import compare, frames, kept  # noqa: E402
 from leapray import LeapRayError  # noqa: E402
 
@@ -19,7 +19,7 @@ SAMPLES = Path(__file__).resolve().parent.parent / "blend_samples"
 
 
 def opened(name, percentage=10):
-    scene = session.open_scene(SAMPLES / f"{name}.blend")
+    scene = open_file.open_scene(SAMPLES / f"{name}.blend")
     scene.render.resolution_percentage = percentage
     return scene
 

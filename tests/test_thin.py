@@ -13,8 +13,9 @@ import pytest
 import scenes
 
 import leapray
-from addon import model, pipeline, plan, probes, proximity
-from addon.cache import Cache
+from addon import model, pipeline
+from addon.plan import plan, probes, proximity
+from addon.store.memory_cache import Cache
 
 WIDTH, HEIGHT = 200, 112
 

@@ -229,7 +229,7 @@ def test_the_films_exposure_is_that_of_cycles():
 
 
 def test_view_layers_have_samples_of_their_own():
-    from addon import properties
+    from addon.blender import properties
 
     scene = fresh()
     scene.leapray.samples, layer = 32, scene.view_layers[0]
@@ -252,7 +252,8 @@ def test_view_layers_have_samples_of_their_own():
 
 
 def test_samples_asked_for_on_the_command_line_count_for_every_layer():
-    from addon import arguments, cli, properties
+    from addon import arguments, cli
+    from addon.blender import properties
 
     scene = fresh()
     scene.view_layers[0].samples = 100

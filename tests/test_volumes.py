@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from addon import volumes
+from addon.store import volume_files
 from leapray import LeapRayError, Volume, voxelize
 
 pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
@@ -48,27 +48,27 @@ def assert_equal_volumes(got, want):
 @pytest.mark.parametrize("sheet", [False, True])
 def test_dense_volumes_come_back_equal(dtype, ids, sheet, tmp_path):
     volume = random_volume(dtype, ids=ids, sheet=sheet)
-    volumes.write(volume, tmp_path / "a.vdb")
-    assert_equal_volumes(volumes.read(tmp_path / "a.vdb"), volume)
+    volume_files.write(volume, tmp_path / "a.vdb")
+    assert_equal_volumes(volume_files.read(tmp_path / "a.vdb"), volume)
 
 
 def test_every_value_of_the_integers_comes_back(tmp_path):
     volume = Volume(np.arange(65536, dtype=np.uint16).reshape(32, 32, 64))
-    volumes.write(volume, tmp_path / "a.vdb")
-    assert_array_equal(volumes.read(tmp_path / "a.vdb").read(), volume.read())
+    volume_files.write(volume, tmp_path / "a.vdb")
+    assert_array_equal(volume_files.read(tmp_path / "a.vdb").read(), volume.read())
 
 
 @pytest.mark.parametrize("size", [(1, 1, 1), (62, 63, 5), (64, 130, 3)])
 def test_any_size_comes_back_equal(size, tmp_path):
     volume = random_volume(np.uint8, size=size, ids=True)
-    volumes.write(volume, tmp_path / "a.vdb")
-    assert_equal_volumes(volumes.read(tmp_path / "a.vdb"), volume)
+    volume_files.write(volume, tmp_path / "a.vdb")
+    assert_equal_volumes(volume_files.read(tmp_path / "a.vdb"), volume)
 
 
 def test_floats_beyond_0_and_1_come_back(tmp_path):
     volume = Volume(np.linspace(-3, 4, 1000, dtype=np.float32).reshape(10, 10, 10))
-    volumes.write(volume, tmp_path / "a.vdb")
-    assert_equal_volumes(volumes.read(tmp_path / "a.vdb"), volume)
+    volume_files.write(volume, tmp_path / "a.vdb")
+    assert_equal_volumes(volume_files.read(tmp_path / "a.vdb"), volume)
 
 
 @pytest.mark.parametrize("mesh", ["solid", "sheet"])
@@ -77,40 +77,40 @@ def test_sparse_volumes_come_back_equal(mesh, tmp_path):
     ids = np.arange(len(triangles)) % 5
     volume = voxelize(vertices, triangles, 0.02, ids=ids, exact="none")  # files hold no triangles
     assert volume.info.kind == mesh
-    volumes.write(volume, tmp_path / "a.vdb")
-    again = volumes.read(tmp_path / "a.vdb")
+    volume_files.write(volume, tmp_path / "a.vdb")
+    again = volume_files.read(tmp_path / "a.vdb")
     assert_equal_volumes(again, volume)
     assert again.info.n_bricks <= volume.info.n_bricks * 1.1  # still sparse
 
 
 def test_a_sheet_that_is_valid_everywhere_stays_so(tmp_path):
     volume = Volume(random_volume(np.uint8).read(), sheet=True)
-    volumes.write(volume, tmp_path / "a.vdb")
-    assert_equal_volumes(volumes.read(tmp_path / "a.vdb"), volume)
+    volume_files.write(volume, tmp_path / "a.vdb")
+    assert_equal_volumes(volume_files.read(tmp_path / "a.vdb"), volume)
 
 
 def test_the_file_says_where_the_volume_is(tmp_path):
-    openvdb = volumes._openvdb()
-    volumes.write(random_volume(np.uint8), tmp_path / "a.vdb")
+    openvdb = volume_files._openvdb()
+    volume_files.write(random_volume(np.uint8), tmp_path / "a.vdb")
     grid = openvdb.read(str(tmp_path / "a.vdb"), "density")
     assert_allclose(
         grid.transform.indexToWorld((1, 2, 3)), (SHEARED @ [1, 2, 3, 1])[:3], rtol=1e-12
     )
     grid.transform.postTranslate((5.0, 0.0, 0.0))  # another program moves it
     openvdb.write(str(tmp_path / "b.vdb"), grids=[grid])
-    moved = volumes.read(tmp_path / "b.vdb").info.object_from_index
+    moved = volume_files.read(tmp_path / "b.vdb").info.object_from_index
     assert_allclose(moved[:3, 3], SHEARED[:3, 3] + [5, 0, 0], rtol=1e-12)
 
 
 def test_measured_volumes_are_normalised(tmp_path):
-    openvdb = volumes._openvdb()
+    openvdb = volume_files._openvdb()
     values = np.random.default_rng(1).uniform(-1000, 3000, (20, 30, 70)).astype(np.float32)
     grid = openvdb.FloatGrid()
     grid.name = "ct"
     grid.transform = openvdb.createLinearTransform(SHEARED.T.tolist())
     grid.copyFromArray(values, ijk=(-5, 7, 3))
     openvdb.write(str(tmp_path / "ct.vdb"), grids=[grid])
-    volume = volumes.measured(tmp_path / "ct.vdb", "ct", values=(-200, 800), threshold=0.3)
+    volume = volume_files.measured(tmp_path / "ct.vdb", "ct", values=(-200, 800), threshold=0.3)
     want = np.round(np.clip((values.T.astype(float) + 200) / 1000, 0, 1) * 65535)
     assert_array_equal(volume.read(), want)
     assert volume.info.threshold == 0.3
@@ -120,10 +120,10 @@ def test_measured_volumes_are_normalised(tmp_path):
 
 
 def test_level_sets_come_in_with_falling_values(tmp_path):
-    openvdb = volumes._openvdb()
+    openvdb = volume_files._openvdb()
     grid = openvdb.createLevelSetSphere(2.0, (1.0, 2.0, 3.0), 0.1)
     openvdb.write(str(tmp_path / "s.vdb"), grids=[grid])
-    volume = volumes.measured(tmp_path / "s.vdb", values=(0.25, -0.25), dtype="f32")
+    volume = volume_files.measured(tmp_path / "s.vdb", values=(0.25, -0.25), dtype="f32")
     d = np.random.default_rng(2).normal(size=(500, 3))
     points = 2.0 * d / np.linalg.norm(d, axis=1, keepdims=True) + (1, 2, 3)
     value, _ = volume.sample(points)
@@ -132,7 +132,7 @@ def test_level_sets_come_in_with_falling_values(tmp_path):
 
 
 def test_what_cannot_be_read_is_a_sentence(tmp_path):
-    openvdb = volumes._openvdb()
+    openvdb = volume_files._openvdb()
     (tmp_path / "text.vdb").write_text("no volume")
     vectors = openvdb.Vec3SGrid()
     vectors.name = "speed"
@@ -145,17 +145,17 @@ def test_what_cannot_be_read_is_a_sentence(tmp_path):
     openvdb.write(str(tmp_path / "some.vdb"), grids=[vectors, hollow, holes])
     some = tmp_path / "some.vdb"
     for call, words in (
-        (lambda: volumes.read(tmp_path / "none.vdb"), "no file"),
-        (lambda: volumes.read(tmp_path / "text.vdb"), "text.vdb"),
-        (lambda: volumes.read(some), "not written by LeapRay"),
-        (lambda: volumes.measured(tmp_path / "none.vdb"), "no file"),
-        (lambda: volumes.measured(some, "heat"), "'heat'"),
-        (lambda: volumes.measured(some, "speed"), "of numbers"),
-        (lambda: volumes.measured(some, "hollow"), "empty"),
-        (lambda: volumes.measured(some, "holes"), "no numbers"),
-        (lambda: volumes.measured(some, "holes", values=(1, 1)), "values"),
-        (lambda: volumes.measured(some, "holes", values=(0, np.inf)), "values"),
-        (lambda: volumes.measured(some, "holes", dtype="u32"), "u32"),
+        (lambda: volume_files.read(tmp_path / "none.vdb"), "no file"),
+        (lambda: volume_files.read(tmp_path / "text.vdb"), "text.vdb"),
+        (lambda: volume_files.read(some), "not written by LeapRay"),
+        (lambda: volume_files.measured(tmp_path / "none.vdb"), "no file"),
+        (lambda: volume_files.measured(some, "heat"), "'heat'"),
+        (lambda: volume_files.measured(some, "speed"), "of numbers"),
+        (lambda: volume_files.measured(some, "hollow"), "empty"),
+        (lambda: volume_files.measured(some, "holes"), "no numbers"),
+        (lambda: volume_files.measured(some, "holes", values=(1, 1)), "values"),
+        (lambda: volume_files.measured(some, "holes", values=(0, np.inf)), "values"),
+        (lambda: volume_files.measured(some, "holes", dtype="u32"), "u32"),
     ):
         with pytest.raises(LeapRayError) as refused:
             call()
@@ -165,15 +165,15 @@ def test_what_cannot_be_read_is_a_sentence(tmp_path):
 def test_a_file_is_whole_or_absent(tmp_path, monkeypatch):
     volume = random_volume(np.uint8)
     with pytest.raises(LeapRayError, match="no folder"):
-        volumes.write(volume, tmp_path / "nowhere" / "a.vdb")
-    volumes.write(volume, tmp_path / "a.vdb")
+        volume_files.write(volume, tmp_path / "nowhere" / "a.vdb")
+    volume_files.write(volume, tmp_path / "a.vdb")
     before = (tmp_path / "a.vdb").read_bytes()
 
     def full(source, target):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(volumes.os, "replace", full)
+    monkeypatch.setattr(volume_files.os, "replace", full)
     with pytest.raises(LeapRayError, match="no space left"):
-        volumes.write(random_volume(np.uint8, seed=9), tmp_path / "a.vdb")
+        volume_files.write(random_volume(np.uint8, seed=9), tmp_path / "a.vdb")
     assert (tmp_path / "a.vdb").read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.vdb"]

@@ -8,7 +8,7 @@ from meshes import brute_distance, positions, winding
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
-from addon import volumes
+from addon.store import volume_files
 from leapray import LeapRayError, OutOfMemory, voxelization
 from leapray.voxelization import voxelize
 
@@ -432,7 +432,7 @@ def test_a_sphere_of_a_million_triangles_is_as_good_as_analytic_samples():
 def test_beside_openvdb_the_differences_are_openvdbs(name):
     """Its level sets lie on the same lattice. Measured: half of the samples agree to
     2e-5 voxel; those that do not are further from brute force than ours."""
-    openvdb = volumes._openvdb()
+    openvdb = volume_files._openvdb()
     vertices, triangles = CLOSED[name]
     h = 2.0**-5
     ours = voxelize(vertices, triangles, h, dtype="f32")

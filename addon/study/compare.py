@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 import leapray
 from leapray import LeapRayError
 
-from .. import files
+from ..store import files
 from . import charts, metrics, report
 from .folder import result_folder
 
@@ -36,12 +36,12 @@ Json = dict[str, object]
 
 def main(args: argparse.Namespace) -> int:
     """Compare; writes the folder and returns the exit code."""
-    from .. import session
+    from ..blender import open_file
 
     output = Path(args.output or f"{Path(args.scene).stem}-compare")
     chosen = traversers(getattr(args, "traversers", None))
     with result_folder(output, "report.html") as folder:
-        scene = session.open_scene(Path(args.scene))
+        scene = open_file.open_scene(Path(args.scene))
         told = compare(scene, args, chosen, folder)
         told["scene"] = str(args.scene)
         report.write(folder, told)

@@ -16,7 +16,8 @@ from pathlib import Path
 import leapray
 from leapray import LeapRayError
 
-from .. import files, process
+from .. import process
+from ..store import files
 from . import charts
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from leapray import LeapRayError
 
-from .. import session
+from ..blender import open_file
 from .metrics import View
 
 CHANNELS = {  # our name: the layer's names in Blender 5 and 4, and its channels
@@ -307,7 +307,7 @@ def render_cycles(scene: bpy.types.Scene, path: Path, samples: int, seed: int = 
     scene.cycles.samples, scene.cycles.seed = samples, seed
     write_to(scene, path)
     began = time.perf_counter()
-    with session.quiet():
+    with open_file.quiet():
         bpy.ops.render.render(write_still=True, scene=scene.name)
     seconds = time.perf_counter() - began
     return Frame(read(path), seconds)
@@ -320,7 +320,7 @@ def render_leapray(scene: bpy.types.Scene, path: Path, samples: int, traverser: 
     scene.leapray.traverser = traverser
     write_to(scene, path)
     began = time.perf_counter()
-    reports = session.render_frame(scene)
+    reports = open_file.render_frame(scene)
     seconds = time.perf_counter() - began
     report = next(iter(reports.values()), {})
     if not path.exists():
@@ -331,7 +331,7 @@ def render_leapray(scene: bpy.types.Scene, path: Path, samples: int, traverser: 
 def write_to(scene: bpy.types.Scene, path: Path) -> None:
     """Have Blender write 32-bit multilayer EXR to this file, and remove what is there."""
     path.unlink(missing_ok=True)
-    session.set_format(scene, path, CHANNELS)
+    open_file.set_format(scene, path, CHANNELS)
     scene.render.image_settings.exr_codec = "NONE"
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 import leapray
 
-from .. import session
+from ..blender import open_file
 from . import charts, compare, page, scenes
 from .folder import study_folder, write_figures
 from .options import chosen, number
@@ -89,7 +89,7 @@ def measure(file: Path, how: argparse.Namespace, folder: Path) -> list[Row]:
     how: the comparison's options, the percentage of the scene's own resolution.
     """
     print(f"light: {file.stem}", file=sys.stderr, flush=True)
-    scene = session.open_scene(file)
+    scene = open_file.open_scene(file)
     aside = folder / "pictures"
     aside.mkdir()
     percentage = scene.render.resolution_percentage * how.percentage // 100

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import leapray
 
-from .. import volumes
+from ..store import volume_files
 from . import charts, distances, page, scenes
 from .folder import study_folder, write_figures
 from .methods import seconds
@@ -115,7 +115,7 @@ def by_openvdb(vertices, triangles, voxel: float) -> Callable:
     """createLevelSetFromPolygons, which uses all cores; raises LeapRayError without OpenVDB."""
     with contextlib.suppress(ImportError):
         import bpy  # noqa: F401  brings OpenVDB along
-    openvdb = volumes._openvdb()
+    openvdb = volume_files._openvdb()
     corners = triangles.astype(np.uint32)
     return lambda: openvdb.FloatGrid.createLevelSetFromPolygons(
         vertices,

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from .. import model, pipeline
-from .. import plan as planning
-from ..objects import SceneError
+from ..plan import plan as planning
+from ..plan.objects import SceneError
 from . import charts, page, scenes
 from .folder import study_folder, write_figures
 from .options import chosen, number

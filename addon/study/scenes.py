@@ -36,10 +36,10 @@ def read(path: Path, percentage: int = 100) -> model.Scene:
     """A .blend as it is rendered, its own resolution by percentage."""
     import bpy
 
-    from .. import scene as reader
-    from .. import session
+    from ..blender import open_file
+    from ..blender.read import scene as reader
 
-    scene = session.open_scene(path)
+    scene = open_file.open_scene(path)
     for thing in scene.objects:
         thing.hide_viewport = thing.hide_render
         for modifier in thing.modifiers:

@@ -35,7 +35,7 @@ class Session:
         self.window, self.run, self.path = window, window.run, scene
         self.run(f"bpy.ops.wm.open_mainfile(filepath={window.blender.inside(scene)!r})")
         self.run("import threading; bpy.context.scene.render.engine = 'LEAPRAY'")
-        self.engine = "import sys; engine = sys.modules['bl_ext.user_default.leapray.engine']; "
+        self.engine = "import sys; engine = sys.modules['bl_ext.user_default.leapray.blender.engine']; "
         self.forget()
 
     def forget(self) -> None:
@@ -192,7 +192,7 @@ def test_the_compositor_offers_the_passes_and_the_exr_holds_them(session):
 
 OPEN_PANELS = """
 import sys
-ui = sys.modules["bl_ext.user_default.leapray.ui"]
+ui = sys.modules["bl_ext.user_default.leapray.blender.ui"]
 drawn = set()
 def watched(draw):
     def wrapper(self, context):

@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 import leapray
 from leapray import VERTEX, WHITE
 
-from . import model
-from .memory import pieces
+from .. import model
+from ..memory import pieces
 
 LEAN = np.radians(0.5)  # light on a surface that it grazes changes by less than 1 %
 LARGE = 2.0  # voxels: in folds of smaller facets the field's own normals err less

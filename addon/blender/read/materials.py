@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from leapray import Step, numbers_of
 
-from . import model
+from ... import model
 from .links import Triple, Values, tree_of
 from .nodes import Folder, Place, Unfolded, output_of, own_value, source, title
 from .shaders import flattened

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from leapray import LeapRayError
 
-from . import model
+from ... import model
 from .materials import Texture
 
 NO_FACES = "its mesh has no faces"

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import bake, model
+from .. import model
+from . import mesh_colors
 
 MOST_LAYERS = 16  # what needs more is a thicket, in which every ray would meet every volume
 NEAR = 1 / 32  # of the mesh's longest side: boxes with a gap less than this overlap
@@ -69,5 +70,5 @@ def _only(mesh: model.Mesh, chosen: NDArray[np.bool_] | slice) -> model.Mesh:
         triangles=triangles.reshape(-1, 3).astype(np.int32),
         slots=None if mesh.slots is None else mesh.slots[chosen],
         solids=None,
-        **bake.only(mesh, chosen),
+        **mesh_colors.only(mesh, chosen),
     )

@@ -32,7 +32,7 @@ import numpy as np
 import leapray
 from leapray._abi import LR_ABI
 
-from . import volumes
+from . import volume_files
 
 FORMAT = 1  # raised whenever what is kept, or its meaning, changes
 SEAL = struct.Struct("<8sQ32s")  # magic, bytes of the head and what follows it, their hash
@@ -100,7 +100,7 @@ class Shelf:
             "mesh": volume.mesh_info and dataclasses.asdict(volume.mesh_info),
         }
         try:
-            volumes.write(volume, path, behind=_sealed(key, head, zlib.compress(packed, 1)))
+            volume_files.write(volume, path, behind=_sealed(key, head, zlib.compress(packed, 1)))
         except leapray.LeapRayError as error:
             self._give_up(error)
 
@@ -128,7 +128,7 @@ class Shelf:
         }
         data = zlib.compress(b"".join(x.tobytes() for x in arrays.values()), 1)
         try:
-            volumes.write_bytes(self.path(key, ".measure"), _sealed(key, head, data))
+            volume_files.write_bytes(self.path(key, ".measure"), _sealed(key, head, data))
         except leapray.LeapRayError as error:
             self._give_up(error)
 

@@ -17,8 +17,8 @@ from pathlib import Path
 import leapray
 from leapray import LeapRayError
 
-from .files import check_file, finite
-from .process import interruptible
+from ..process import interruptible
+from ..store.files import check_file, finite
 
 
 def open_scene(path: Path):
@@ -27,7 +27,7 @@ def open_scene(path: Path):
     import bpy
 
     if not hasattr(bpy.types.Scene, "leapray"):
-        from . import register
+        from .. import register
 
         register()
     try:

@@ -14,7 +14,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from . import model, objects
+from .. import model
+from . import objects
 
 FILTER = 8.0  # pixels beyond the image's edges that its pixels may see
 SEVERAL = 512  # boxes of what is seen are taken together beyond that number

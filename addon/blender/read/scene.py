@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from leapray import LeapRayError, Stopped
 
-from . import lights, materials, model, properties, result
-from .memory import Resident
+from ... import model
+from ...memory import Resident
+from .. import properties, result
+from . import lights, materials
 from .meshes import NO_FACES, read_mesh, read_object_mesh
-from .notes import Notes
+from .warnings import Notes
 
 VISIBILITIES = tuple(
     f"visible_{rays}" for rays in ("camera", "shadow", "diffuse", "glossy", "transmission")

@@ -11,8 +11,10 @@ import bpy
 
 import leapray
 
-from . import pipeline, properties, result, scene
-from .cache import Cache
+from .. import pipeline
+from ..store.memory_cache import Cache
+from . import properties, result
+from .read import scene
 
 # How the last render of each view layer went: what the JSON file holds, or why there is none.
 reports: dict[str, dict] = {}

@@ -18,7 +18,7 @@ import bpy
 import leapray
 from leapray.voxelization import FILTERS, KINDS
 
-from . import model
+from .. import model
 
 DEFAULTS = model.Settings()
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 import leapray
 from leapray.voxelization import SOLID_FILTERS, own_half_width, slope
 
-from . import bake, errors, model, objects, probes, steps
-from . import cache as caches
-from . import shelf as shelves
-from .parts import solids
+from .. import model
+from ..store import disk_cache, memory_cache
+from . import error_metric, mesh_colors, objects, probes, sample_types
+from .mesh_split import solids
 
 FINER = 6  # levels beyond the one asked for on which a volume may still be at hand
 MB = 1 << 20
@@ -38,12 +38,12 @@ class Work:
     matrices: NDArray[np.float64]  # (n, 4, 4) of its instances
     shown: NDArray[np.bool_]  # (n,) whether the camera sees them
     with_ids: bool
-    outfit: bake.Outfit = field(default_factory=bake.Outfit)
+    outfit: mesh_colors.Outfit = field(default_factory=mesh_colors.Outfit)
     carries: str = ""  # a digest of what the outfit takes from the mesh; "": nothing
-    turn: float = steps.TURN  # of normals, that its materials do not show
+    turn: float = sample_types.TURN  # of normals, that its materials do not show
     weights: probes.Weights | None = None
-    measure: errors.Measure | None = None
-    errors: errors.Errors | None = None
+    measure: error_metric.Measure | None = None
+    error_metric: error_metric.Errors | None = None
     structure: leapray.Structure | None = None
     stuck: str = ""  # why it is no finer, where it should be
     exact: str = "sheets"  # whose cells keep their triangles, see leapray.voxelize
@@ -92,12 +92,12 @@ class Levels:
     """
 
     def __init__(
-        self, scene: model.Scene, cache: caches.Cache, watch: leapray.Watch, threads: int
+        self, scene: model.Scene, cache: memory_cache.Cache, watch: leapray.Watch, threads: int
     ) -> None:
         self.scene, self.settings = scene, scene.settings
         self.cache, self.watch, self.threads = cache, watch, threads
-        self.shelf = shelves.Shelf(self.settings.cache_folder)
-        self.wardrobe = bake.Wardrobe(scene, cache, watch)
+        self.shelf = disk_cache.Shelf(self.settings.cache_folder)
+        self.wardrobe = mesh_colors.Wardrobe(scene, cache, watch)
         self.budget = self.settings.memory_mb * MB
         self.seconds = {"voxelize": 0.0, "structure": 0.0, "plan": 0.0}
         self.warnings: list[str] = []
@@ -247,7 +247,7 @@ class Levels:
         kernel: str,
     ) -> leapray.Volume:
         """One that shares the volume, kept for the next time as long as nothing else needs room."""
-        digests = objects.digest(mesh), bake.digest(mesh, work.outfit)
+        digests = objects.digest(mesh), mesh_colors.digest(mesh, work.outfit)
         s, own = self.settings, mesh.modelling
         key = "solid", *digests, voxel_size, work.with_ids, dtype, kernel, s.half_width
         part = self.cache.get((*key, own.kind))
@@ -295,7 +295,7 @@ class Levels:
         widest = self.cache.get(key) if mesh is work.mesh else None
         if widest is None:
             creased = len(self._probes(work).creases) > 0
-            widest = bake.facet_voxel(mesh, creased)
+            widest = mesh_colors.facet_voxel(mesh, creased)
             if mesh is work.mesh:
                 self.cache.put(key, widest)
         kind = work.measure.kind if work.measure else ""
@@ -330,7 +330,7 @@ class Levels:
         """Put the mesh on a level; OutOfMemory, and nothing changed, where it does not fit."""
         measure, structure = self._known(work, voxel_size), None
         if measure is None:
-            found: list[errors.Measure] = []
+            found: list[error_metric.Measure] = []
 
             def settle(volume: leapray.Volume, fresh: bool) -> None:
                 found.append(self._settle(work, volume, voxel_size, fresh))
@@ -365,12 +365,12 @@ class Levels:
             return str(error)
         return ""
 
-    def _seen(self, work: Work, measure: errors.Measure) -> errors.Errors:
+    def _seen(self, work: Work, measure: error_metric.Measure) -> error_metric.Errors:
         if work.weights is None:
             work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)
-        return errors.seen(measure, work.weights)
+        return error_metric.seen(measure, work.weights)
 
-    def _known(self, work: Work, voxel_size: float) -> errors.Measure | None:
+    def _known(self, work: Work, voxel_size: float) -> error_metric.Measure | None:
         """What was measured on a level; where u8 and u16 were, u8 if that is enough."""
         keys = (self._key(work, "measure", voxel_size, t) for t in self._types(work))
         known = [m for key in keys if (m := self.cache.get(key) or self._kept(work, key))]
@@ -382,9 +382,9 @@ class Levels:
             return self._known(work, voxel_size)
         return known[-1] if known else None
 
-    def _kept(self, work: Work, key: tuple) -> errors.Measure | None:
+    def _kept(self, work: Work, key: tuple) -> error_metric.Measure | None:
         """What is known from the folder."""
-        measure = self.shelf.record(key, errors.Measure)
+        measure = self.shelf.record(key, error_metric.Measure)
         if measure is None or not measure.fits(self._probes(work)):
             return None
         return self.cache.put(key, measure)
@@ -393,30 +393,30 @@ class Levels:
         """Of the samples that the work may have, the smallest first."""
         return (work.dtype,) if work.dtype else ("u8", "u16")
 
-    def _enough(self, work: Work, measure: errors.Measure) -> bool:
+    def _enough(self, work: Work, measure: error_metric.Measure) -> bool:
         enough = self._seen(work, measure).enough(self.settings.pixel_error)
         return enough and measure.turn <= work.turn
 
     def _settle(
         self, work: Work, volume: leapray.Volume, voxel_size: float, fresh: bool
-    ) -> errors.Measure:
+    ) -> error_metric.Measure:
         """Measure a level's volume, and make a fresh one u8 where that is enough."""
         at, ids = self._probes(work), work.mesh.slots
         kernel, width = self._kernel(work.mesh, volume)
         rise = slope(kernel, width or own_half_width(kernel, volume.info.dtype))
         whose = ids if volume.info.n_objects else None
-        normal = errors.normal_errors(volume, work.mesh, at, whose)
+        normal = error_metric.normal_errors(volume, work.mesh, at, whose)
         color = self._color_errors(work, volume)
         known = at, voxel_size, normal, color, rise, ids
-        measure = errors.measure(volume, *known)
+        measure = error_metric.measure(volume, *known)
         if not fresh or work.dtype or not self._enough(work, measure):
             return measure
-        gain = steps.gain(kernel, width)
-        narrow = errors.measure(volume, *known, gain)
+        gain = sample_types.gain(kernel, width)
+        narrow = error_metric.measure(volume, *known, gain)
         if not self._enough(work, dataclasses.replace(narrow, turn=0.0)):
             return measure
         whose = None if whose is None else ids[at.surface_triangles]
-        turn = steps.turn(volume, at.surface, voxel_size, gain, whose)
+        turn = sample_types.turn(volume, at.surface, voxel_size, gain, whose)
         if turn > work.turn:
             return measure
         volume.narrow(gain, watch=self.watch)
@@ -428,7 +428,7 @@ class Levels:
         at, size = self._probes(work), volume.info.object_from_index[0, 0]
         attributes = self._attributes(work, work.mesh, size)
         where = at.surface, at.surface_triangles, at.surface_weights
-        return bake.color_errors(volume, work.mesh, attributes, *where, size)
+        return mesh_colors.color_errors(volume, work.mesh, attributes, *where, size)
 
     def share_finest(self) -> None:
         """Volumes of equal contents become one, on the finest level that one of them is on.
@@ -437,7 +437,7 @@ class Levels:
         """
 
         def fineness(work: Work) -> tuple[float, int]:
-            return -work.measure.voxel_size, errors.ONES[work.measure.dtype]
+            return -work.measure.voxel_size, error_metric.ONES[work.measure.dtype]
 
         finest: dict[tuple, Work] = {}
         sharing = [work for work in self.works if not (work.fixed or self.settings.resolution)]
@@ -447,7 +447,7 @@ class Levels:
             if fineness(best) > fineness(work):
                 self.drop(work)
                 work.measure, work.structure = best.measure, best.structure
-                work.errors = errors.seen(best.measure, work.weights)
+                work.errors = error_metric.seen(best.measure, work.weights)
 
     def complete(self, work: Work) -> None:
         """Let the work have its structure, or that of a finer level at hand."""
@@ -469,7 +469,7 @@ class Levels:
                 for what in ("measure", *KEPT):
                     self.cache.get(self._key(work, what, *level))  # is used
                 work.measure, work.structure = measure, structure
-                work.errors = errors.seen(measure, work.weights)
+                work.errors = error_metric.seen(measure, work.weights)
                 return True
         return False
 

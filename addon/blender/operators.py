@@ -8,8 +8,11 @@ from bpy_extras.io_utils import ExportHelper
 
 import leapray
 
-from . import plan, properties, scene, volumes
+from ..plan import plan
+from ..store import volume_files
+from . import properties
 from .presets import PRESETS
+from .read import scene
 
 
 class RENDER_OT_leapray_preset(bpy.types.Operator):
@@ -91,7 +94,7 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
                 max_nbytes=settings.memory_mb * plan.MB,
             )
             placed = scene.affine(ob.matrix_world) if self.space == "WORLD" else None
-            volumes.write(volume, self.filepath, placed)
+            volume_files.write(volume, self.filepath, placed)
         except leapray.LeapRayError as error:
             self.report({"ERROR"}, f"'{ob.name}' is not exported: {error}")
             return {"CANCELLED"}

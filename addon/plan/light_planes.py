@@ -16,7 +16,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from . import model, objects
+from .. import model
+from . import objects
 
 TIE = 4 * np.finfo(np.float32).eps  # of coordinates: what Blender's f32 make of one plane
 TOUCH = 1e-6  # of a light's sides: less is no overlap

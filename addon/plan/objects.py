@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 import leapray
 from leapray.rendering import VISIBILITIES
 
-from . import bake, model
-from .memory import pieces
+from .. import model
+from ..memory import pieces
+from . import mesh_colors
 
 FARTHEST = 1e18  # coordinates beyond leave no digits for areas; Blender's infinity is 3.4e38
 
@@ -163,7 +164,7 @@ def _joined(scene, instances, chosen: list[int], first: list[int], kinds: list[K
         instance, mesh = instances[n], scene.meshes[instances[n].mesh]
         matrix = np.asarray(instance.world_from_object, np.float64)
         if kinds[n].inverted:
-            mesh = bake.turned(mesh)
+            mesh = mesh_colors.turned(mesh)
         corners = mesh.triangles + n_vertices
         mirrored = np.linalg.det(matrix[:3, :3]) < 0
         own = np.zeros(len(corners), np.int64) if mesh.slots is None else mesh.slots
@@ -180,7 +181,7 @@ def _joined(scene, instances, chosen: list[int], first: list[int], kinds: list[K
         np.concatenate(vertices).astype(np.float32),
         np.concatenate(triangles).astype(np.int32),
         np.concatenate(slots).astype(np.uint16),
-        **bake.joined(parts, linear),
+        **mesh_colors.joined(parts, linear),
         modelling=model.Modelling(kind=kind),
         solids=np.concatenate(solids) if kind == "solid" and len(chosen) > 1 else None,
     )

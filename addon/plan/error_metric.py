@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 import leapray
 from leapray.voxelization import own_half_width, slope
 
-from . import model
-from .bake import unit
+from .. import model
+from .mesh_colors import unit
 from .probes import Probes, Weights
 
 ONES = {"u8": 255, "u16": 65535, "f32": 1 << 24}  # steps of a sample's type between 0 and 1

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import model
-from .bake import unit
-from .memory import pieces
+from .. import model
+from ..memory import pieces
+from .mesh_colors import unit
 
 N_SURFACE = 8192
 N_EDGE = 2048

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from leapray import LeapRayError
 
-from . import process
+from .. import process
 
 FRAME_DIGITS = 4  # of a frame's number in a file name, as Blender appends it
 

@@ -19,7 +19,7 @@ from leapray import (
     is_affine,
 )
 
-from . import model
+from ... import model
 from .images import MISSING, Texels, texels_of
 from .links import Triple, Values, average, is_used
 from .nodes import Folder, Place, Unfolded, source, title

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 
 import leapray
 
-from . import model
+from .. import model
 
 # What a preset does not touch: where things are kept, and what the machine has.
 MACHINE = ("memory_mb", "cache_folder", "seed", "threads", "tile_size")

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from leapray import Step, numbers_of
 
-from . import model
+from ... import model
 from .images import MISSING
 from .links import Triple, Values, own_values, tree_of
 from .node_values import each

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 import leapray
 from leapray.voxelization import own_half_width
 
-from . import model
-from .bake import unit
+from .. import model
+from .mesh_colors import unit
 
 TURN = math.radians(0.15)  # of normals, the mean: diffuse light changes by a quarter of a per cent
 LOBE_SHARE = 1 / 60  # likewise, of the width of a glossy lobe

@@ -9,7 +9,7 @@ from functools import partial
 
 import leapray
 
-from . import errors, objects, proximity
+from . import error_metric, objects, proximity
 from .levels import Levels, Work
 
 NO_ERROR = 1e-6  # of a voxel: no more than f32 rounds
@@ -70,7 +70,7 @@ class Separation(Levels):
             work.exact, work.own_normals = before
         room = max(self.budget * SHARE, TRIANGLE_NBYTES * len(work.mesh.triangles))
         for _ in range(0 if why or work.fixed or self.settings.resolution else MOST_FINER):
-            crowded = work.measure.crowd > errors.CROWD
+            crowded = work.measure.crowd > error_metric.CROWD
             if not crowded or self.refused(work, 1, room):
                 break
         work.stuck = stuck

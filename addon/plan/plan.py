@@ -28,9 +28,9 @@ import numpy as np
 import leapray
 from leapray.voxelization import SPARE, mesh_scratch_nbytes
 
-from . import bake, errors, light_planes, model, objects, parts, reach, steps
-from . import cache as caches
-from . import shelf as shelves
+from .. import model
+from ..store import disk_cache, memory_cache
+from . import culling, error_metric, light_planes, mesh_colors, mesh_split, objects, sample_types
 from .levels import MB, Work
 from .objects import SceneError
 from .separation import Separation
@@ -81,7 +81,7 @@ class Planner(Separation):
     def __init__(
         self,
         scene: model.Scene,
-        cache: caches.Cache,
+        cache: memory_cache.Cache,
         watch: leapray.Watch,
         threads: int,
         advance: Callable[[float], None] = lambda share: None,
@@ -93,7 +93,7 @@ class Planner(Separation):
 
     def start(self, instances: list[model.Instance]) -> None:
         """Put every mesh on its coarsest level, or on the one that the settings ask for."""
-        by_mesh: dict[tuple[int, bake.Outfit], list[model.Instance]] = {}
+        by_mesh: dict[tuple[int, mesh_colors.Outfit], list[model.Instance]] = {}
         for instance in instances:
             by_mesh.setdefault(self._dressed(instance), []).append(instance)
         for done, ((index, outfit), users) in enumerate(by_mesh.items()):
@@ -118,9 +118,9 @@ class Planner(Separation):
             for part, (name, mesh) in enumerate(split):
                 ids = several and mesh.slots is not None
                 work = Work(index, part, users[0].name, mesh, name, matrices, shown, ids, outfit)
-                work.carries = bake.digest(mesh, outfit)
+                work.carries = mesh_colors.digest(mesh, outfit)
                 work.dtype = self._asked_type(mesh)
-                work.turn = steps.permitted_turn(self.scene.materials[m] for m in used)
+                work.turn = sample_types.permitted_turn(self.scene.materials[m] for m in used)
                 work.exact = "sheets" if self.settings.exact == "auto" else self.settings.exact
                 self._start_one(work)
             self.advance(0.3 * (done + 1) / len(by_mesh))
@@ -138,7 +138,7 @@ class Planner(Separation):
             f"budget is {self.settings.memory_mb} MB."
         )
 
-    def _dressed(self, instance: model.Instance) -> tuple[int, bake.Outfit]:
+    def _dressed(self, instance: model.Instance) -> tuple[int, mesh_colors.Outfit]:
         """What instances share a volume by: the mesh, and where its colours come from."""
         mesh = self.scene.meshes[instance.mesh]
         return instance.mesh, self.wardrobe.outfit(mesh, instance.materials)
@@ -151,12 +151,13 @@ class Planner(Separation):
         name = objects.digest(mesh)
         if self.settings.layout == "scene" or mesh.modelling.kind == "solid":
             return [(name, mesh)], False
-        key = "parts", name, bake.corners_digest(mesh)
+        key = "parts", name, mesh_colors.corners_digest(mesh)
         known = self.cache.get(key)
         if known is None:
-            split = parts.split(mesh, self.watch)
-            known = (split, parts.torn(mesh, split, self.watch)) if len(split) > 1 else ([], False)
-            self.cache.put(key, known)
+            split = mesh_split.split(mesh, self.watch)
+            several = len(split) > 1
+            torn = several and mesh_split.torn(mesh, split, self.watch)
+            known = self.cache.put(key, (split if several else [], torn))
         split, torn = known
         named = [(f"{name}/{k}", part) for k, part in enumerate(split)]
         return named or [(name, mesh)], torn and mesh.modelling.kind == "auto"
@@ -238,13 +239,13 @@ class Planner(Separation):
     def _widen(self, work: Work, volume_room: float = math.inf) -> bool:
         """Give a volume f32 where the steps of u16 are what its error is made of, if that helps."""
         before = work.errors.surface
-        if work.dtype or not before or work.errors.steps < steps.PART * before:
+        if work.dtype or not before or work.errors.steps < sample_types.PART * before:
             return False
         measure, work.dtype = work.measure, "f32"
         if self.refused(work, 0, volume_room):
             work.dtype = ""
             return False
-        if work.errors.surface < steps.PART * before:
+        if work.errors.surface < sample_types.PART * before:
             return True
         work.dtype = ""
         self.enter(work, measure.voxel_size, math.inf)
@@ -262,7 +263,7 @@ class Planner(Separation):
         turned = work.turned_only(self.settings.pixel_error) and (flat or work.own_normals)
         if not self._may_keep_triangles(work) or self._crowds(work):
             return False
-        thin = e.lost > errors.LOST_SHARE or e.body > self.settings.pixel_error
+        thin = e.lost > error_metric.LOST_SHARE or e.body > self.settings.pixel_error
         if not (turned or thin or len(m.crease) > 0):
             return False
         return self._try(work, exact="all", own_normals=work.own_normals or flat)
@@ -283,7 +284,7 @@ class Planner(Separation):
         Of thin things the samples may find no cell at all: then the area tells how many.
         """
         cells = self._probes(work).area / work.measure.voxel_size**2
-        return len(work.mesh.triangles) > errors.CROWD / 4 * max(work.measure.n_cells, cells)
+        return len(work.mesh.triangles) > error_metric.CROWD / 4 * max(work.measure.n_cells, cells)
 
     def _may_keep_triangles(self, work: Work) -> bool:
         """Whether it is a solid whose cells do not, but could if that helps."""
@@ -392,8 +393,8 @@ class Planner(Separation):
                 scale = np.linalg.norm(matrix[:3, :3], 2)
                 yield light_planes.Surface(instance.name, work.mesh, matrix, off * scale)
 
-    def _works(self) -> dict[tuple[int, bake.Outfit], list[Work]]:
-        works: dict[tuple[int, bake.Outfit], list[Work]] = {}
+    def _works(self) -> dict[tuple[int, mesh_colors.Outfit], list[Work]]:
+        works: dict[tuple[int, mesh_colors.Outfit], list[Work]] = {}
         for work in self.works:
             works.setdefault((work.index, work.outfit), []).append(work)
         return works
@@ -507,7 +508,7 @@ def fixed_size(mesh: model.Mesh, n: int) -> float:
 
 def make(
     scene: model.Scene,
-    cache: caches.Cache,
+    cache: memory_cache.Cache,
     watch: leapray.Watch,
     threads: int,
     advance: Callable[[float], None] = lambda share: None,
@@ -523,7 +524,7 @@ def make(
     cache.begin()
     warnings: list[str] = []
     instances = objects.usable(scene, warnings)
-    met = reach.reached(scene, instances)
+    met = culling.reached(scene, instances)
     instances = [i for i, is_met in zip(instances, met.tolist(), strict=True) if is_met]
     slot_objects = None
     if scene.settings.layout == "scene" and instances:
@@ -549,13 +550,13 @@ def make(
 def _kinds(
     scene: model.Scene,
     instances: list[model.Instance],
-    cache: caches.Cache,
+    cache: memory_cache.Cache,
     watch: leapray.Watch,
     warnings: list[str],
 ) -> list[objects.Kind | None]:
     """What each instance is, as its mesh's coarsest volume tells; None, and a warning: nothing."""
     known: dict[int, objects.Kind | None] = {}
-    shelf = shelves.Shelf(scene.settings.cache_folder)
+    shelf = disk_cache.Shelf(scene.settings.cache_folder)
     for instance in instances:
         if instance.mesh in known:
             continue
