@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI 32 /* raised whenever a struct or a signature below changes */
+#define LR_ABI     32 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -48,8 +48,8 @@ typedef struct lr_watch {
     volatile double *progress;    /* the call writes the share done, 0..1 */
 } lr_watch;
 
-LR_API int32_t lr_abi(void);            /* LR_ABI of the library */
-LR_API const char *lr_version(void);    /* LR_VERSION of the library */
+LR_API int32_t lr_abi(void);         /* LR_ABI of the library */
+LR_API const char *lr_version(void); /* LR_VERSION of the library */
 
 /* ---- volumes ----------------------------------------------------------- */
 
@@ -68,30 +68,30 @@ typedef enum lr_kind {
 typedef struct lr_volume lr_volume;
 
 typedef struct lr_volume_desc {
-    int32_t nx, ny, nz;            /* samples per axis, at least 1 */
-    int32_t sample_type;           /* lr_sample_type */
-    int32_t kind;                  /* LR_KIND_SOLID or LR_KIND_SHEET */
-    int32_t has_ids;               /* nonzero: every sample carries a 16-bit id */
-    double threshold;              /* T, 0 < T <= 1 */
-    double object_from_index[16];  /* invertible */
+    int32_t nx, ny, nz;           /* samples per axis, at least 1 */
+    int32_t sample_type;          /* lr_sample_type */
+    int32_t kind;                 /* LR_KIND_SOLID or LR_KIND_SHEET */
+    int32_t has_ids;              /* nonzero: every sample carries a 16-bit id */
+    double threshold;             /* T, 0 < T <= 1 */
+    double object_from_index[16]; /* invertible */
 } lr_volume_desc;
 
 typedef struct lr_volume_info {
     lr_volume_desc desc;
-    uint64_t n_bricks;             /* bricks of 8^3 samples that are stored */
-    uint64_t n_full;               /* bricks that are 1 throughout and not stored */
+    uint64_t n_bricks; /* bricks of 8^3 samples that are stored */
+    uint64_t n_full;   /* bricks that are 1 throughout and not stored */
     uint64_t n_surface_cells;
-    uint64_t n_exact_cells;        /* of those, the ones that keep their triangles */
-    uint64_t n_exact_triangles;    /* on the lists of all those cells */
-    uint64_t nbytes;               /* memory held by the volume, */
-    uint64_t exact_nbytes;         /* of it, by exact cells */
-    int32_t has_colors;            /* nonzero: samples at the surface carry a colour, */
-    int32_t has_normals;           /* a shading normal */
-    uint64_t n_objects;            /* of a merged volume, else 0 */
-    uint64_t n_shared;             /* samples that hold two objects of it */
-    uint64_t n_dropped;            /* thirds that found no place in a sample */
-    int32_t surface_lo[3];         /* bounds of the surface cells, inclusive; */
-    int32_t surface_hi[3];         /* lo > hi where there are none */
+    uint64_t n_exact_cells;     /* of those, the ones that keep their triangles */
+    uint64_t n_exact_triangles; /* on the lists of all those cells */
+    uint64_t nbytes;            /* memory held by the volume, */
+    uint64_t exact_nbytes;      /* of it, by exact cells */
+    int32_t has_colors;         /* nonzero: samples at the surface carry a colour, */
+    int32_t has_normals;        /* a shading normal */
+    uint64_t n_objects;         /* of a merged volume, else 0 */
+    uint64_t n_shared;          /* samples that hold two objects of it */
+    uint64_t n_dropped;         /* thirds that found no place in a sample */
+    int32_t surface_lo[3];      /* bounds of the surface cells, inclusive; */
+    int32_t surface_hi[3];      /* lo > hi where there are none */
 } lr_volume_info;
 
 /* Make an empty volume (all samples 0), fill it by lr_volume_put, then call
@@ -136,8 +136,9 @@ LR_API lr_status lr_volume_get_bricks(const lr_volume *volume, int32_t *origins,
 
 /* All that a finished volume holds as bytes, for files: lr_volume_pack writes the
  * lr_volume_packed_nbytes of them (0: rectilinear volumes have none), lr_volume_unpack makes
- * a volume that is the same to the bit, without textures. Bytes of any origin are safe: LR_E_ARGUMENT or
- * LR_E_SIZE for those that lr_volume_pack of this version cannot have written. Little-endian. */
+ * a volume that is the same to the bit, without textures. Bytes of any origin are safe:
+ * LR_E_ARGUMENT or LR_E_SIZE for those that lr_volume_pack of this version cannot have written.
+ * Little-endian. */
 LR_API uint64_t lr_volume_packed_nbytes(const lr_volume *volume);
 LR_API lr_status lr_volume_pack(const lr_volume *volume, uint8_t *bytes, uint64_t nbytes,
                                 const lr_watch *watch, lr_error *error);
@@ -165,22 +166,22 @@ LR_API lr_status lr_volume_narrow(lr_volume *volume, double gain, const lr_watch
  * normals[n][3] (unit); NaN where the volume carries none. Either output may be NULL.
  * Textures are averaged over `width` of the surface, in voxels; 0: not at all. */
 LR_API lr_status lr_volume_attributes(const lr_volume *volume, const double *points,
-                                      const uint16_t *ids, uint64_t n, double width,
-                                      double *colors, double *normals, lr_error *error);
+                                      const uint16_t *ids, uint64_t n, double width, double *colors,
+                                      double *normals, lr_error *error);
 
 /* The shading normals that hits at n points of the surface would have, in object space,
  * outward: points[n][3], ids as above, normals[n][3]; NaN where the field vanishes.
  * normal: lr_normal. */
 LR_API lr_status lr_volume_normals(const lr_volume *volume, const double *points,
-                                   const uint16_t *ids, uint64_t n, int32_t normal,
-                                   double *normals, lr_error *error);
+                                   const uint16_t *ids, uint64_t n, int32_t normal, double *normals,
+                                   lr_error *error);
 
 /* One volume of n solids, which keep their ids, none in two of them; the number of a
  * part is its object. Their voxels agree, their lattices are a whole number of voxels
  * apart, none has exact cells. Where objects meet a sample holds two, and each object is
  * hit by its own field; the nearest hit wins, of equal ones that of the lower object. */
-LR_API lr_status lr_volume_merge(const lr_volume *const *volumes, uint64_t n,
-                                 const lr_watch *watch, lr_volume **volume, lr_error *error);
+LR_API lr_status lr_volume_merge(const lr_volume *const *volumes, uint64_t n, const lr_watch *watch,
+                                 lr_volume **volume, lr_error *error);
 
 /* ---- programs ----------------------------------------------------------- */
 
@@ -225,9 +226,9 @@ typedef enum lr_operation {
     LR_OP_SINH = 34,
     LR_OP_COSH = 35,
     LR_OP_TANH = 36,
-    LR_OP_SELECT = 37,   /* a is not 0: b, else c */
+    LR_OP_SELECT = 37, /* a is not 0: b, else c */
     LR_OP_FROM_SRGB = 38,
-    LR_OP_TABLE = 39     /* a looked up in table b of the program */
+    LR_OP_TABLE = 39 /* a looked up in table b of the program */
 } lr_operation;
 
 typedef enum lr_table_kind {
@@ -281,10 +282,10 @@ typedef enum lr_interpolation {
 } lr_interpolation;
 
 typedef enum lr_extension { /* what lies outside 0..1 */
-    LR_EXTENSION_REPEAT = 0,
-    LR_EXTENSION_EXTEND = 1, /* the colour of the edge */
-    LR_EXTENSION_CLIP = 2,   /* black */
-    LR_EXTENSION_MIRROR = 3
+                            LR_EXTENSION_REPEAT = 0,
+                            LR_EXTENSION_EXTEND = 1, /* the colour of the edge */
+                            LR_EXTENSION_CLIP = 2,   /* black */
+                            LR_EXTENSION_MIRROR = 3
 } lr_extension;
 
 typedef struct lr_texture lr_texture;
@@ -307,7 +308,7 @@ typedef struct lr_texture_desc {
 
 LR_API lr_status lr_texture_new(const lr_texture_desc *desc, const lr_watch *watch,
                                 lr_texture **texture, lr_error *error);
-LR_API void lr_texture_free(lr_texture *texture); /* NULL is fine */
+LR_API void lr_texture_free(lr_texture *texture);             /* NULL is fine */
 LR_API uint64_t lr_texture_nbytes(const lr_texture *texture); /* without the pixels */
 
 /* colors[n][3] at uvs[n][2], averaged over footprints[n][3]: the long axis of an ellipse and
@@ -328,8 +329,8 @@ LR_API lr_status lr_volume_exact_at(const lr_volume *volume, const double *point
 /* ---- voxelization ------------------------------------------------------ */
 
 typedef enum lr_color_source {
-    LR_COLOR_NONE = -2,   /* white */
-    LR_COLOR_VERTEX = -1  /* corner_colors; from 0 on: the texture of that number */
+    LR_COLOR_NONE = -2,  /* white */
+    LR_COLOR_VERTEX = -1 /* corner_colors; from 0 on: the texture of that number */
 } lr_color_source;
 
 /* What the corners of a mesh's triangles carry into the volume; every array may be
@@ -346,11 +347,11 @@ typedef struct lr_attributes {
 } lr_attributes;
 
 typedef struct lr_mesh {
-    const double *vertices;    /* [n_vertices][3], object space, finite */
+    const double *vertices; /* [n_vertices][3], object space, finite */
     uint64_t n_vertices;
-    const int32_t *triangles;  /* [n_triangles][3], counter-clockwise from outside */
+    const int32_t *triangles; /* [n_triangles][3], counter-clockwise from outside */
     uint64_t n_triangles;
-    const uint16_t *ids;       /* one per triangle, or NULL */
+    const uint16_t *ids;             /* one per triangle, or NULL */
     const lr_attributes *attributes; /* or NULL */
 } lr_mesh;
 
@@ -415,20 +416,20 @@ typedef enum lr_reason {
 } lr_reason;
 
 typedef struct lr_voxelizer_info {
-    lr_volume_desc desc;      /* of the volume to come; its lattice lies on multiples of voxel_size */
-    int32_t stage;            /* lr_stage; kind, nbytes and what follows is known after set-up */
-    uint64_t nbytes;          /* memory of the finished volume, from above; of exact cells only what
-                                 parts have found so far */
-    uint64_t n_border_edges;  /* edges with one triangle */
-    uint64_t n_bad_edges;     /* edges with more than two triangles, or two of opposite winding */
-    uint64_t n_degenerate;    /* triangles without area, or on the places of an earlier one */
-    int32_t inverted;         /* nonzero: a closed mesh was wound inside out and was turned */
-    int32_t simd;             /* lr_simd in use */
-    int32_t reason;           /* lr_reason */
-    int32_t by_winding;       /* nonzero: winding numbers tell inside from outside */
-    double hole;              /* extent of the widest loop of border edges, in voxels */
-    uint64_t scratch_nbytes;  /* memory beside the volume until lr_voxelizer_free: the most that the
-                                 stages so far and the present one need, but for threads' own */
+    lr_volume_desc desc; /* of the volume to come; its lattice lies on multiples of voxel_size */
+    int32_t stage;       /* lr_stage; kind, nbytes and what follows is known after set-up */
+    uint64_t nbytes;     /* memory of the finished volume, from above; of exact cells only what
+                            parts have found so far */
+    uint64_t n_border_edges; /* edges with one triangle */
+    uint64_t n_bad_edges;    /* edges with more than two triangles, or two of opposite winding */
+    uint64_t n_degenerate;   /* triangles without area, or on the places of an earlier one */
+    int32_t inverted;        /* nonzero: a closed mesh was wound inside out and was turned */
+    int32_t simd;            /* lr_simd in use */
+    int32_t reason;          /* lr_reason */
+    int32_t by_winding;      /* nonzero: winding numbers tell inside from outside */
+    double hole;             /* extent of the widest loop of border edges, in voxels */
+    uint64_t scratch_nbytes; /* memory beside the volume until lr_voxelizer_free: the most that the
+                                stages so far and the present one need, but for threads' own */
 } lr_voxelizer_info;
 
 /* Check the mesh, whose arrays must live until lr_voxelizer_free. lr_voxelize_next opens the
@@ -439,12 +440,12 @@ LR_API lr_status lr_voxelize_begin(const lr_mesh *mesh, const lr_voxelize_option
                                    const lr_watch *watch, lr_voxelizer **voxelizer,
                                    lr_error *error);
 LR_API void lr_voxelizer_get_info(const lr_voxelizer *voxelizer, lr_voxelizer_info *info);
-LR_API lr_status lr_voxelize_next(lr_voxelizer *voxelizer, const lr_watch *watch,
-                                  uint64_t *n_parts, lr_error *error);
+LR_API lr_status lr_voxelize_next(lr_voxelizer *voxelizer, const lr_watch *watch, uint64_t *n_parts,
+                                  lr_error *error);
 LR_API lr_status lr_voxelize_part(lr_voxelizer *voxelizer, uint64_t part, const lr_watch *watch,
                                   lr_error *error);
-LR_API lr_status lr_voxelize_end(lr_voxelizer *voxelizer, const lr_watch *watch,
-                                 lr_volume **volume, lr_error *error);
+LR_API lr_status lr_voxelize_end(lr_voxelizer *voxelizer, const lr_watch *watch, lr_volume **volume,
+                                 lr_error *error);
 LR_API void lr_voxelizer_free(lr_voxelizer *voxelizer); /* NULL is fine */
 
 /* Tell apart what one field cannot hold: parts of a mesh that cross, touch or
@@ -486,14 +487,12 @@ typedef enum lr_metric {
  * chamfer uint8_t, in thirds of a cell; these are capped at 255. By Euclid float, in
  * cells, infinity where no cell is nonzero; sides of at most 26754 cells. */
 LR_API lr_status lr_distance(const uint8_t *cells, int32_t nx, int32_t ny, int32_t nz,
-                             int32_t metric, void *dist, const lr_watch *watch,
-                             lr_error *error);
+                             int32_t metric, void *dist, const lr_watch *watch, lr_error *error);
 
 /* The same in steps 0..n_steps-1, one after the other, each of parts 0..n_parts-1 that
  * may run side by side: all of them together fill dist, with the same bits. */
-LR_API lr_status lr_distance_parts(int32_t nx, int32_t ny, int32_t nz, int32_t metric,
-                                   int32_t step, int32_t *n_steps, int64_t *n_parts,
-                                   lr_error *error);
+LR_API lr_status lr_distance_parts(int32_t nx, int32_t ny, int32_t nz, int32_t metric, int32_t step,
+                                   int32_t *n_steps, int64_t *n_parts, lr_error *error);
 LR_API lr_status lr_distance_part(const uint8_t *cells, int32_t nx, int32_t ny, int32_t nz,
                                   int32_t metric, int32_t step, int64_t part, void *dist,
                                   const lr_watch *watch, lr_error *error);
@@ -507,14 +506,14 @@ typedef enum lr_traverser_flag {
 } lr_traverser_flag;
 
 typedef struct lr_traverser {
-    const char *name;   /* as in options and files */
-    const char *label;  /* as in menus */
-    const char *source; /* who published it */
-    const char *about;  /* one sentence: how it works, or what it may miss; where that depends on
-                            an option, "{name:first|second|..}" holds the words of each choice */
+    const char *name;    /* as in options and files */
+    const char *label;   /* as in menus */
+    const char *source;  /* who published it */
+    const char *about;   /* one sentence: how it works, or what it may miss; where that depends on
+                             an option, "{name:first|second|..}" holds the words of each choice */
     const char *options; /* "name=first|second|third! name=...": its options and their choices; the
                             first is the default, one marked ! gives exactness up */
-    uint32_t flags;     /* lr_traverser_flag */
+    uint32_t flags;      /* lr_traverser_flag */
 } lr_traverser;
 
 LR_API int32_t lr_traverser_count(void);
@@ -527,7 +526,7 @@ typedef struct lr_structure lr_structure;
 LR_API lr_status lr_structure_build(const lr_volume *volume, int32_t traverser,
                                     const int32_t *choices, const lr_watch *watch,
                                     lr_structure **structure, lr_error *error);
-LR_API void lr_structure_free(lr_structure *structure); /* NULL is fine */
+LR_API void lr_structure_free(lr_structure *structure);             /* NULL is fine */
 LR_API uint64_t lr_structure_nbytes(const lr_structure *structure); /* without the volume */
 
 /* ---- tracing ----------------------------------------------------------- */
@@ -538,7 +537,7 @@ typedef enum lr_mode {
 } lr_mode;
 
 typedef enum lr_hit_test {
-    LR_HIT_FACES = 0,  /* f on the cell's faces only: loses double roots */
+    LR_HIT_FACES = 0,   /* f on the cell's faces only: loses double roots */
     LR_HIT_EXTREMA = 1, /* and at the extrema of the cubic between them */
     LR_HIT_UNIFORM = 2  /* at equidistant points along the ray: loses what lies between; not for
                            sheets; with the roots bisect and linear only */
@@ -552,7 +551,7 @@ typedef enum lr_root {
 } lr_root;
 
 typedef enum lr_normal {
-    LR_NORMAL_CENTRAL = 0, /* central differences at the corners, interpolated */
+    LR_NORMAL_CENTRAL = 0,  /* central differences at the corners, interpolated */
     LR_NORMAL_ANALYTIC = 1, /* gradient of the trilinear field */
     LR_NORMAL_SMOOTH = 2    /* analytic gradients of the eight cells around, blended */
 } lr_normal;
@@ -584,15 +583,15 @@ typedef struct lr_rays {
 
 /* One entry per ray; any pointer but t may be NULL. */
 typedef struct lr_hits {
-    double *t;              /* infinity on a miss */
-    int32_t *ci, *cj, *ck;  /* the cell hit */
-    double *nx, *ny, *nz;   /* unit normal in object space, towards f < T; the mesh's own smooth
-                               one where the volume carries it, but for LR_NORMAL_ANALYTIC */
-    double *gx, *gy, *gz;   /* unit normal of the trilinear field itself: tells the
-                               side on which a secondary ray starts */
-    int32_t *id;            /* of the object sample nearest the hit; 0 without ids */
-    uint32_t *triangle;     /* of those that exact cells keep; UINT32_MAX where the field was hit */
-    int32_t *steps;         /* cells in which the ray stood */
+    double *t;             /* infinity on a miss */
+    int32_t *ci, *cj, *ck; /* the cell hit */
+    double *nx, *ny, *nz;  /* unit normal in object space, towards f < T; the mesh's own smooth
+                              one where the volume carries it, but for LR_NORMAL_ANALYTIC */
+    double *gx, *gy, *gz;  /* unit normal of the trilinear field itself: tells the
+                              side on which a secondary ray starts */
+    int32_t *id;           /* of the object sample nearest the hit; 0 without ids */
+    uint32_t *triangle;    /* of those that exact cells keep; UINT32_MAX where the field was hit */
+    int32_t *steps;        /* cells in which the ray stood */
 } lr_hits;
 
 typedef struct lr_counters {
@@ -604,7 +603,7 @@ typedef struct lr_counters {
     uint64_t samples; /* evaluations of f */
     uint64_t hits;
     uint64_t most_cells; /* in which a single ray stood: the largest, not a sum */
-    uint64_t forgotten; /* times that a ray was in more solids than it can keep in mind */
+    uint64_t forgotten;  /* times that a ray was in more solids than it can keep in mind */
 } lr_counters;
 
 /* counters is added to; NULL costs nothing. */
@@ -618,10 +617,7 @@ LR_API lr_status lr_trace(const lr_structure *structure, const lr_rays *rays, ui
  * corner: with F = corner + x * dx + y * dy, a perspective ray is eye + t F, an
  * orthographic one eye + F + t forward. F and forward are scaled so that t is
  * the depth along the camera's axis. All in world space. */
-typedef enum lr_projection {
-    LR_PERSPECTIVE = 0,
-    LR_ORTHOGRAPHIC = 1
-} lr_projection;
+typedef enum lr_projection { LR_PERSPECTIVE = 0, LR_ORTHOGRAPHIC = 1 } lr_projection;
 
 typedef struct lr_camera {
     int32_t projection; /* lr_projection */
@@ -667,12 +663,13 @@ typedef struct lr_light {
     double axis_u[3];    /* of an area light: its sides, or the diameters of the ellipse, */
     double axis_v[3];    /* at right angles to direction and to each other, unless it is sheared */
     double color[3];
-    double radius;       /* of point and spot lights, 0 or more */
-    double angle;        /* full, 0..pi: of a sun's disc, of a spot's cone, and the spread of an area;
-                            a spread of 0 is a beam */
-    double blend;        /* 0..1: share of the cone in which a spot light fades */
-    double plane_margin; /* of an area light that lies in a surface: so far behind its plane, or before
-                            it where negative, rays to it end, and nearer points before it get none */
+    double radius; /* of point and spot lights, 0 or more */
+    double angle;  /* full, 0..pi: of a sun's disc, of a spot's cone, and the spread of an area;
+                      a spread of 0 is a beam */
+    double blend;  /* 0..1: share of the cone in which a spot light fades */
+    double
+        plane_margin; /* of an area light that lies in a surface: so far behind its plane, or before
+                         it where negative, rays to it end, and nearer points before it get none */
 } lr_light;
 
 /* What one part of a surface does to light. */
@@ -692,35 +689,36 @@ typedef enum lr_lobe_flag {
 } lr_lobe_flag;
 
 typedef struct lr_lobe {
-    int32_t kind;            /* lr_lobe_kind */
-    uint32_t flags;          /* lr_lobe_flag */
-    double weight;           /* share in a mix, 0 or more */
+    int32_t kind;   /* lr_lobe_kind */
+    uint32_t flags; /* lr_lobe_flag */
+    double weight;  /* share in a mix, 0 or more */
     double color[3];
-    double roughness;        /* 0..1, as perceived: GGX's alpha is its square */
-    double ior;              /* index of refraction, above 0 */
+    double roughness; /* 0..1, as perceived: GGX's alpha is its square */
+    double ior;       /* index of refraction, above 0 */
     /* of principled lobes only; color is their base colour */
-    double metallic;         /* 0..1 */
-    double specular;         /* 0..1: level of the reflection; 0.5 is what ior says */
+    double metallic; /* 0..1 */
+    double specular; /* 0..1: level of the reflection; 0.5 is what ior says */
     double specular_tint[3];
-    double transmission;     /* 0..1 */
-    double alpha;            /* 0..1 */
-    double emission[3];      /* radiance */
+    double transmission; /* 0..1 */
+    double alpha;        /* 0..1 */
+    double emission[3];  /* radiance */
 } lr_lobe;
 
 typedef struct lr_material_desc {
     const lr_lobe *lobes;
-    uint32_t n_lobes;        /* at most 8; none: black */
-    int32_t index;           /* the value of the material index pass */
-    double absorption[3];    /* inside solids, per unit of world length (Beer's law) */
+    uint32_t n_lobes;     /* at most 8; none: black */
+    int32_t index;        /* the value of the material index pass */
+    double absorption[3]; /* inside solids, per unit of world length (Beer's law) */
 } lr_material_desc;
 
 /* What surrounds the scene. */
 typedef struct lr_world {
-    double color[3];            /* radiance, which may be negative; multiplies the image */
-    double image_from_world[9]; /* rotation that takes directions to those of the image, row-major */
-    const lr_texture *image;    /* of radiance by longitude and latitude, must live longer; or NULL */
-    uint32_t visibility;        /* lr_visibility; shadow is not read */
-    int32_t max_bounces;        /* as of lr_light; of a world with an image */
+    double color[3]; /* radiance, which may be negative; multiplies the image */
+    double
+        image_from_world[9]; /* rotation that takes directions to those of the image, row-major */
+    const lr_texture *image; /* of radiance by longitude and latitude, must live longer; or NULL */
+    uint32_t visibility;     /* lr_visibility; shadow is not read */
+    int32_t max_bounces;     /* as of lr_light; of a world with an image */
 } lr_world;
 
 typedef struct lr_instance {
@@ -728,7 +726,8 @@ typedef struct lr_instance {
     double world_from_object[16];
     uint32_t visibility;     /* lr_visibility */
     int32_t object_index;    /* the value of the object index pass */
-    uint32_t first_material; /* id m of a hit has material slots[first_material + min(m, n_materials-1)] */
+    uint32_t first_material; /* id m of a hit has material slots[first_material + min(m,
+                                n_materials-1)] */
     uint32_t n_materials;    /* at least 1 */
     int32_t volume_index;    /* the value of the volume pass */
     int32_t holdout;         /* the camera sees a hole in the picture: alpha 0, no light */
@@ -743,15 +742,16 @@ typedef struct lr_scene_desc {
     uint64_t n_lights;
     const lr_material_desc *materials;
     uint64_t n_materials;
-    const uint32_t *slots;   /* indices into materials */
-    const int32_t *slot_objects; /* [n_slots] object index of hits with that slot; NULL: their instance's */
+    const uint32_t *slots; /* indices into materials */
+    const int32_t
+        *slot_objects; /* [n_slots] object index of hits with that slot; NULL: their instance's */
     uint64_t n_slots;
     lr_world world;
     double mist_start, mist_depth; /* of the mist pass: distances from the camera */
-    double mist_power;       /* of the way into the mist: 1, 2 or 1/2 in Blender */
+    double mist_power;             /* of the way into the mist: 1, 2 or 1/2 in Blender */
     int32_t film_transparent;
-    int32_t lone_media;      /* nonzero: a surface bends light by its own index alone, as if it lay
-                                in a void; else by its ratio to that of the solid around */
+    int32_t lone_media; /* nonzero: a surface bends light by its own index alone, as if it lay
+                           in a void; else by its ratio to that of the solid around */
 } lr_scene_desc;
 
 typedef struct lr_scene lr_scene;
@@ -762,7 +762,7 @@ LR_API lr_status lr_scene_new(const lr_scene_desc *desc, lr_scene **scene, lr_er
 LR_API void lr_scene_free(lr_scene *scene); /* NULL is fine */
 
 typedef enum lr_film_filter {
-    LR_FILM_BOX = 0,             /* of one pixel */
+    LR_FILM_BOX = 0,            /* of one pixel */
     LR_FILM_BLACKMAN_HARRIS = 1 /* of Cycles: it reaches filter_width to either side */
 } lr_film_filter;
 
@@ -775,17 +775,17 @@ typedef struct lr_tile {
     double noise_threshold;      /* below which a pixel is settled, as in Cycles; 0: never */
     int32_t filter;              /* lr_film_filter */
     uint32_t seed;
-    double filter_width;         /* pixels */
-    int32_t max_bounces;         /* in all, without transparent_bounces */
+    double filter_width; /* pixels */
+    int32_t max_bounces; /* in all, without transparent_bounces */
     int32_t diffuse_bounces, glossy_bounces, transmission_bounces, transparent_bounces;
-    int32_t branches;            /* rays of one sample that may be on their way at a time, 1..16:
-                                    where a surface sends off more, some are left to chance */
-    double ao_distance;          /* reach of the ambient occlusion pass in world space */
-    double ambient_distance;     /* what lies farther keeps no light of the world from a surface whose
-                                    diffuse rays are scattered no more: cheap and bright; 0: all does */
-    double clamp_direct, clamp_indirect; /* most that one ray may bring, mean of its channels, straight
-                                    and after bounces, as in Cycles; 0: any */
-    lr_trace_options trace;      /* mode must be LR_MODE_SURFACE */
+    int32_t branches;        /* rays of one sample that may be on their way at a time, 1..16:
+                                where a surface sends off more, some are left to chance */
+    double ao_distance;      /* reach of the ambient occlusion pass in world space */
+    double ambient_distance; /* what lies farther keeps no light of the world from a surface whose
+                                diffuse rays are scattered no more: cheap and bright; 0: all does */
+    double clamp_direct, clamp_indirect; /* most that one ray may bring, mean of its channels,
+                                    straight and after bounces, as in Cycles; 0: any */
+    lr_trace_options trace;              /* mode must be LR_MODE_SURFACE */
 } lr_tile;
 
 /* Buffers of the tile alone, rows from below; any but combined may be NULL. The
@@ -797,13 +797,13 @@ typedef struct lr_passes {
     float *position;     /* [height][width][3], world space */
     float *object_index; /* [height][width], as all that follow unless said */
     float *material_index;
-    float *mist;         /* 0..1, 1 where nothing is */
-    float *ao;           /* share of the sky that is seen within ao_distance */
-    float *emission;     /* [height][width][3] */
-    float *environment;  /* [height][width][3] */
-    float *error;        /* lr_instance.error in widths of a pixel there */
-    float *volume;       /* lr_instance.volume_index */
-    float *steps;        /* cells in which the ray through the pixel's centre stood */
+    float *mist;        /* 0..1, 1 where nothing is */
+    float *ao;          /* share of the sky that is seen within ao_distance */
+    float *emission;    /* [height][width][3] */
+    float *environment; /* [height][width][3] */
+    float *error;       /* lr_instance.error in widths of a pixel there */
+    float *volume;      /* lr_instance.volume_index */
+    float *steps;       /* cells in which the ray through the pixel's centre stood */
 } lr_passes;
 
 /* Bytes of working memory that lr_render_tile wants for a tile of that size and
@@ -811,9 +811,9 @@ typedef struct lr_passes {
  * stopped are undefined. */
 LR_API uint64_t lr_render_nbytes(const lr_scene *scene, int32_t width, int32_t height,
                                  int32_t branches);
-LR_API lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile,
-                                const lr_passes *passes, void *workspace, uint64_t nbytes,
-                                lr_counters *counters, const lr_watch *watch, lr_error *error);
+LR_API lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_passes *passes,
+                                void *workspace, uint64_t nbytes, lr_counters *counters,
+                                const lr_watch *watch, lr_error *error);
 
 /* ---- whole images ------------------------------------------------------ */
 
@@ -823,7 +823,7 @@ typedef struct lr_radii lr_radii;
 /* metric: lr_metric; Euclid's gives the largest radii. */
 LR_API lr_status lr_radii_build(const lr_volume *volume, int32_t metric, const lr_watch *watch,
                                 lr_radii **radii, lr_error *error);
-LR_API void lr_radii_free(lr_radii *radii); /* NULL is fine */
+LR_API void lr_radii_free(lr_radii *radii);             /* NULL is fine */
 LR_API uint64_t lr_radii_nbytes(const lr_radii *radii); /* without the volume */
 
 typedef enum lr_pixel_skip {
@@ -840,9 +840,9 @@ typedef enum lr_pixel {
 
 typedef struct lr_image {
     int32_t x, y, width, height; /* pixels of the film; row 0 is the lowest */
-    double *t;      /* [height][width], along forward; infinity where nothing is */
-    int32_t *cell;  /* [height][width][3]; the least int32_t where nothing is */
-    uint8_t *pixel; /* [height][width], lr_pixel */
+    double *t;                   /* [height][width], along forward; infinity where nothing is */
+    int32_t *cell;               /* [height][width][3]; the least int32_t where nothing is */
+    uint8_t *pixel;              /* [height][width], lr_pixel */
 } lr_image;
 
 /* The first object cell behind every pixel's centre, as lr_trace finds it in
@@ -851,7 +851,7 @@ typedef struct lr_image {
  * a pixel is skipped only for one of the same part. counters is added to, of rays that
  * were traced; NULL costs nothing. */
 LR_API lr_status lr_first_cells(const lr_radii *radii, const lr_camera *camera, int32_t skip,
-                                const lr_image *image, lr_counters *counters,
-                                const lr_watch *watch, lr_error *error);
+                                const lr_image *image, lr_counters *counters, const lr_watch *watch,
+                                lr_error *error);
 
 #endif

@@ -57,7 +57,7 @@ lr_status lr_volume_reserve(lr_volume *v, uint64_t n_stored, lr_error *error)
     unsigned char *samples = realloc(v->samples, wanted * sample_nbytes);
     if (samples != NULL)
         v->samples = samples;
-    uint64_t (*cells)[8] = realloc(v->cells, wanted * sizeof *cells);
+    uint64_t(*cells)[8] = realloc(v->cells, wanted * sizeof *cells);
     if (cells != NULL)
         v->cells = cells;
     uint16_t *ids = NULL;
@@ -409,7 +409,8 @@ void lr_volume_get_info(const lr_volume *v, lr_volume_info *info)
     info->n_full = count_full(v);
     info->n_surface_cells = v->n_surface_cells;
     info->nbytes =
-        sizeof *v + 3 * (uint64_t)v->n_planes * sizeof **v->planes + lr_table_count(v) * sizeof *v->table +
+        sizeof *v + 3 * (uint64_t)v->n_planes * sizeof **v->planes +
+        lr_table_count(v) * sizeof *v->table +
         (uint64_t)v->capacity * lr_volume_brick_nbytes(v->desc.sample_type, v->desc.has_ids != 0) +
         lr_exact_nbytes(v->exact) + lr_objects_nbytes(v);
     if (v->objects != NULL) {

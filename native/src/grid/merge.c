@@ -18,9 +18,9 @@
 
 typedef struct part {
     const lr_volume *v;
-    int32_t shift[3]; /* its storage coordinates are those of the whole less this */
-    uint16_t id;      /* of its samples far from the surface, which have none of their own */
-    uint8_t *own;     /* [65536]: is the id one of the part's? */
+    int32_t shift[3];    /* its storage coordinates are those of the whole less this */
+    uint16_t id;         /* of its samples far from the surface, which have none of their own */
+    uint8_t *own;        /* [65536]: is the id one of the part's? */
     uint32_t first_face; /* its face f is first_face + f of the whole */
 } part;
 

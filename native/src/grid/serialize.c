@@ -264,11 +264,10 @@ static const char *wrong_faces(const lr_volume *v)
 {
     const lr_facets *f = v->faces;
     bool right = all_below(v->block_of, 8 * (uint64_t)v->n_bricks, v->n_blocks);
-    right = right && all_below(v->named + LR_BLOCK_SAMPLES,
-                               (v->n_blocks - 1ull) * LR_BLOCK_SAMPLES, f->n);
+    right = right &&
+            all_below(v->named + LR_BLOCK_SAMPLES, (v->n_blocks - 1ull) * LR_BLOCK_SAMPLES, f->n);
     for (uint32_t i = 1; i < f->n && f->source != NULL; i++)
-        right = right && f->source[i] >= LR_COLOR_NONE &&
-                f->source[i] < (int32_t)f->n_textures &&
+        right = right && f->source[i] >= LR_COLOR_NONE && f->source[i] < (int32_t)f->n_textures &&
                 (f->source[i] != LR_COLOR_VERTEX || f->color != NULL) &&
                 (f->source[i] < 0 || f->uv != NULL || f->color != NULL);
     right = right && floats_finite(&f->corner[0][0][0], 9 * (uint64_t)f->n);
@@ -398,9 +397,9 @@ static lr_status allocate(const head *h, lr_volume **volume, lr_error *error)
         (*volume)->n_blocks = h->n_blocks;
     }
     if (status == LR_OK && h->n_faces > 0)
-        status = lr_facets_new(h->n_faces, h->has_normals != 0, h->has_sources != 0,
-                              h->has_colors != 0, h->has_uvs != 0, h->n_textures,
-                              &(*volume)->faces, error);
+        status =
+            lr_facets_new(h->n_faces, h->has_normals != 0, h->has_sources != 0, h->has_colors != 0,
+                          h->has_uvs != 0, h->n_textures, &(*volume)->faces, error);
     if (status == LR_OK && h->has_exact)
         status = allocate_exact(*volume, h, error);
     if (status == LR_OK && h->n_objects > 0)

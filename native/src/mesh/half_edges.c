@@ -9,10 +9,10 @@
 #include "mesh/half_edges.h"
 
 enum {
-    POLL = 1 << 16, /* loop turns between looks at the stop word: some ms */
-    FEW = 8,        /* half-edges that are sorted by counting which are less */
-    SMALL = 32,     /* half-edges that insertion sorts */
-    PIECES = 4,     /* of a large mesh, or some more */
+    POLL = 1 << 16,      /* loop turns between looks at the stop word: some ms */
+    FEW = 8,             /* half-edges that are sorted by counting which are less */
+    SMALL = 32,          /* half-edges that insertion sorts */
+    PIECES = 4,          /* of a large mesh, or some more */
     LEAST_ROOM = 1 << 21 /* half-edges of a piece, at least */
 };
 
@@ -68,9 +68,8 @@ static bool put(lr_half_edges *h, const lr_watch *watch)
             const bool up = c.v[e] < c.v[e + 1];
             const uint32_t lower = up ? c.v[e] : c.v[e + 1], higher = up ? c.v[e + 1] : c.v[e];
             if (lower - h->first < n_here && lower != higher)
-                h->key[h->start[lower + 1]++ - h->before] = (uint64_t)higher << LR_HIGHER_BITS |
-                                                            (uint64_t)(3 * t + e) << 1 |
-                                                            (uint64_t)up;
+                h->key[h->start[lower + 1]++ - h->before] =
+                    (uint64_t)higher << LR_HIGHER_BITS | (uint64_t)(3 * t + e) << 1 | (uint64_t)up;
         }
     }
     return true;

@@ -84,8 +84,8 @@ static bool vertex_normal(const lr_topology *mesh, uint32_t t, int corner, doubl
     return true;
 }
 
-double lr_signed_distance(const lr_topology *mesh, uint32_t t, const lr_frame *f,
-                          const double p[3], double *height, bool *border)
+double lr_signed_distance(const lr_topology *mesh, uint32_t t, const lr_frame *f, const double p[3],
+                          double *height, bool *border)
 {
     double from[3][3], excess[3], place[3];
     bool in_face = true;

@@ -104,7 +104,7 @@ static void add_triangle(const lr_topology *m, uint32_t t, extent *e)
 {
     double p[3][3], n[3];
     lr_triangle(m, t, p);
-    if (!lr_cross_of((const double (*)[3])p, n))
+    if (!lr_cross_of((const double(*)[3])p, n))
         return;
     double area = 0.5 * sqrt(lr_dot(n, n));
     e->area += area;
@@ -194,10 +194,10 @@ void lr_winding_free(lr_winding *w)
 
 uint64_t lr_winding_nbytes(const lr_winding *w)
 {
-    return w->nodes == NULL ? 0
-                            : w->mesh->source.n_triangles * sizeof *w->list +
-                                  tree_size((uint32_t)w->mesh->source.n_triangles) *
-                                      sizeof *w->nodes;
+    return w->nodes == NULL
+               ? 0
+               : w->mesh->source.n_triangles * sizeof *w->list +
+                     tree_size((uint32_t)w->mesh->source.n_triangles) * sizeof *w->nodes;
 }
 
 /* ---- query ------------------------------------------------------------- */

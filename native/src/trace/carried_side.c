@@ -11,7 +11,8 @@
 
 #include "trace/cell_common.h"
 
-/* The field of cells without doubt is off by less on their triangles (voxelize/choose_triangle_cells.c), voxels. */
+/* The field of cells without doubt is off by less on their triangles
+ * (voxelize/choose_triangle_cells.c), voxels. */
 static const double TRUSTED_OFF = 0.05;
 
 bool lr_hit_handed(const lr_volume *v, const lr_ray *r, const lr_cursor *u,

@@ -8,8 +8,8 @@
 #include "trace/ray.h"
 
 /* What the field beside an exact cell may be off, in voxels: corners that are off by
- * more make a cell exact (voxelize/choose_triangle_cells.c), which is asked for triangles as near to it as
- * LR_EXACT_NEAR. */
+ * more make a cell exact (voxelize/choose_triangle_cells.c), which is asked for triangles as near
+ * to it as LR_EXACT_NEAR. */
 #define LR_FIELD_OFF 0.4
 
 /* A start on a triangle, after the way to the world and back, lies within this; far from the

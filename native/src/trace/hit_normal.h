@@ -48,8 +48,7 @@ LR_INLINE void lr_triangle_normals(const lr_volume *v, uint32_t triangle, const 
     for (int a = 0; a < 3; a++)
         inward[a] = -inward[a];
     lr_outward(v, inward, own);
-    if (normal_kind == LR_NORMAL_ANALYTIC ||
-        !lr_carried_normal(v, c, p, 0, triangle, own, shading))
+    if (normal_kind == LR_NORMAL_ANALYTIC || !lr_carried_normal(v, c, p, 0, triangle, own, shading))
         memcpy(shading, own, 3 * sizeof *own);
 }
 

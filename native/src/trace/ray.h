@@ -43,7 +43,7 @@ typedef struct lr_cursor {
 
 /* A component so small beside the others moves less than 1e-24 voxel over a
  * million voxels; taking it as 0 keeps its reciprocal finite. */
-#define LR_TINY_COMPONENT 1e-30
+#define LR_TINY_COMPONENT  1e-30
 #define LR_LEAST_COMPONENT 0x1p-1021
 
 /* From object space; false for a ray without direction or with a NaN or an

@@ -38,8 +38,8 @@ lr_status lr_volume_normals(const lr_volume *v, const double *points, const uint
     for (uint64_t i = 0; i < n; i++) {
         double q[3], normal[3];
         lr_map_point(v->storage_from_object, points + 3 * i, q);
-        const bool known = lr_all_finite(q, 3) &&
-                           normal_at(v, q, ids != NULL ? ids[i] : 0, normal_kind, normal);
+        const bool known =
+            lr_all_finite(q, 3) && normal_at(v, q, ids != NULL ? ids[i] : 0, normal_kind, normal);
         for (int a = 0; a < 3; a++)
             normals[3 * i + (uint64_t)a] = known ? normal[a] : NAN;
     }

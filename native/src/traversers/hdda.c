@@ -189,9 +189,10 @@ LR_INLINE bool empty_node(const void *data, const lr_volume *v, const lr_ray *r,
     return false;
 }
 
-#define LR_NAME                                             hdda
-#define LR_STATE                                            place
-#define LR_START(data, volume, ray, spacing, cursor, state) ((state)->brick[0] = -1) /* none yet   \
-                                                                                      */
+#define LR_NAME  hdda
+#define LR_STATE place
+#define LR_START(data, volume, ray, spacing, cursor, state)                                        \
+    ((state)->brick[0] = -1) /* none yet                                                           \
+                              */
 #define LR_BOX empty_node
 #include "trace/walk_template.h"

@@ -112,7 +112,7 @@ lr_status lr_bake_faces(const lr_bake *bake, const lr_topology *mesh, lr_volume 
         return lr_fail_memory(error, n_triangles * sizeof *face_of, "the faces of a volume");
     const uint32_t n = number(v, face_of, n_triangles);
     lr_status status = lr_facets_new(n, bake->normals, bake->sources, bake->colors, bake->uvs,
-                                    (uint32_t)from->n_textures, &v->faces, error);
+                                     (uint32_t)from->n_textures, &v->faces, error);
     for (uint64_t t = 0; t < n_triangles && status == LR_OK; t++) {
         if (face_of[t] != 0)
             fill(mesh, t, face_of[t], v->faces);

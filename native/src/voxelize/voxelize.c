@@ -174,7 +174,8 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
     *info = (lr_voxelizer_info){
         .desc = *d,
         .nbytes = v->stage > LR_STAGE_SET_UP
-                      ? lr_volume_table_nbytes(n) + (uint64_t)v->bins.n_active * brick_nbytes + faces_nbytes
+                      ? lr_volume_table_nbytes(n) + (uint64_t)v->bins.n_active * brick_nbytes +
+                            faces_nbytes
                       : 0,
         .n_border_edges = v->mesh.n_border_edges,
         .n_bad_edges = v->mesh.n_bad_edges,
@@ -267,8 +268,8 @@ static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *
     v->desc.kind = v->job.sheet ? LR_KIND_SHEET : LR_KIND_SOLID;
     v->volume->desc.kind = v->desc.kind;
     v->job.every = o->exact == LR_EXACT_EVERY;
-    v->job.exact = v->job.every || o->exact == LR_EXACT_ALL ||
-                   (o->exact == LR_EXACT_SHEETS && v->job.sheet);
+    v->job.exact =
+        v->job.every || o->exact == LR_EXACT_ALL || (o->exact == LR_EXACT_SHEETS && v->job.sheet);
     if (band_of(o, v->desc.kind) != v->job.band || v->mesh.twin != NULL)
         status = bin(v, v->desc.kind, false, watch, error);
     if (status == LR_OK && v->by_winding && v->judgement.wide) {

@@ -41,9 +41,9 @@ struct lr_voxelizer {
     bool by_winding; /* sides come from labels, not from pseudonormals */
     lr_winding winding;
     lr_labels labels;
-    lr_part *parts;       /* [bins.n_parts] */
-    lr_verdict *verdicts; /* [bins.n_active] */
-    lr_cells_part *cells; /* [bins.n_parts], or NULL */
+    lr_part *parts;          /* [bins.n_parts] */
+    lr_verdict *verdicts;    /* [bins.n_active] */
+    lr_cells_part *cells;    /* [bins.n_parts], or NULL */
     uint64_t scratch_nbytes; /* the most so far, with the coming stage */
 };
 

@@ -16,7 +16,7 @@
  * in the game where only a corner far off names it. */
 #define LEAST 0x1p-6
 /* Shares that are less of the largest change no colour by a step of 1/255. */
-#define TINY 0x1p-9
+#define TINY         0x1p-9
 #define LEAST_COSINE 0.5 /* a face that leans by more is that of another side */
 /* Beyond its edges the map of a face goes on, unless it is a needle, whose map tells
  * nothing across it: its square height in squares of its longest side. */
@@ -177,8 +177,7 @@ static uint32_t own_share(const lr_volume *v, const int32_t c[3], const double p
 }
 
 static uint32_t shares_at(const lr_volume *v, const int32_t c[3], const double p[3], int32_t id,
-                          uint32_t triangle, const double *geometric,
-                          lr_share share[LR_SHARES_MAX])
+                          uint32_t triangle, const double *geometric, lr_share share[LR_SHARES_MAX])
 {
     if (triangle != LR_NO_TRIANGLE && own_share(v, c, p, triangle, share) > 0)
         return 1;
@@ -203,8 +202,9 @@ static lr_footprint footprint_of(const lr_facets *f, uint32_t face, double width
     double m[3]; /* xx, xy, yy of J J^T = T G^-1 T^t */
     for (int k = 0; k < 3; k++) {
         const int i = k / 2, j = (k + 1) / 2;
-        m[k] = share * (cc * to[0][i] * to[0][j] - bc * (to[0][i] * to[1][j] + to[1][i] * to[0][j]) +
-                        bb * to[1][i] * to[1][j]);
+        m[k] =
+            share * (cc * to[0][i] * to[0][j] - bc * (to[0][i] * to[1][j] + to[1][i] * to[0][j]) +
+                     bb * to[1][i] * to[1][j]);
     }
     const double middle = 0.5 * (m[0] + m[2]), spread = hypot(0.5 * (m[0] - m[2]), m[1]);
     const double most = width * sqrt(middle + spread), angle = 0.5 * atan2(2.0 * m[1], m[0] - m[2]);

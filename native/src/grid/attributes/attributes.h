@@ -23,9 +23,9 @@
 /* A face at a hit. */
 typedef struct lr_share {
     uint32_t face;
-    double at[3];    /* barycentric, of the face's closest point */
+    double at[3];     /* barycentric, of the face's closest point */
     double beyond[3]; /* of the hit itself, in the face's plane */
-    double weight;   /* of all shares: 1 */
+    double weight;    /* of all shares: 1 */
 } lr_share;
 
 enum { LR_SHARES_MAX = 8 };

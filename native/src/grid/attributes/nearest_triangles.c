@@ -39,7 +39,7 @@ void lr_facets_free(lr_facets *f)
 }
 
 lr_status lr_facets_new(uint32_t n, bool normals, bool sources, bool colors, bool uvs,
-                       uint32_t n_textures, lr_facets **faces, lr_error *error)
+                        uint32_t n_textures, lr_facets **faces, lr_error *error)
 {
     lr_facets *f = calloc(1, sizeof *f);
     if (f == NULL)
@@ -98,7 +98,8 @@ static void take_textures(const lr_facets *own, lr_facets *whole, int32_t *textu
     }
 }
 
-lr_status lr_facets_join(lr_facets_part *parts, uint32_t n_parts, lr_facets **faces, lr_error *error)
+lr_status lr_facets_join(lr_facets_part *parts, uint32_t n_parts, lr_facets **faces,
+                         lr_error *error)
 {
     bool normals = false, sources = false, colors = false, uvs = false;
     uint64_t n = 1, n_textures = 0;
@@ -118,7 +119,7 @@ lr_status lr_facets_join(lr_facets_part *parts, uint32_t n_parts, lr_facets **fa
         return lr_fail(error, LR_E_SIZE, "the volumes keep %llu faces, more than fit (2^32)",
                        (unsigned long long)n);
     lr_status status = lr_facets_new((uint32_t)n, normals, sources, colors, uvs,
-                                    (uint32_t)n_textures, faces, error);
+                                     (uint32_t)n_textures, faces, error);
     int32_t *texture_of = malloc((n_textures + 1) * sizeof *texture_of);
     if (status == LR_OK && texture_of == NULL)
         status = lr_fail_memory(error, n_textures * sizeof *texture_of, "a list of textures");

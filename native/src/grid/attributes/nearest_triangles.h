@@ -19,12 +19,12 @@
 
 /* Every array is NULL where no face needs it. */
 typedef struct lr_facets {
-    uint32_t n;              /* with face 0 */
-    float (*corner)[3][3];   /* [n]: storage space */
-    uint32_t (*normal)[3];   /* [n]: octahedral codes, outward as the mesh is wound */
-    int32_t *source;         /* [n]: lr_color_source or number of a texture */
-    float (*color)[3][3];    /* [n]: linear RGB */
-    float (*uv)[3][2];       /* [n] */
+    uint32_t n;                 /* with face 0 */
+    float (*corner)[3][3];      /* [n]: storage space */
+    uint32_t (*normal)[3];      /* [n]: octahedral codes, outward as the mesh is wound */
+    int32_t *source;            /* [n]: lr_color_source or number of a texture */
+    float (*color)[3][3];       /* [n]: linear RGB */
+    float (*uv)[3][2];          /* [n] */
     const lr_texture **texture; /* NULL: white, until it is bound */
     uint32_t n_textures;
 } lr_facets;
@@ -36,7 +36,7 @@ uint64_t lr_face_nbytes(bool normals, bool sources, bool colors, bool uvs);
 
 /* Make room for n faces, the first of which is none, and so many textures. */
 lr_status lr_facets_new(uint32_t n, bool normals, bool sources, bool colors, bool uvs,
-                       uint32_t n_textures, lr_facets **faces, lr_error *error);
+                        uint32_t n_textures, lr_facets **faces, lr_error *error);
 
 /* The faces of a volume to be merged, or NULL, and where its storage starts in the whole's;
  * its face f becomes first_face + f. */
@@ -47,7 +47,8 @@ typedef struct lr_facets_part {
 } lr_facets_part;
 
 /* All of them; what a part lacks and another has is white, or no normal. */
-lr_status lr_facets_join(lr_facets_part *parts, uint32_t n_parts, lr_facets **faces, lr_error *error);
+lr_status lr_facets_join(lr_facets_part *parts, uint32_t n_parts, lr_facets **faces,
+                         lr_error *error);
 
 /* n need not be unit; 0 of nothing. */
 LR_INLINE uint32_t lr_normal_encode(const double n[3])

@@ -89,8 +89,9 @@ static void byte_average(const lr_texture *t, const float *linear, int x, int y,
         const uint8_t *over = row[j] == NULL ? black : row[j] + 3 * column[1];
         const uint8_t *both = row[j] == NULL || column[i] < 0 ? black : row[j] + 3 * column[i];
         for (int a = 0; a < 3; a++)
-            out[a] += 0.25 * (double)(steps ? linear[16 * own[a]]
-                                            : linear[9 * own[a] + 3 * side[a] + 3 * over[a] + both[a]]);
+            out[a] +=
+                0.25 * (double)(steps ? linear[16 * own[a]]
+                                      : linear[9 * own[a] + 3 * side[a] + 3 * over[a] + both[a]]);
     }
 }
 
@@ -123,8 +124,8 @@ static void average(const lr_texture *t, int level, const float *linear, int x, 
             } else if (level == 0 && t->bytes != NULL) {
                 byte_average(t, linear, x + i, y + j, mean);
             } else {
-                const float *texel = t->pixels[level] +
-                                     3 * ((size_t)(y + j) * (size_t)width + (size_t)(x + i));
+                const float *texel =
+                    t->pixels[level] + 3 * ((size_t)(y + j) * (size_t)width + (size_t)(x + i));
                 for (int a = 0; a < 3; a++)
                     mean[a] = finite_or_black(texel[a]);
             }
@@ -201,8 +202,8 @@ static lr_status check(const lr_texture_desc *d, lr_error *error)
         return lr_fail(error, LR_E_ARGUMENT, "pixels are of u8 (sRGB) or f32 (linear), not of %d",
                        d->sample_type);
     if (d->channels != 3 && !(d->channels == 4 && d->program != NULL))
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "pixels have 3 channels, or 4 with a program, not %d", d->channels);
+        return lr_fail(error, LR_E_ARGUMENT, "pixels have 3 channels, or 4 with a program, not %d",
+                       d->channels);
     if (d->width < 1 || d->height < 1 || d->width > MAX_SIDE || d->height > MAX_SIDE)
         return lr_fail(error, LR_E_SIZE, "an image has 1 to %d texels per side; it is %d x %d",
                        MAX_SIDE, d->width, d->height);
@@ -269,8 +270,8 @@ static void add_texel(const lr_texture *t, int level, double x, double y, double
     const size_t at = channels * ((size_t)j * (size_t)t->width[level] + (size_t)i);
     const bool bytes = level == 0 && t->bytes != NULL;
     for (size_t a = 0; a < channels; a++)
-        sum[a] += weight * (bytes ? t->bytes[at + a] / 255.0
-                                  : finite_or_black(t->pixels[level][at + a]));
+        sum[a] +=
+            weight * (bytes ? t->bytes[at + a] / 255.0 : finite_or_black(t->pixels[level][at + a]));
     if (channels == 3)
         sum[3] += weight;
 }

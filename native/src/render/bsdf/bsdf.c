@@ -212,8 +212,7 @@ static void add_diffuse(lr_bsdf *bsdf, const double weight[3], double rough, con
     lr_closure c = {.kind = LR_RAY_DIFFUSE, .alpha = 1, .n = rough};
     memcpy(c.weight, weight, sizeof c.weight);
     for (int a = 0; a < 3; a++)
-        c.f0[a] =
-            lr_matte_again(rough, lr_bsdf_basis(bsdf, LR_RAY_DIFFUSE)->view[2], tint[a]);
+        c.f0[a] = lr_matte_again(rough, lr_bsdf_basis(bsdf, LR_RAY_DIFFUSE)->view[2], tint[a]);
     enlist(bsdf, &c);
 }
 

@@ -104,8 +104,8 @@ static bool rise(const lr_placed *placed, const lr_surfel *s, int32_t id, const 
 }
 
 /* The same for a hit on a triangle that carries normals. */
-static bool lift(const lr_placed *placed, const lr_surfel *s, uint32_t triangle,
-                 const int32_t c[3], const double p[3], double offset[3])
+static bool lift(const lr_placed *placed, const lr_surfel *s, uint32_t triangle, const int32_t c[3],
+                 const double p[3], double offset[3])
 {
     lr_smooth_triangle t;
     double side = 0;
@@ -180,8 +180,7 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
     if (!point->bends && !(lr_dot(point->normal, point->view) > 0)) /* at the rim of the field */
         memcpy(point->normal, point->facing, sizeof point->normal);
     locate(placed, surfel, c, p);
-    lr_volume_color(volume, c, p, hit->id[i], hit->triangle[i], 0.0,
-                    point->color);
+    lr_volume_color(volume, c, p, hit->id[i], hit->triangle[i], 0.0, point->color);
     memcpy(surfel->origin, surfel->position, sizeof surfel->origin);
     surfel->risen = rise(placed, surfel, hit->id[i], c, p, offset);
     for (int a = 0; a < 3 && surfel->risen; a++)

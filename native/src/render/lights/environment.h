@@ -12,8 +12,8 @@ typedef struct lr_environment {
     double image_from_world[9];
     int32_t width, height;   /* of the table below, a multiple of the image's; 0 without one */
     const lr_texture *image; /* the caller's, or NULL */
-    float *rows;           /* [height + 1] share of the light below each row */
-    float *columns;        /* [height][width + 1] share of a row's light before each column */
+    float *rows;             /* [height + 1] share of the light below each row */
+    float *columns;          /* [height][width + 1] share of a row's light before each column */
 } lr_environment;
 
 lr_status lr_environment_check(const lr_world *world, lr_error *error);
