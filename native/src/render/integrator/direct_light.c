@@ -1,6 +1,6 @@
 /* Light that comes straight from lamps and from the world.
  *
- * Surfels that the camera sees ask every lamp, or of many lamps some, those behind
+ * Shading points that the camera sees ask every lamp, or of many lamps some, those behind
  * a mirror or deeper one lamp: there are many of them, and they weigh little. Lamps
  * are chosen by what they may bring (light_tree.c). The rays are gathered over all
  * questions until a wave is full. What is opaque stops them first,
@@ -23,7 +23,7 @@
 
 enum { CHOOSE = 1, AMBIENT = 3, FIRST_LAMP = 64 }; /* which choice: see lr_key */
 
-/* A way from a surfel to a lamp. */
+/* A way from a shading point to a lamp. */
 typedef struct lr_way {
     double direction[3], distance, color[3], pdf;
     uint32_t visibility;
@@ -61,7 +61,7 @@ static bool black(const double c[3])
 
 /* What the light of the way adds to the pixel; false where nothing. chance: how often
  * this lamp is asked. */
-static bool weigh(const lr_surfel *s, const lr_way *way, double chance, double brings[3])
+static bool weigh(const lr_shading_point *s, const lr_way *way, double chance, double brings[3])
 {
     lr_response group[LR_GROUPS];
     lr_bsdf_eval(&s->bsdf, way->direction, group);
@@ -81,8 +81,8 @@ static bool weigh(const lr_surfel *s, const lr_way *way, double chance, double b
     return !black(brings);
 }
 
-/* Ray `ray` goes on as beam `beam` from the surface of a surfel. */
-static void leave(const lr_job *job, uint32_t ray, uint32_t beam, const lr_surfel *s,
+/* Ray `ray` goes on as beam `beam` from the surface of a shading point. */
+static void leave(const lr_job *job, uint32_t ray, uint32_t beam, const lr_shading_point *s,
                   const double d[3], double t_max, bool beyond)
 {
     lr_workspace *w = job->workspace;
@@ -134,7 +134,7 @@ static uint32_t pass_surfaces(const lr_job *job, uint32_t n)
             lr_insides_absorb(job->scene, &w->beam_insides[k], wave->t[i], beam->brings);
         if (!hit || black(beam->brings))
             continue;
-        lr_surfel s;
+        lr_shading_point s;
         lr_surface_find(job->scene, wave, i, &w->beam_insides[k], &s);
         const bool through = beam->clear++ <= (uint32_t)job->tile->transparent_bounces;
         for (int a = 0; a < 3; a++)
@@ -168,14 +168,14 @@ static lr_status send(const lr_job *job, uint32_t n, uint32_t n_beams)
             flying = pass_surfaces(job, flying);
     }
     for (uint32_t k = 0; k < n_beams && status == LR_OK; k++) {
-        const lr_path *path = w->beams[k].surfel->path;
+        const lr_path *path = w->beams[k].shading_point->path;
         lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA], w->beams[k].brings);
     }
     return status;
 }
 
-/* The lamp for question `ask` of a surfel, and how often it is asked. */
-static uint64_t lamp_of(const lr_job *job, const lr_surfel *s, uint32_t ask, double *chance)
+/* The lamp for question `ask` of a shading point, and how often it is asked. */
+static uint64_t lamp_of(const lr_job *job, const lr_shading_point *s, uint32_t ask, double *chance)
 {
     const lr_lamps *lamps = &job->scene->lamps;
     const uint32_t bounces = s->path->bounces[LR_RAY_CAMERA];
@@ -203,7 +203,7 @@ static bool is_beyond_limit(const lr_scene *scene, uint64_t lamp, const lr_path 
 
 /* Make beam n by question `ask`, if it brings anything; its ray, if it needs one, is
  * the next one. */
-static bool light_by(const lr_job *job, const lr_surfel *s, uint32_t ask, uint32_t n,
+static bool light_by(const lr_job *job, const lr_shading_point *s, uint32_t ask, uint32_t n,
                      uint32_t *n_rays)
 {
     lr_workspace *w = job->workspace;
@@ -221,7 +221,7 @@ static bool light_by(const lr_job *job, const lr_surfel *s, uint32_t ask, uint32
         return false;
     if (lamp == job->scene->n_lights)
         way.distance = lr_world_distance(job, s->path, LR_RAY_DIFFUSE);
-    beam->surfel = s;
+    beam->shading_point = s;
     beam->clear = s->path->bounces[LR_RAY_TRANSPARENT];
     beam->ends = way.distance;
     if (job->scene->has_media)
@@ -232,21 +232,21 @@ static bool light_by(const lr_job *job, const lr_surfel *s, uint32_t ask, uint32
     return true;
 }
 
-/* How many lamps this surfel asks. */
-static uint32_t asked(const lr_job *job, const lr_surfel *s)
+/* How many lamps this shading point asks. */
+static uint32_t asked(const lr_job *job, const lr_shading_point *s)
 {
     if (s->path->last || (s->material->flags & LR_MATERIAL_SCATTERS) == 0)
         return 0;
     return lr_lamps_asked(&job->scene->lamps, s->path->bounces[LR_RAY_CAMERA]);
 }
 
-lr_status lr_light_surfels(const lr_job *job, uint32_t n)
+lr_status lr_light_shading_points(const lr_job *job, uint32_t n)
 {
     const uint32_t most = lr_lamps_asked(&job->scene->lamps, 0);
     uint32_t n_beams = 0, n_rays = 0;
     for (uint32_t ask = 0; ask < most; ask++)
         for (uint32_t k = 0; k < n; k++) {
-            const lr_surfel *s = &job->workspace->surfels[k];
+            const lr_shading_point *s = &job->workspace->shading_points[k];
             if (lr_stopped(job->watch))
                 return lr_fail_stopped(job->error);
             if (ask >= asked(job, s) || !light_by(job, s, ask, n_beams, &n_rays))
@@ -267,7 +267,7 @@ lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n)
     const lr_cast_options options = {.any = true, .leaving = true, .trace = job->tile->trace};
     uint32_t n_rays = 0;
     for (uint32_t k = 0; k < n; k++) {
-        const lr_surfel *s = &w->surfels[k];
+        const lr_shading_point *s = &w->shading_points[k];
         double u[2], d[3];
         if (!s->path->seen)
             continue;
@@ -277,7 +277,7 @@ lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n)
     }
     const lr_status status = n_rays > 0 ? lr_cast_wave(job, n_rays, &options) : LR_OK;
     for (uint32_t i = 0; i < n_rays && status == LR_OK; i++) {
-        const lr_surfel *s = &w->surfels[w->carried[i]];
+        const lr_shading_point *s = &w->shading_points[w->carried[i]];
         double open = 0;
         for (int a = 0; a < 3; a++)
             open += s->path->weight[a] * (1 - s->bsdf.transparency[a]) / 3;

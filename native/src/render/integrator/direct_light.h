@@ -6,13 +6,13 @@
 
 #include "render/integrator/context.h"
 
-/* Add to the pixels what the first n surfels send to their viewers of the light
+/* Add to the pixels what the first n shading points send to their viewers of the light
  * that lamps and a world of unequal brightness send to them. The wave is
  * overwritten. */
-lr_status lr_light_surfels(const lr_job *job, uint32_t n);
+lr_status lr_light_shading_points(const lr_job *job, uint32_t n);
 
 /* Add to the pixels' ao how much of the sky within tile->ao_distance the first n
- * surfels see, which are seen by the camera. The wave is overwritten. */
+ * shading points see, which are seen by the camera. The wave is overwritten. */
 lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n);
 
 /* How often the surface that the path has left last asked the lamp; at the point o. */
@@ -28,13 +28,13 @@ LR_INLINE double lr_lamp_chance(const lr_scene *scene, const lr_path *path, uint
 }
 
 /* Does a direction lead through the surface? Only where that refracts. */
-LR_INLINE bool lr_leads_beyond(const lr_surfel *s, const double d[3])
+LR_INLINE bool lr_leads_beyond(const lr_shading_point *s, const double d[3])
 {
     return s->bsdf.share[LR_RAY_TRANSMISSION] > 0 && lr_dot(d, s->bsdf.basis.axis[2]) < 0;
 }
 
-/* Which side of a surfel gets light, as lr_path.normal: its normal, or 0 if both. */
-LR_INLINE void lr_lit_side(const lr_surfel *s, float normal[3])
+/* Which side of a shading point gets light, as lr_path.normal: its normal, or 0 if both. */
+LR_INLINE void lr_lit_side(const lr_shading_point *s, float normal[3])
 {
     const bool both = s->bsdf.bent || s->bsdf.share[LR_RAY_TRANSMISSION] > 0;
     for (int a = 0; a < 3; a++)

@@ -45,7 +45,7 @@ void lr_write_geometry(const lr_job *job, uint32_t n, uint64_t first)
 {
     const lr_passes *passes = job->passes;
     for (uint32_t k = 0; k < n; k++) {
-        const lr_surfel *s = &job->workspace->surfels[k];
+        const lr_shading_point *s = &job->workspace->shading_points[k];
         const lr_placed *placed = &job->scene->instances[s->instance];
         const double depth = job->workspace->wave.t[s->ray];
         const uint64_t p = first + s->path->pixel;
@@ -69,7 +69,7 @@ void lr_write_steps(const lr_job *job, uint32_t n, uint64_t first)
 }
 
 /* As Cycles: by the distance from the camera, in a perspective view from its eye. */
-void lr_add_mist(const lr_job *job, const lr_surfel *s)
+void lr_add_mist(const lr_job *job, const lr_shading_point *s)
 {
     const lr_scene *scene = job->scene;
     const lr_camera *camera = &scene->camera;

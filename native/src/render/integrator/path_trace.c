@@ -117,8 +117,8 @@ static uint32_t gather(const lr_job *job, uint32_t *pixel, uint32_t n_pixels, bo
     return n;
 }
 
-/* What surfel s, which path i of the wave has hit, sends off by itself. */
-static void shine(const lr_job *job, const lr_surfel *s)
+/* What shading point s, which path i of the wave has hit, sends off by itself. */
+static void shine(const lr_job *job, const lr_shading_point *s)
 {
     lr_sum *pixel = &job->workspace->pixels[s->path->pixel];
     if ((s->material->flags & LR_MATERIAL_EMITS) == 0)
@@ -130,7 +130,7 @@ static void shine(const lr_job *job, const lr_surfel *s)
 
 /* What the camera sees of a holdout is a hole in the picture; what its material lets straight
  * through is left. True where that is nothing. */
-static bool hold_out(const lr_job *job, lr_surfel *s)
+static bool hold_out(const lr_job *job, lr_shading_point *s)
 {
     double held = 0, left = 0;
     for (int a = 0; a < 3; a++) {
@@ -146,11 +146,11 @@ static bool hold_out(const lr_job *job, lr_surfel *s)
 }
 
 /* Lamps, world and surfaces that the wave has found; the surfaces are the
- * surfels. Returns how many; some are missing where the watch says stop. */
+ * shading points. Returns how many; some are missing where the watch says stop. */
 static uint32_t see(const lr_job *job, uint32_t n, bool any)
 {
     lr_workspace *w = job->workspace;
-    uint32_t n_surfels = 0;
+    uint32_t n_shading_points = 0;
     for (uint32_t i = 0; i < n && !lr_stopped(job->watch); i++) {
         lr_path *path = w->flying[i];
         const bool hit = w->wave.instance[i] != LR_NOWHERE;
@@ -165,28 +165,28 @@ static uint32_t see(const lr_job *job, uint32_t n, bool any)
         if (!hit) {
             miss(job, path, d);
         } else if (!any) {
-            lr_surfel *s = &w->surfels[n_surfels++];
+            lr_shading_point *s = &w->shading_points[n_shading_points++];
             lr_surface_find(job->scene, &w->wave, i, &path->insides, s);
             s->path = path;
             s->ray = i;
             s->left = (path->t_max - w->wave.t[i]) * unit;
             if (path->seen && job->scene->instances[s->instance].holdout && hold_out(job, s))
-                n_surfels--;
+                n_shading_points--;
             else
                 shine(job, s);
         }
     }
-    return n_surfels;
+    return n_shading_points;
 }
 
 /* The passes that the camera's own rays bring. */
-static lr_status show(const lr_job *job, uint32_t n_surfels, uint64_t first, bool geometry)
+static lr_status show(const lr_job *job, uint32_t n_shading_points, uint64_t first, bool geometry)
 {
     if (geometry)
-        lr_write_geometry(job, n_surfels, first);
-    for (uint32_t k = 0; k < n_surfels; k++)
-        lr_add_mist(job, &job->workspace->surfels[k]);
-    return job->passes->ao != NULL ? lr_ambient_occlusion(job, n_surfels) : LR_OK;
+        lr_write_geometry(job, n_shading_points, first);
+    for (uint32_t k = 0; k < n_shading_points; k++)
+        lr_add_mist(job, &job->workspace->shading_points[k]);
+    return job->passes->ao != NULL ? lr_ambient_occlusion(job, n_shading_points) : LR_OK;
 }
 
 static lr_status fly(const lr_job *job, uint32_t n, bool any, uint64_t first, bool camera,
@@ -205,14 +205,14 @@ static lr_status fly(const lr_job *job, uint32_t n, bool any, uint64_t first, bo
         return status;
     if (options.steps)
         lr_write_steps(job, n, first);
-    const uint32_t n_surfels = see(job, n, any);
-    for (uint32_t k = 0; k < n_surfels; k++)
-        lr_scatter_choose(job, &w->surfels[k], &w->spare[w->surfels[k].path->pixel]);
-    status = show(job, n_surfels, first, geometry);
+    const uint32_t n_shading_points = see(job, n, any);
+    for (uint32_t k = 0; k < n_shading_points; k++)
+        lr_scatter_choose(job, &w->shading_points[k], &w->spare[w->shading_points[k].path->pixel]);
+    status = show(job, n_shading_points, first, geometry);
     if (status == LR_OK)
-        status = lr_light_surfels(job, n_surfels);
-    for (uint32_t k = 0; k < n_surfels && status == LR_OK; k++)
-        lr_scatter_on(job, &w->surfels[k]);
+        status = lr_light_shading_points(job, n_shading_points);
+    for (uint32_t k = 0; k < n_shading_points && status == LR_OK; k++)
+        lr_scatter_on(job, &w->shading_points[k]);
     return status;
 }
 

@@ -91,7 +91,7 @@ uint64_t lr_workspace_lay(void *base, uint64_t n_pixels, uint32_t branches, uint
     w.next = take_queue(&arena, n, branches);
     w.spare = take(&arena, n, sizeof *w.spare);
     w.flying = take(&arena, n, sizeof *w.flying);
-    w.surfels = take(&arena, n, sizeof *w.surfels);
+    w.shading_points = take(&arena, n, sizeof *w.shading_points);
     w.beams = take(&arena, n, sizeof *w.beams);
     w.beam_insides = take(&arena, n, sizeof *w.beam_insides);
     w.carried = take(&arena, n, sizeof *w.carried);

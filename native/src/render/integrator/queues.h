@@ -74,7 +74,7 @@ typedef struct lr_pair {
 } lr_pair;
 
 /* A point of a surface that is to be lit and scatters. */
-typedef struct lr_surfel {
+typedef struct lr_shading_point {
     lr_point point;
     double position[3];
     double origin[3]; /* of rays on the viewer's side */
@@ -93,13 +93,13 @@ typedef struct lr_surfel {
     bool gambles;                /* and one more of the others, chosen at random */
     double chance[LR_RAY_KINDS]; /* that rays of this kind are followed: 1 where that is sure */
     lr_bsdf bsdf;                /* large, and mostly not used: so it comes last */
-} lr_surfel;
+} lr_shading_point;
 
 /* A ray towards a light. */
 typedef struct lr_beam {
     double brings[3]; /* if nothing more is in its way */
     double ends;      /* distance to the lamp from where its ray is now */
-    const lr_surfel *surfel;
+    const lr_shading_point *shading_point;
     uint32_t clear; /* transparent surfaces that its path has passed */
 } lr_beam;
 
@@ -126,7 +126,7 @@ typedef struct lr_workspace {
     lr_queue now, next;
     uint32_t *spare;  /* per pixel, places of the next queue that no path of this one needs */
     lr_path **flying; /* the path of each ray of a wave */
-    lr_surfel *surfels;
+    lr_shading_point *shading_points;
     lr_beam *beams;
     lr_insides *beam_insides; /* of each beam's ray */
     uint32_t *carried;        /* the beam of each ray of a wave */

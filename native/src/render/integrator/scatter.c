@@ -49,7 +49,7 @@ double lr_world_distance(const lr_job *job, const lr_path *path, int kind)
 }
 
 /* Whether following this kind may bring anything. */
-static bool worth(const lr_job *job, const lr_surfel *s, int kind)
+static bool worth(const lr_job *job, const lr_shading_point *s, int kind)
 {
     if (!(s->bsdf.share[kind] > 0))
         return false;
@@ -66,7 +66,7 @@ static double bounded(double share)
     return fmin(share, 0x1p1000);
 }
 
-void lr_scatter_choose(const lr_job *job, lr_surfel *s, uint32_t *spare)
+void lr_scatter_choose(const lr_job *job, lr_shading_point *s, uint32_t *spare)
 {
     int order[LR_RAY_KINDS];
     uint32_t n = 0, sure = 0;
@@ -101,7 +101,7 @@ void lr_scatter_choose(const lr_job *job, lr_surfel *s, uint32_t *spare)
 }
 
 /* Of the kinds that are left to chance the one whose turn it is, or none (0). */
-static int draw(const lr_surfel *s)
+static int draw(const lr_shading_point *s)
 {
     double u = lr_sample_one(lr_key(s->path->key, LOTTERY), s->path->sample);
     int drawn = 0;
@@ -120,7 +120,7 @@ static int draw(const lr_surfel *s)
  * face it is as in Cycles: what is reflected into it is lost, what is refracted goes where it
  * goes. But where the field's facets stand for a smooth surface, the ray turns to the right
  * side by the same angle. False: it is lost. */
-static bool turn_to_side(const lr_surfel *s, bool beyond, double d[3])
+static bool turn_to_side(const lr_shading_point *s, bool beyond, double d[3])
 {
     const double height = lr_dot(d, s->point.facing);
     if ((height < 0) == beyond && height != 0)
@@ -142,7 +142,7 @@ static bool survives(lr_path *child)
 }
 
 /* Straight on, as the path came. */
-static void go_through(const lr_surfel *s, lr_path *child)
+static void go_through(const lr_shading_point *s, lr_path *child)
 {
     const double *o = s->path->origin;
     const double way[3] = {s->position[0] - o[0], s->position[1] - o[1], s->position[2] - o[2]};
@@ -155,7 +155,7 @@ static void go_through(const lr_surfel *s, lr_path *child)
 }
 
 /* A direction of this kind; false where the light is lost. */
-static bool turn(const lr_job *job, const lr_surfel *s, int kind, lr_path *child)
+static bool turn(const lr_job *job, const lr_shading_point *s, int kind, lr_path *child)
 {
     lr_scatter sample;
     double u[3];
@@ -177,7 +177,7 @@ static bool turn(const lr_job *job, const lr_surfel *s, int kind, lr_path *child
     return true;
 }
 
-static void follow(const lr_job *job, const lr_surfel *s, int kind)
+static void follow(const lr_job *job, const lr_shading_point *s, int kind)
 {
     lr_workspace *w = job->workspace;
     const uint32_t pixel = s->path->pixel;
@@ -209,7 +209,7 @@ static void follow(const lr_job *job, const lr_surfel *s, int kind)
     w->next.n[pixel]++;
 }
 
-void lr_scatter_on(const lr_job *job, const lr_surfel *s)
+void lr_scatter_on(const lr_job *job, const lr_shading_point *s)
 {
     const int drawn = s->gambles ? draw(s) : 0;
     for (int kind = LR_RAY_DIFFUSE; kind < LR_RAY_KINDS; kind++)

@@ -69,7 +69,7 @@ static double remainder_at(const lr_volume *v, int32_t object, const int32_t c[3
 }
 
 /* Where the hit lies: its storage cell and the place in it. */
-static void locate(const lr_placed *placed, const lr_surfel *s, int32_t c[3], double p[3])
+static void locate(const lr_placed *placed, const lr_shading_point *s, int32_t c[3], double p[3])
 {
     const lr_volume *v = lr_structure_volume(placed->structure);
     double object[3];
@@ -85,7 +85,7 @@ static void locate(const lr_placed *placed, const lr_surfel *s, int32_t c[3], do
  * space; false where that is not above. A hit in an exact cell lies on a triangle,
  * which is no facet of anything smoother that the samples know; nor are those beside
  * it, where second differences reach over a crease. */
-static bool rise(const lr_placed *placed, const lr_surfel *s, int32_t id, const int32_t c[3],
+static bool rise(const lr_placed *placed, const lr_shading_point *s, int32_t id, const int32_t c[3],
                  const double p[3], double offset[3])
 {
     const lr_volume *v = lr_structure_volume(placed->structure);
@@ -104,8 +104,8 @@ static bool rise(const lr_placed *placed, const lr_surfel *s, int32_t id, const 
 }
 
 /* The same for a hit on a triangle that carries normals. */
-static bool lift(const lr_placed *placed, const lr_surfel *s, uint32_t triangle, const int32_t c[3],
-                 const double p[3], double offset[3])
+static bool lift(const lr_placed *placed, const lr_shading_point *s, uint32_t triangle,
+                 const int32_t c[3], const double p[3], double offset[3])
 {
     lr_smooth_triangle t;
     double side = 0;
@@ -133,7 +133,7 @@ static bool lift(const lr_placed *placed, const lr_surfel *s, uint32_t triangle,
 
 /* Indices of refraction on the viewer's side over that on the far side. Where
  * the viewer is inside, the solid is left, else entered. */
-static double eta(const lr_scene *scene, const lr_surfel *s, const lr_insides *insides)
+static double eta(const lr_scene *scene, const lr_shading_point *s, const lr_insides *insides)
 {
     const bool solid = scene->instances[s->instance].enterable;
     lr_insides beyond = *insides;
@@ -148,18 +148,18 @@ static double eta(const lr_scene *scene, const lr_surfel *s, const lr_insides *i
 }
 
 void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
-                     const lr_insides *insides, lr_surfel *surfel)
+                     const lr_insides *insides, lr_shading_point *shading_point)
 {
     const lr_placed *placed = &scene->instances[wave->instance[i]];
     const lr_hits *hit = &wave->hit;
-    lr_point *point = &surfel->point;
+    lr_point *point = &shading_point->point;
     double o[3], d[3];
     lr_get_ray(&wave->ray, i, o, d);
     const double normal[3] = {hit->nx[i], hit->ny[i], hit->nz[i]};
     const double field_normal[3] = {hit->gx[i], hit->gy[i], hit->gz[i]};
     const double length = sqrt(lr_dot(d, d));
     for (int a = 0; a < 3; a++) {
-        surfel->position[a] = o[a] + wave->t[i] * d[a];
+        shading_point->position[a] = o[a] + wave->t[i] * d[a];
         point->view[a] = -d[a] / length;
         point->color[a] = 1;
     }
@@ -171,39 +171,40 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
             point->normal[a] = -point->normal[a];
             point->facing[a] = -point->facing[a];
         }
-    surfel->instance = wave->instance[i];
-    surfel->start = (lr_start){{hit->ci[i], hit->cj[i], hit->ck[i]}, point->inside ? 1 : -1};
+    shading_point->instance = wave->instance[i];
+    shading_point->start = (lr_start){{hit->ci[i], hit->cj[i], hit->ck[i]}, point->inside ? 1 : -1};
     const lr_volume *volume = lr_structure_volume(placed->structure);
     double offset[3], p[3];
     int32_t c[3];
     point->bends = hit->triangle[i] != LR_NO_TRIANGLE || lr_carries_normals(volume);
     if (!point->bends && !(lr_dot(point->normal, point->view) > 0)) /* at the rim of the field */
         memcpy(point->normal, point->facing, sizeof point->normal);
-    locate(placed, surfel, c, p);
+    locate(placed, shading_point, c, p);
     lr_volume_color(volume, c, p, hit->id[i], hit->triangle[i], 0.0, point->color);
-    memcpy(surfel->origin, surfel->position, sizeof surfel->origin);
-    surfel->risen = rise(placed, surfel, hit->id[i], c, p, offset);
-    for (int a = 0; a < 3 && surfel->risen; a++)
-        surfel->origin[a] += offset[a];
-    surfel->lifts = lift(placed, surfel, hit->triangle[i], c, p, surfel->lift);
+    memcpy(shading_point->origin, shading_point->position, sizeof shading_point->origin);
+    shading_point->risen = rise(placed, shading_point, hit->id[i], c, p, offset);
+    for (int a = 0; a < 3 && shading_point->risen; a++)
+        shading_point->origin[a] += offset[a];
+    shading_point->lifts = lift(placed, shading_point, hit->triangle[i], c, p, shading_point->lift);
     uint32_t slot;
-    surfel->material_index = lr_material_of(scene, surfel->instance, hit->id[i], &slot);
-    surfel->material = &scene->materials[surfel->material_index];
-    surfel->object_index =
+    shading_point->material_index =
+        lr_material_of(scene, shading_point->instance, hit->id[i], &slot);
+    shading_point->material = &scene->materials[shading_point->material_index];
+    shading_point->object_index =
         scene->slot_objects != NULL ? scene->slot_objects[slot] : placed->object_index;
-    const bool bends = (surfel->material->flags & LR_MATERIAL_REFRACTS) != 0;
-    point->eta = !bends ? 1 : scene->lone_media ? 0 : eta(scene, surfel, insides);
-    lr_bsdf_at(surfel->material, point, &surfel->bsdf);
+    const bool bends = (shading_point->material->flags & LR_MATERIAL_REFRACTS) != 0;
+    point->eta = !bends ? 1 : scene->lone_media ? 0 : eta(scene, shading_point, insides);
+    lr_bsdf_at(shading_point->material, point, &shading_point->bsdf);
 }
 
-lr_start lr_surface_start(const lr_surfel *surfel, bool beyond)
+lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond)
 {
-    lr_start start = surfel->start;
-    start.side = beyond ? -start.side : surfel->risen ? 0 : start.side;
+    lr_start start = shading_point->start;
+    start.side = beyond ? -start.side : shading_point->risen ? 0 : start.side;
     return start;
 }
 
-lr_start lr_surface_light_start(const lr_surfel *s, bool beyond, const double d[3],
+lr_start lr_surface_light_start(const lr_shading_point *s, bool beyond, const double d[3],
                                 double origin[3])
 {
     static const double GRAZES = 0.1; /* sine: Blender's Shadow Terminator Geometry Offset */
@@ -218,14 +219,15 @@ lr_start lr_surface_light_start(const lr_surfel *s, bool beyond, const double d[
     return start;
 }
 
-bool lr_surface_cross(const lr_scene *scene, const lr_surfel *surfel, lr_insides *insides)
+bool lr_surface_cross(const lr_scene *scene, const lr_shading_point *shading_point,
+                      lr_insides *insides)
 {
     const uint32_t media = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
-    if (!scene->instances[surfel->instance].enterable)
+    if (!scene->instances[shading_point->instance].enterable)
         return false;
-    if (!surfel->point.inside && (surfel->material->flags & media) != 0)
-        return lr_insides_enter(insides, surfel->instance, surfel->material_index);
-    if (surfel->point.inside)
-        lr_insides_leave(insides, surfel->instance);
+    if (!shading_point->point.inside && (shading_point->material->flags & media) != 0)
+        return lr_insides_enter(insides, shading_point->instance, shading_point->material_index);
+    if (shading_point->point.inside)
+        lr_insides_leave(insides, shading_point->instance);
     return false;
 }

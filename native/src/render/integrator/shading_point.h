@@ -11,18 +11,19 @@
  * which one is seen, and the normals are turned to it. Sets all but path and
  * chance. */
 void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
-                     const lr_insides *insides, lr_surfel *surfel);
+                     const lr_insides *insides, lr_shading_point *shading_point);
 
 /* What a ray is in after it has gone through the surface; true where that was too
  * much and something was forgotten. */
-bool lr_surface_cross(const lr_scene *scene, const lr_surfel *surfel, lr_insides *insides);
+bool lr_surface_cross(const lr_scene *scene, const lr_shading_point *shading_point,
+                      lr_insides *insides);
 
 /* Where rays leave the surface: those on the viewer's side start at
- * surfel->origin, those beyond at surfel->position. */
-lr_start lr_surface_start(const lr_surfel *surfel, bool beyond);
+ * shading point->origin, those beyond at shading point->position. */
+lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond);
 
 /* Likewise, and from which point, for a ray along d (unit) that asks for light. */
-lr_start lr_surface_light_start(const lr_surfel *surfel, bool beyond, const double d[3],
-                                double origin[3]);
+lr_start lr_surface_light_start(const lr_shading_point *shading_point, bool beyond,
+                                const double d[3], double origin[3]);
 
 #endif
