@@ -127,24 +127,24 @@ def hit_light(light, o, d):
     return _light("door_light_hit", light, o, d)
 
 
-def choose_lamps(lights, p, normal, u, world=0.0):
-    """For u (n,) lamps (-1: none) and their chances; and the chance of each, the world's last."""
+def choose_lights(lights, p, normal, u, world=0.0):
+    """For u (n,) lights (-1: none) and their chances; and the chance of each, the world's last."""
     table = rendering._lights(lights)
     p, normal, u = (np.ascontiguousarray(x, float) for x in (p, normal, u))
-    lamp, chance = np.zeros(len(u), np.int64), np.zeros(len(u))
+    light_index, chance = np.zeros(len(u), np.int64), np.zeros(len(u))
     chance_of = np.zeros(len(lights) + (world > 0))
-    assert _call("door_lamps", _address(table), ctypes.c_int64(len(lights)),
+    assert _call("door_lights", _address(table), ctypes.c_int64(len(lights)),
                  ctypes.c_double(world), _address(p), _address(normal), ctypes.c_int64(len(u)),
-                 *map(_address, (u, lamp, chance, chance_of)))  # fmt: skip
-    return lamp, chance, chance_of
+                 *map(_address, (u, light_index, chance, chance_of)))  # fmt: skip
+    return light_index, chance, chance_of
 
 
-def walk_lamps(lights, o, d, t_max=np.inf):
-    """(n, lights): how often rays from o along d (n, 3) come to each lamp's box."""
+def walk_lights(lights, o, d, t_max=np.inf):
+    """(n, lights): how often rays from o along d (n, 3) come to each light's box."""
     table = rendering._lights(lights)
     o, d = np.ascontiguousarray(o, float), np.ascontiguousarray(d, float)
     met = np.zeros((len(d), len(lights)), np.uint8)
-    assert _call("door_lamp_walk", _address(table), ctypes.c_int64(len(lights)), _address(o),
+    assert _call("door_light_walk", _address(table), ctypes.c_int64(len(lights)), _address(o),
                  ctypes.c_int64(len(d)), _address(d), ctypes.c_double(t_max),
                  _address(met))  # fmt: skip
     return met

@@ -211,7 +211,7 @@ class LeapRaySettings(bpy.types.PropertyGroup):
     )
     clamp_direct: bpy.props.FloatProperty(
         name="Clamp Direct",
-        description="The most light that one sample brings from lamps that its surface sees; 0 "
+        description="The most light that one sample brings from lights that its surface sees; 0 "
         "lets all through",
         default=DEFAULTS.clamp_direct,
         min=0.0,

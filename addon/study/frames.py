@@ -69,7 +69,7 @@ def prepare(
 ) -> list[str]:
     """Change the open scene so that both engines can draw the same; returns what was changed.
 
-    plain: materials become diffuse, and light goes from the lamp to the surface to the camera.
+    plain: materials become diffuse, and light goes from the light to the surface to the camera.
     Else Cycles gets the limits of bounces that the scene has for LeapRay. Pixels have a box
     filter, and every object has a pass index of its own; instances share their object's.
     """

@@ -270,7 +270,7 @@ def write(folder: Path, told: dict) -> None:
         "through the same points. Depth error is the difference along the ray times the cosine of "
         "the surface's tilt, in widths of a pixel there, where both see the same object. Edge "
         "pixels are those with another object among their eight neighbours in Cycles' picture. "
-        "Light: linear RGB, box filter of one pixel, lamp to surface to camera and no further, "
+        "Light: linear RGB, box filter of one pixel, light to surface to camera and no further, "
         "against Cycles with more samples and another seed; errors are relative to a lit white "
         "surface. Rims are neighbourhoods with mixed objects, or with lit and unlit pixels. FLIP "
         "is taken in the Standard view at 67 pixels per degree.</p>",

@@ -89,38 +89,39 @@ LR_API int32_t door_environment(const lr_world *world, int64_t n, const double (
     return 1;
 }
 
-/* For each u a lamp, -1 for none, and its chance; then the chance of every lamp, of the world (if
+/* For each u a light, -1 for none, and its chance; then the chance of every light, of the world (if
  * it has any brightness) last. */
-LR_API int32_t door_lamps(const lr_light *light, int64_t n_lights, double brightness,
+LR_API int32_t door_lights(const lr_light *light, int64_t n_lights, double brightness,
                           const double p[3], const double normal[3], int64_t n, const double *u,
-                          int64_t *lamp, double *chance, double *chance_of)
+                          int64_t *light_index, double *chance, double *chance_of)
 {
-    lr_lamps lamps;
+    lr_light_tree light_tree;
     const lr_environment environment = {.width = brightness > 0, .brightness = brightness};
-    if (lr_lamps_make(light, (uint64_t)n_lights, &environment, &lamps, NULL) != LR_OK)
+    if (lr_light_tree_make(light, (uint64_t)n_lights, &environment, &light_tree, NULL) != LR_OK)
         return 0;
     for (int64_t i = 0; i < n; i++)
-        lamp[i] = (int64_t)lr_lamps_choose(&lamps, p, normal, u[i], &chance[i]);
-    for (uint64_t k = 0; k < lamps.n; k++)
-        chance_of[k] = lr_lamps_chance(&lamps, k, p, normal);
-    lr_lamps_free(&lamps);
+        light_index[i] = (int64_t)lr_light_tree_choose(&light_tree, p, normal, u[i], &chance[i]);
+    for (uint64_t k = 0; k < light_tree.n; k++)
+        chance_of[k] = lr_light_tree_probability(&light_tree, k, p, normal);
+    lr_light_tree_free(&light_tree);
     return 1;
 }
 
-/* met[i][k]: how often the walk of ray i from o along d[i] comes to lamp k. */
-LR_API int32_t door_lamp_walk(const lr_light *light, int64_t n_lights, const double o[3], int64_t n,
+/* met[i][k]: how often the walk of ray i from o along d[i] comes to light k. */
+LR_API int32_t door_light_walk(const lr_light *light, int64_t n_lights, const double o[3], int64_t n,
                               const double (*d)[3], double t_max, uint8_t *met)
 {
-    lr_lamps lamps;
+    lr_light_tree light_tree;
     const lr_environment environment = {.width = 0};
-    if (lr_lamps_make(light, (uint64_t)n_lights, &environment, &lamps, NULL) != LR_OK)
+    if (lr_light_tree_make(light, (uint64_t)n_lights, &environment, &light_tree, NULL) != LR_OK)
         return 0;
     for (int64_t i = 0; i < n; i++) {
-        lr_lamp_walk walk;
-        lr_lamps_start(&lamps, &walk);
-        for (uint64_t k; (k = lr_lamps_next(&lamps, &walk, o, d[i], t_max)) != LR_LAMP_NONE;)
+        lr_light_walk walk;
+        lr_light_tree_start(&light_tree, &walk);
+        for (uint64_t k;
+             (k = lr_light_tree_next(&light_tree, &walk, o, d[i], t_max)) != LR_LIGHT_NONE;)
             met[i * n_lights + (int64_t)k]++;
     }
-    lr_lamps_free(&lamps);
+    lr_light_tree_free(&light_tree);
     return 1;
 }

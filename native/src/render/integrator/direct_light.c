@@ -1,13 +1,13 @@
-/* Light that comes straight from lamps and from the world.
+/* Direct light: what lights and the world send to surfaces.
  *
- * Shading points that the camera sees ask every lamp, or of many lamps some, those behind
- * a mirror or deeper one lamp: there are many of them, and they weigh little. Lamps
+ * Shading points that the camera sees ask every light, or of many lights some, those behind
+ * a mirror or deeper one light: there are many of them, and they weigh little. Lights
  * are chosen by what they may bring (light_tree.c). The rays are gathered over all
  * questions until a wave is full. What is opaque stops them first,
  * in a wave that only asks whether anything is hit; what is left then goes from
  * one transparent surface to the next and takes on its colour.
  *
- * Lamps with extent are found by scattered rays too; either way gets the share
+ * Lights with extent are found by scattered rays too; either way gets the share
  * that its density deserves.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -21,24 +21,24 @@
 #include "render/lights/environment.h"
 #include "render/lights/light.h"
 
-enum { CHOOSE = 1, AMBIENT = 3, FIRST_LAMP = 64 }; /* which choice: see lr_key */
+enum { CHOOSE = 1, AMBIENT = 3, FIRST_LIGHT = 64 }; /* which choice: see lr_key */
 
-/* A way from a shading point to a lamp. */
+/* A way from a shading point to a light. */
 typedef struct lr_way {
     double direction[3], distance, color[3], pdf;
     uint32_t visibility;
     bool delta, shadow;
 } lr_way;
 
-static bool find_way(const lr_scene *scene, uint64_t lamp, const double p[3], const double u[2],
-                     lr_way *way)
+static bool find_way(const lr_scene *scene, uint64_t light_index, const double p[3],
+                     const double u[2], lr_way *way)
 {
-    if (lamp == scene->n_lights) {
+    if (light_index == scene->n_lights) {
         *way =
             (lr_way){.distance = INFINITY, .visibility = scene->world_visibility, .shadow = true};
         return lr_environment_sample(&scene->environment, u, way->direction, way->color, &way->pdf);
     }
-    const lr_light *light = &scene->lights[lamp];
+    const lr_light *light = &scene->lights[light_index];
     lr_light_ray ray;
     if (!lr_light_sample(light, p, u, &ray))
         return false;
@@ -60,7 +60,7 @@ static bool black(const double c[3])
 }
 
 /* What the light of the way adds to the pixel; false where nothing. chance: how often
- * this lamp is asked. */
+ * this light is asked. */
 static bool weigh(const lr_shading_point *s, const lr_way *way, double chance, double brings[3])
 {
     lr_response group[LR_GROUPS];
@@ -174,30 +174,32 @@ static lr_status send(const lr_job *job, uint32_t n, uint32_t n_beams)
     return status;
 }
 
-/* The lamp for question `ask` of a shading point, and how often it is asked. */
-static uint64_t lamp_of(const lr_job *job, const lr_shading_point *s, uint32_t ask, double *chance)
+/* The light for question `ask` of a shading point, and how often it is asked. */
+static uint64_t choose_light(const lr_job *job, const lr_shading_point *s, uint32_t ask,
+                             double *chance)
 {
-    const lr_lamps *lamps = &job->scene->lamps;
+    const lr_light_tree *light_tree = &job->scene->light_tree;
     const uint32_t bounces = s->path->bounces[LR_RAY_CAMERA];
     float side[3];
     *chance = 1;
-    if (lr_lamps_all(lamps, bounces))
+    if (lr_light_tree_all(light_tree, bounces))
         return ask;
     lr_lit_side(s, side);
     const double n[3] = {side[0], side[1], side[2]};
-    const uint32_t asked = lr_lamps_asked(lamps, bounces);
+    const uint32_t asked = lr_light_tree_asked(light_tree, bounces);
     const double u = lr_sample_one(lr_key(s->path->key, CHOOSE), s->path->sample);
-    const uint64_t lamp = lr_lamps_choose(lamps, s->origin, n, (ask + u) / asked, chance);
+    const uint64_t light_index =
+        lr_light_tree_choose(light_tree, s->origin, n, (ask + u) / asked, chance);
     *chance *= asked;
-    return lamp;
+    return light_index;
 }
 
-/* Cycles counts so: rays that meet the lamp by themselves find it all the same, with the share
+/* Cycles counts so: rays that meet the light by themselves find it all the same, with the share
  * that they would have. */
-static bool is_beyond_limit(const lr_scene *scene, uint64_t lamp, const lr_path *path)
+static bool is_beyond_limit(const lr_scene *scene, uint64_t light_index, const lr_path *path)
 {
-    const int32_t limit =
-        lamp == scene->n_lights ? scene->world_bounces : scene->lights[lamp].max_bounces;
+    const int32_t limit = light_index == scene->n_lights ? scene->world_bounces
+                                                         : scene->lights[light_index].max_bounces;
     return path->bounces[LR_RAY_CAMERA] > limit;
 }
 
@@ -208,18 +210,20 @@ static bool light_by(const lr_job *job, const lr_shading_point *s, uint32_t ask,
 {
     lr_workspace *w = job->workspace;
     double chance;
-    const uint64_t lamp = lamp_of(job, s, ask, &chance);
-    if (lamp == LR_LAMP_NONE || is_beyond_limit(job->scene, lamp, s->path))
+    const uint64_t light_index = choose_light(job, s, ask, &chance);
+    if (light_index == LR_LIGHT_NONE || is_beyond_limit(job->scene, light_index, s->path))
         return false;
-    const uint32_t key = lr_key(s->path->key, FIRST_LAMP + ask);
+    const uint32_t key = lr_key(s->path->key, FIRST_LIGHT + ask);
     double u[2] = {0, 0};
     lr_way way;
     lr_beam *beam = &w->beams[n];
-    if (lamp == job->scene->n_lights || lr_light_has_extent(&job->scene->lights[lamp]))
+    if (light_index == job->scene->n_lights ||
+        lr_light_has_extent(&job->scene->lights[light_index]))
         lr_sample_pair(key, s->path->sample, u);
-    if (!find_way(job->scene, lamp, s->origin, u, &way) || !weigh(s, &way, chance, beam->brings))
+    if (!find_way(job->scene, light_index, s->origin, u, &way) ||
+        !weigh(s, &way, chance, beam->brings))
         return false;
-    if (lamp == job->scene->n_lights)
+    if (light_index == job->scene->n_lights)
         way.distance = lr_world_distance(job, s->path, LR_RAY_DIFFUSE);
     beam->shading_point = s;
     beam->clear = s->path->bounces[LR_RAY_TRANSPARENT];
@@ -232,17 +236,17 @@ static bool light_by(const lr_job *job, const lr_shading_point *s, uint32_t ask,
     return true;
 }
 
-/* How many lamps this shading point asks. */
+/* How many lights this shading point asks. */
 static uint32_t asked(const lr_job *job, const lr_shading_point *s)
 {
     if (s->path->last || (s->material->flags & LR_MATERIAL_SCATTERS) == 0)
         return 0;
-    return lr_lamps_asked(&job->scene->lamps, s->path->bounces[LR_RAY_CAMERA]);
+    return lr_light_tree_asked(&job->scene->light_tree, s->path->bounces[LR_RAY_CAMERA]);
 }
 
 lr_status lr_light_shading_points(const lr_job *job, uint32_t n)
 {
-    const uint32_t most = lr_lamps_asked(&job->scene->lamps, 0);
+    const uint32_t most = lr_light_tree_asked(&job->scene->light_tree, 0);
     uint32_t n_beams = 0, n_rays = 0;
     for (uint32_t ask = 0; ask < most; ask++)
         for (uint32_t k = 0; k < n; k++) {

@@ -1,4 +1,4 @@
-/* Light that comes straight from lamps and from the world.
+/* Direct light: what lights and the world send to surfaces.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_INTEGRATOR_DIRECT_LIGHT_H
@@ -7,7 +7,7 @@
 #include "render/integrator/context.h"
 
 /* Add to the pixels what the first n shading points send to their viewers of the light
- * that lamps and a world of unequal brightness send to them. The wave is
+ * that lights and a world of unequal brightness send to them. The wave is
  * overwritten. */
 lr_status lr_light_shading_points(const lr_job *job, uint32_t n);
 
@@ -15,16 +15,17 @@ lr_status lr_light_shading_points(const lr_job *job, uint32_t n);
  * shading points see, which are seen by the camera. The wave is overwritten. */
 lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n);
 
-/* How often the surface that the path has left last asked the lamp; at the point o. */
-LR_INLINE double lr_lamp_chance(const lr_scene *scene, const lr_path *path, uint64_t lamp,
-                                const double o[3])
+/* How often the surface that the path has left last asked the light; at the point o. */
+LR_INLINE double lr_light_probability(const lr_scene *scene, const lr_path *path,
+                                      uint64_t light_index, const double o[3])
 {
-    const lr_lamps *lamps = &scene->lamps;
+    const lr_light_tree *light_tree = &scene->light_tree;
     const uint32_t bounces = path->bounces[LR_RAY_CAMERA] - 1u;
     const double n[3] = {path->normal[0], path->normal[1], path->normal[2]};
-    if (lr_lamps_all(lamps, bounces))
+    if (lr_light_tree_all(light_tree, bounces))
         return 1;
-    return lr_lamps_asked(lamps, bounces) * lr_lamps_chance(lamps, lamp, o, n);
+    return lr_light_tree_asked(light_tree, bounces) *
+           lr_light_tree_probability(light_tree, light_index, o, n);
 }
 
 /* Does a direction lead through the surface? Only where that refracts. */

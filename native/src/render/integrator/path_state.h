@@ -11,7 +11,7 @@
  * first, and counted. */
 enum { LR_INSIDES = 6, LR_RAY_KINDS = LR_RAY_TRANSPARENT + 1 };
 
-/* The flag of the instances and lamps that count for rays of a kind. */
+/* The flag of the instances and lights that count for rays of a kind. */
 LR_INLINE uint32_t lr_sees(int kind)
 {
     static const uint32_t flag[LR_RAY_KINDS] = {LR_VISIBLE_CAMERA, LR_VISIBLE_DIFFUSE,

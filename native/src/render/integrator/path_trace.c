@@ -34,20 +34,20 @@ static void scattered_at(const lr_path *path, const double d[3], double o[3])
 }
 
 /* The share of what a ray that was scattered at o finds by itself; the rest comes from
- * asking the lamp, which chooses the ray's direction with the density pdf. */
-static double found_share(const lr_job *job, const lr_path *path, uint64_t lamp, const double o[3],
-                          double pdf)
+ * asking the light, which chooses the ray's direction with the density pdf. */
+static double found_share(const lr_job *job, const lr_path *path, uint64_t light_index,
+                          const double o[3], double pdf)
 {
     if (!(path->pdf < INFINITY) || pdf == 0)
         return 1;
-    return lr_mis(path->pdf, pdf * lr_lamp_chance(job->scene, path, lamp, o));
+    return lr_mis(path->pdf, pdf * lr_light_probability(job->scene, path, light_index, o));
 }
 
-/* The lamp, if the path meets it before its end; it was scattered at o. */
-static void find_lamp(const lr_job *job, const lr_path *path, uint64_t lamp, const double o[3],
-                      const double d[3], double length)
+/* The light, if the path meets it before its end; it was scattered at o. */
+static void find_light(const lr_job *job, const lr_path *path, uint64_t light_index,
+                       const double o[3], const double d[3], double length)
 {
-    const lr_light *light = &job->scene->lights[lamp];
+    const lr_light *light = &job->scene->lights[light_index];
     double t, color[3], pdf, weight[3];
     if ((light->visibility & path->visibility) == 0 ||
         !lr_light_hit(light, o, d, path->travelled + length, &t, color, &pdf) ||
@@ -55,24 +55,25 @@ static void find_lamp(const lr_job *job, const lr_path *path, uint64_t lamp, con
         return;
     memcpy(weight, path->weight, sizeof weight);
     lr_insides_absorb(job->scene, &path->insides, t - path->travelled, weight);
-    add(job, path, color, weight, found_share(job, path, lamp, o, pdf));
+    add(job, path, color, weight, found_share(job, path, light_index, o, pdf));
     for (int a = 0; a < 3 && path->seen; a++)
         job->workspace->pixels[path->pixel].emission[a] += weight[a] * color[a];
 }
 
-/* Lamps with extent that the path meets before its end. */
-static void find_lamps(const lr_job *job, const lr_path *path, const double d[3], double length)
+/* Lights with extent that the path meets before its end. */
+static void find_lights(const lr_job *job, const lr_path *path, const double d[3], double length)
 {
-    const lr_lamps *lamps = &job->scene->lamps;
+    const lr_light_tree *light_tree = &job->scene->light_tree;
     const double t_max = path->travelled + length;
-    lr_lamp_walk walk;
+    lr_light_walk walk;
     double o[3];
     scattered_at(path, d, o);
-    for (uint32_t k = 0; k < lamps->n_suns && !(t_max < INFINITY); k++)
-        find_lamp(job, path, lamps->suns[k], o, d, length);
-    lr_lamps_start(lamps, &walk);
-    for (uint64_t lamp; (lamp = lr_lamps_next(lamps, &walk, o, d, t_max)) != LR_LAMP_NONE;)
-        find_lamp(job, path, lamp, o, d, length);
+    for (uint32_t k = 0; k < light_tree->n_suns && !(t_max < INFINITY); k++)
+        find_light(job, path, light_tree->suns[k], o, d, length);
+    lr_light_tree_start(light_tree, &walk);
+    for (uint64_t light_index;
+         (light_index = lr_light_tree_next(light_tree, &walk, o, d, t_max)) != LR_LIGHT_NONE;)
+        find_light(job, path, light_index, o, d, length);
 }
 
 /* The path goes off into the world. */
@@ -145,7 +146,7 @@ static bool hold_out(const lr_job *job, lr_shading_point *s)
     return !(left > 0);
 }
 
-/* Lamps, world and surfaces that the wave has found; the surfaces are the
+/* Lights, world and surfaces that the wave has found; the surfaces are the
  * shading points. Returns how many; some are missing where the watch says stop. */
 static uint32_t see(const lr_job *job, uint32_t n, bool any)
 {
@@ -158,8 +159,8 @@ static uint32_t see(const lr_job *job, uint32_t n, bool any)
         const double length = w->wave.t[i] * unit;
         const double d[3] = {path->direction[0] / unit, path->direction[1] / unit,
                              path->direction[2] / unit};
-        if (job->scene->has_lamps)
-            find_lamps(job, path, d, length);
+        if (job->scene->has_lights)
+            find_lights(job, path, d, length);
         if (path->insides.n > 0)
             lr_insides_absorb(job->scene, &path->insides, length, path->weight);
         if (!hit) {
@@ -224,7 +225,7 @@ static lr_status fly_all(const lr_job *job, uint32_t n_pixels, uint64_t first, b
     lr_status status = LR_OK;
     for (int last = 0; last < 2; last++) {
         const bool any = last != 0 && !scene->has_clear && !scene->has_media && !scene->shines &&
-                         !scene->has_lamps;
+                         !scene->has_lights;
         for (uint32_t pixel = 0; pixel < n_pixels && status == LR_OK;) {
             const uint32_t n = gather(job, &pixel, n_pixels, last != 0);
             if (n > 0)

@@ -98,7 +98,7 @@ typedef struct lr_shading_point {
 /* A ray towards a light. */
 typedef struct lr_beam {
     double brings[3]; /* if nothing more is in its way */
-    double ends;      /* distance to the lamp from where its ray is now */
+    double ends;      /* distance to the light from where its ray is now */
     const lr_shading_point *shading_point;
     uint32_t clear; /* transparent surfaces that its path has passed */
 } lr_beam;

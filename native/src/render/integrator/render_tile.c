@@ -244,7 +244,7 @@ lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_pa
         .error = error,
         .branches = branches,
         .sample_bits = bits_of((uint32_t)tile->samples - 1),
-        .last_brings = scene->world_shines || scene->shines || scene->has_lamps,
+        .last_brings = scene->world_shines || scene->shines || scene->has_lights,
     };
     for (uint64_t first = 0; first < n_pixels && status == LR_OK; first += LR_STRETCH) {
         const uint64_t left = n_pixels - first;

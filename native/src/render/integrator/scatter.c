@@ -6,7 +6,7 @@
  * chosen at random by their shares. A ray that has become light lives on with a
  * chance. Both are made up for in the weight.
  *
- * Limits count as in Cycles: a ray beyond its limit still finds lamps, the world
+ * Limits count as in Cycles: a ray beyond its limit still finds lights, the world
  * and shining surfaces, but is not scattered any more.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */

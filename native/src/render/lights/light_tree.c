@@ -1,6 +1,6 @@
-/* A tree of lamps.
+/* A tree of lights.
  *
- * Every node tells where its lamps are, which way they shine and how much. From
+ * Every node tells where its lights are, which way they shine and how much. From
  * that follows a bound of what they can bring to a point; going down from the root,
  * a child is taken with a chance in proportion to it. Suns and the world have no
  * place: they stand beside the root.
@@ -9,9 +9,9 @@
  * tree splitting, 2018 (bounds; orientation in the heuristic of the split); the
  * cosines without arcs are those of Pharr, Jakob, Humphreys, Physically Based
  * Rendering, 4th ed., 2023, section 12.6.
- * Departures: 1. no splitting while walking; where the camera looks a few lamps
- * are chosen by stratified numbers instead; 2. leaves are single lamps; 3. boxes
- * count by their diagonals, not areas, which lamps in a row have not.
+ * Departures: 1. no splitting while walking; where the camera looks a few lights
+ * are chosen by stratified numbers instead; 2. leaves are single lights; 3. boxes
+ * count by their diagonals, not areas, which lights in a row have not.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/lights/light_tree.h"
@@ -23,7 +23,7 @@ static const double PI = 3.141592653589793;
 
 enum {
     BINS = 12,
-    HALVED = 60 /* levels after which lamps are halved by number: 32 more suffice */
+    HALVED = 60 /* levels after which lights are halved by number: 32 more suffice */
 };
 
 /* ---- angles, by their cosines ----------------------------------------------- */
@@ -56,9 +56,9 @@ static void area_sides(const lr_light *light, double half[3])
 }
 
 /* A spot's light ends at its cone, an area's at its spread. */
-static lr_lamp_node leaf_of(const lr_light *light, uint32_t lamp)
+static lr_light_node leaf_of(const lr_light *light, uint32_t light_index)
 {
-    lr_lamp_node node = {.child = lamp | LR_LAMP_LEAF, .met = lr_light_has_extent(light)};
+    lr_light_node node = {.child = light_index | LR_LIGHT_LEAF, .met = lr_light_has_extent(light)};
     double half[3] = {light->radius, light->radius, light->radius};
     if (light->kind == LR_LIGHT_AREA)
         area_sides(light, half);
@@ -74,20 +74,20 @@ static lr_lamp_node leaf_of(const lr_light *light, uint32_t lamp)
 }
 
 /* The smallest cone around both: directions within it of *axis. */
-static void unite_cones(const lr_lamp_node *a, const lr_lamp_node *b, double axis[3],
+static void unite_cones(const lr_light_node *a, const lr_light_node *b, double axis[3],
                         double *cos_facing)
 {
     const double of_a = acos(lr_clamp(a->cos_facing, -1, 1));
     const double of_b = acos(lr_clamp(b->cos_facing, -1, 1));
     const double apart = acos(lr_clamp(lr_dot(a->axis, b->axis), -1, 1));
-    const lr_lamp_node *wide = of_a >= of_b ? a : b;
+    const lr_light_node *wide = of_a >= of_b ? a : b;
     const double wider = fmax(of_a, of_b), narrower = fmin(of_a, of_b);
     memcpy(axis, wide->axis, 3 * sizeof *axis);
     *cos_facing = wide->cos_facing;
     if (fmin(apart + narrower, PI) <= wider)
         return;
     const double angle = 0.5 * (of_a + apart + of_b);
-    const lr_lamp_node *other = wide == a ? b : a;
+    const lr_light_node *other = wide == a ? b : a;
     double side[3];
     const double along = lr_dot(wide->axis, other->axis);
     for (int k = 0; k < 3; k++)
@@ -102,7 +102,7 @@ static void unite_cones(const lr_lamp_node *a, const lr_lamp_node *b, double axi
         axis[k] = cos(turn) * wide->axis[k] + sin(turn) / length * side[k];
 }
 
-static void unite(lr_lamp_node *a, const lr_lamp_node *b)
+static void unite(lr_light_node *a, const lr_light_node *b)
 {
     double axis[3], cos_facing;
     unite_cones(a, b, axis, &cos_facing);
@@ -119,13 +119,13 @@ static void unite(lr_lamp_node *a, const lr_lamp_node *b)
 
 /* ---- building --------------------------------------------------------------- */
 
-static double centre(const lr_lamp_node *node, int axis)
+static double centre(const lr_light_node *node, int axis)
 {
     return 0.5 * (node->lo[axis] + node->hi[axis]);
 }
 
 /* Power by the square of the box's diagonal and by the directions into which it goes. */
-static double cost_of(const lr_lamp_node *node)
+static double cost_of(const lr_light_node *node)
 {
     const double x = node->hi[0] - node->lo[0], y = node->hi[1] - node->lo[1];
     const double z = node->hi[2] - node->lo[2];
@@ -139,7 +139,7 @@ static double cost_of(const lr_lamp_node *node)
 }
 
 /* Which bin of the centres' range lo..hi. */
-static int bin_of(const lr_lamp_node *node, int axis, double lo, double hi)
+static int bin_of(const lr_light_node *node, int axis, double lo, double hi)
 {
     return lr_min_i((int32_t)((centre(node, axis) - lo) / (hi - lo) * BINS), BINS - 1);
 }
@@ -150,10 +150,10 @@ typedef struct lr_cut {
 } lr_cut;
 
 /* The best cut of the leaves along one axis, if it is better. */
-static void try_axis(const lr_lamp_node *leaves, uint32_t n, int axis, lr_cut *best)
+static void try_axis(const lr_light_node *leaves, uint32_t n, int axis, lr_cut *best)
 {
     double lo = INFINITY, hi = -INFINITY, above[BINS];
-    lr_lamp_node bins[BINS];
+    lr_light_node bins[BINS];
     bool used[BINS] = {false};
     for (uint32_t i = 0; i < n; i++) {
         lo = fmin(lo, centre(&leaves[i], axis));
@@ -169,7 +169,7 @@ static void try_axis(const lr_lamp_node *leaves, uint32_t n, int axis, lr_cut *b
             bins[b] = leaves[i];
         used[b] = true;
     }
-    lr_lamp_node part = bins[BINS - 1]; /* holds the highest centre */
+    lr_light_node part = bins[BINS - 1]; /* holds the highest centre */
     for (int b = BINS - 1; b > 0; b--) {
         if (b < BINS - 1 && used[b])
             unite(&part, &bins[b]);
@@ -186,7 +186,7 @@ static void try_axis(const lr_lamp_node *leaves, uint32_t n, int axis, lr_cut *b
 }
 
 /* Put the leaves of the lower part first; returns how many. */
-static uint32_t part(lr_lamp_node *leaves, uint32_t n, uint32_t depth)
+static uint32_t part(lr_light_node *leaves, uint32_t n, uint32_t depth)
 {
     lr_cut best = {.cost = INFINITY};
     for (int axis = 0; axis < 3 && depth < HALVED; axis++)
@@ -196,7 +196,7 @@ static uint32_t part(lr_lamp_node *leaves, uint32_t n, uint32_t depth)
     uint32_t low = 0;
     for (uint32_t i = 0; i < n; i++)
         if (bin_of(&leaves[i], best.axis, best.lo, best.hi) < best.bin) {
-            const lr_lamp_node swap = leaves[low];
+            const lr_light_node swap = leaves[low];
             leaves[low++] = leaves[i];
             leaves[i] = swap;
         }
@@ -204,66 +204,67 @@ static uint32_t part(lr_lamp_node *leaves, uint32_t n, uint32_t depth)
 }
 
 /* The node at `at` becomes the tree over the n leaves. */
-static void grow(lr_lamps *lamps, lr_lamp_node *leaves, uint32_t n, uint32_t at, uint32_t parent,
-                 uint32_t depth)
+static void grow(lr_light_tree *light_tree, lr_light_node *leaves, uint32_t n, uint32_t at,
+                 uint32_t parent, uint32_t depth)
 {
-    lr_lamp_node *node = &lamps->nodes[at];
+    lr_light_node *node = &light_tree->nodes[at];
     if (n == 1) {
         *node = leaves[0];
         node->parent = parent;
-        lamps->leaf[node->child & ~LR_LAMP_LEAF] = at;
+        light_tree->leaf[node->child & ~LR_LIGHT_LEAF] = at;
         return;
     }
-    const uint32_t low = part(leaves, n, depth), child = lamps->n_nodes;
-    lamps->n_nodes += 2;
-    grow(lamps, leaves, low, child, at, depth + 1);
-    grow(lamps, leaves + low, n - low, child + 1, at, depth + 1);
-    *node = lamps->nodes[child];
-    unite(node, &lamps->nodes[child + 1]);
+    const uint32_t low = part(leaves, n, depth), child = light_tree->n_nodes;
+    light_tree->n_nodes += 2;
+    grow(light_tree, leaves, low, child, at, depth + 1);
+    grow(light_tree, leaves + low, n - low, child + 1, at, depth + 1);
+    *node = light_tree->nodes[child];
+    unite(node, &light_tree->nodes[child + 1]);
     node->child = child;
     node->parent = parent;
 }
 
-lr_status lr_lamps_make(const lr_light *lights, uint64_t n_lights,
-                        const lr_environment *environment, lr_lamps *lamps, lr_error *error)
+lr_status lr_light_tree_make(const lr_light *lights, uint64_t n_lights,
+                             const lr_environment *environment, lr_light_tree *light_tree,
+                             lr_error *error)
 {
-    *lamps = (lr_lamps){.lights = lights, .n_lights = n_lights};
-    lamps->n = n_lights + (environment->width > 0);
-    lamps->world = PI * environment->brightness;
-    if (n_lights >= LR_LAMP_LEAF / 2)
+    *light_tree = (lr_light_tree){.lights = lights, .n_lights = n_lights};
+    light_tree->n = n_lights + (environment->width > 0);
+    light_tree->world = PI * environment->brightness;
+    if (n_lights >= LR_LIGHT_LEAF / 2)
         return lr_fail(error, LR_E_SIZE, "a scene holds up to %u lights, there are %llu",
-                       LR_LAMP_LEAF / 2 - 1, (unsigned long long)n_lights);
+                       LR_LIGHT_LEAF / 2 - 1, (unsigned long long)n_lights);
     const size_t n = (size_t)n_lights + 1;
-    lr_lamp_node *leaves = malloc(n * sizeof *leaves);
-    lamps->nodes = malloc(2 * n * sizeof *lamps->nodes);
-    lamps->leaf = malloc(n * sizeof *lamps->leaf);
-    lamps->suns = malloc(n * sizeof *lamps->suns);
-    const bool got = leaves && lamps->nodes && lamps->leaf && lamps->suns;
+    lr_light_node *leaves = malloc(n * sizeof *leaves);
+    light_tree->nodes = malloc(2 * n * sizeof *light_tree->nodes);
+    light_tree->leaf = malloc(n * sizeof *light_tree->leaf);
+    light_tree->suns = malloc(n * sizeof *light_tree->suns);
+    const bool got = leaves && light_tree->nodes && light_tree->leaf && light_tree->suns;
     uint32_t n_leaves = 0;
     for (uint32_t i = 0; i < n_lights && got; i++) {
-        lamps->leaf[i] = UINT32_MAX;
+        light_tree->leaf[i] = UINT32_MAX;
         if (lights[i].kind == LR_LIGHT_SUN)
-            lamps->suns[lamps->n_suns++] = i;
+            light_tree->suns[light_tree->n_suns++] = i;
         else
             leaves[n_leaves++] = leaf_of(&lights[i], i);
     }
     if (got && n_leaves > 0) {
-        lamps->n_nodes = 1;
-        grow(lamps, leaves, n_leaves, 0, 0, 0);
+        light_tree->n_nodes = 1;
+        grow(light_tree, leaves, n_leaves, 0, 0, 0);
     }
     free(leaves);
     if (got)
         return LR_OK;
-    lr_lamps_free(lamps);
+    lr_light_tree_free(light_tree);
     return lr_fail_memory(error, 4 * n * sizeof *leaves, "the lights");
 }
 
-void lr_lamps_free(lr_lamps *lamps)
+void lr_light_tree_free(lr_light_tree *light_tree)
 {
-    free(lamps->nodes);
-    free(lamps->leaf);
-    free(lamps->suns);
-    *lamps = (lr_lamps){.n = 0};
+    free(light_tree->nodes);
+    free(light_tree->leaf);
+    free(light_tree->suns);
+    *light_tree = (lr_light_tree){.n = 0};
 }
 
 /* ---- choosing --------------------------------------------------------------- */
@@ -276,9 +277,9 @@ static double facing(const double n[3], const double d[3], double cos_around)
     return fmax(cos_less(lr_clamp(lr_dot(n, d), -1, 1), cos_around), 0);
 }
 
-/* A bound of the irradiance that the node's lamps bring, but for the distance, which is that of
+/* A bound of the irradiance that the node's lights bring, but for the distance, which is that of
  * the box's centre, and no less than its radius. */
-static double bound(const lr_lamp_node *node, const double p[3], const double n[3])
+static double bound(const lr_light_node *node, const double p[3], const double n[3])
 {
     double to[3], radius2 = 0;
     for (int a = 0; a < 3; a++) {
@@ -305,95 +306,96 @@ static double bound_sun(const lr_light *sun, const double n[3])
     return magnitude(sun->color) * facing(n, sun->direction, cos(0.5 * sun->angle));
 }
 
-/* Of all lamps beside each other: the tree, the suns, the world. */
-static double bound_all(const lr_lamps *lamps, const double p[3], const double n[3])
+/* Of all lights beside each other: the tree, the suns, the world. */
+static double bound_all(const lr_light_tree *light_tree, const double p[3], const double n[3])
 {
-    double all = lamps->world;
-    for (uint32_t i = 0; i < lamps->n_suns; i++)
-        all += bound_sun(&lamps->lights[lamps->suns[i]], n);
-    return lamps->n_nodes > 0 ? all + bound(&lamps->nodes[0], p, n) : all;
+    double all = light_tree->world;
+    for (uint32_t i = 0; i < light_tree->n_suns; i++)
+        all += bound_sun(&light_tree->lights[light_tree->suns[i]], n);
+    return light_tree->n_nodes > 0 ? all + bound(&light_tree->nodes[0], p, n) : all;
 }
 
 /* Down the tree; u in 0..1 is used up. */
-static uint64_t descend(const lr_lamps *lamps, const double p[3], const double n[3], double u,
-                        double *chance)
+static uint64_t descend(const lr_light_tree *light_tree, const double p[3], const double n[3],
+                        double u, double *chance)
 {
-    const lr_lamp_node *node = lamps->nodes;
-    while ((node->child & LR_LAMP_LEAF) == 0) {
-        const lr_lamp_node *child = &lamps->nodes[node->child];
+    const lr_light_node *node = light_tree->nodes;
+    while ((node->child & LR_LIGHT_LEAF) == 0) {
+        const lr_light_node *child = &light_tree->nodes[node->child];
         const double first = bound(child, p, n), second = bound(child + 1, p, n);
         if (!(first + second > 0))
-            return LR_LAMP_NONE;
+            return LR_LIGHT_NONE;
         const double share = first / (first + second);
         const bool left = u < share;
         u = fmin(left ? u / share : (u - share) / (1 - share), 1 - 0x1p-53);
         *chance *= left ? share : 1 - share;
         node = left ? child : child + 1;
     }
-    return node->child & ~LR_LAMP_LEAF;
+    return node->child & ~LR_LIGHT_LEAF;
 }
 
-uint64_t lr_lamps_choose(const lr_lamps *lamps, const double p[3], const double n[3], double u,
-                         double *chance)
+uint64_t lr_light_tree_choose(const lr_light_tree *light_tree, const double p[3], const double n[3],
+                              double u, double *chance)
 {
-    const double all = bound_all(lamps, p, n);
+    const double all = bound_all(light_tree, p, n);
     if (!(all > 0))
-        return LR_LAMP_NONE;
+        return LR_LIGHT_NONE;
     double x = u * all;
-    for (uint32_t i = 0; i < lamps->n_suns; i++) {
-        const double sun = bound_sun(&lamps->lights[lamps->suns[i]], n);
+    for (uint32_t i = 0; i < light_tree->n_suns; i++) {
+        const double sun = bound_sun(&light_tree->lights[light_tree->suns[i]], n);
         *chance = sun / all;
         if (x < sun)
-            return lamps->suns[i];
+            return light_tree->suns[i];
         x -= sun;
     }
-    *chance = lamps->world / all;
-    if (x < lamps->world)
-        return lamps->n_lights;
-    x -= lamps->world;
-    const double tree = lamps->n_nodes > 0 ? bound(&lamps->nodes[0], p, n) : 0;
+    *chance = light_tree->world / all;
+    if (x < light_tree->world)
+        return light_tree->n_lights;
+    x -= light_tree->world;
+    const double tree = light_tree->n_nodes > 0 ? bound(&light_tree->nodes[0], p, n) : 0;
     *chance = tree / all;
     if (!(tree > 0)) /* by rounding */
-        return LR_LAMP_NONE;
-    return descend(lamps, p, n, lr_clamp(x / tree, 0, 1 - 0x1p-53), chance);
+        return LR_LIGHT_NONE;
+    return descend(light_tree, p, n, lr_clamp(x / tree, 0, 1 - 0x1p-53), chance);
 }
 
-double lr_lamps_chance(const lr_lamps *lamps, uint64_t lamp, const double p[3], const double n[3])
+double lr_light_tree_probability(const lr_light_tree *light_tree, uint64_t light_index,
+                                 const double p[3], const double n[3])
 {
-    const double all = bound_all(lamps, p, n);
+    const double all = bound_all(light_tree, p, n);
     if (!(all > 0))
         return 0;
-    if (lamp == lamps->n_lights)
-        return lamps->world / all;
-    uint32_t at = lamps->leaf[lamp];
+    if (light_index == light_tree->n_lights)
+        return light_tree->world / all;
+    uint32_t at = light_tree->leaf[light_index];
     if (at == UINT32_MAX)
-        return bound_sun(&lamps->lights[lamp], n) / all;
-    double chance = bound(&lamps->nodes[0], p, n) / all;
+        return bound_sun(&light_tree->lights[light_index], n) / all;
+    double chance = bound(&light_tree->nodes[0], p, n) / all;
     while (at != 0 && chance > 0) {
-        const lr_lamp_node *parent = &lamps->nodes[lamps->nodes[at].parent];
-        const double first = bound(&lamps->nodes[parent->child], p, n);
-        const double second = bound(&lamps->nodes[parent->child + 1], p, n);
+        const lr_light_node *parent = &light_tree->nodes[light_tree->nodes[at].parent];
+        const double first = bound(&light_tree->nodes[parent->child], p, n);
+        const double second = bound(&light_tree->nodes[parent->child + 1], p, n);
         if (!(first + second > 0))
             return 0;
         const double share = first / (first + second);
         chance *= at == parent->child ? share : 1 - share;
-        at = lamps->nodes[at].parent;
+        at = light_tree->nodes[at].parent;
     }
     return chance;
 }
 
 /* ---- rays ------------------------------------------------------------------- */
 
-void lr_lamps_start(const lr_lamps *lamps, lr_lamp_walk *walk)
+void lr_light_tree_start(const lr_light_tree *light_tree, lr_light_walk *walk)
 {
-    walk->n = lamps->n_nodes > 0;
+    walk->n = light_tree->n_nodes > 0;
     walk->node[0] = 0;
 }
 
 /* A share by which boxes are grown against rounding. */
 static const double MARGIN = 0x1p-40;
 
-static bool meets(const lr_lamp_node *node, const double o[3], const double d[3], double t_max)
+static bool meets(const lr_light_node *node, const double o[3], const double d[3], double t_max)
 {
     double enter = 0, leave = t_max;
     for (int a = 0; a < 3; a++) {
@@ -411,17 +413,17 @@ static bool meets(const lr_lamp_node *node, const double o[3], const double d[3]
     return enter <= leave * (1 + MARGIN);
 }
 
-uint64_t lr_lamps_next(const lr_lamps *lamps, lr_lamp_walk *walk, const double o[3],
-                       const double d[3], double t_max)
+uint64_t lr_light_tree_next(const lr_light_tree *light_tree, lr_light_walk *walk, const double o[3],
+                            const double d[3], double t_max)
 {
     while (walk->n > 0) {
-        const lr_lamp_node *node = &lamps->nodes[walk->node[--walk->n]];
+        const lr_light_node *node = &light_tree->nodes[walk->node[--walk->n]];
         if (!node->met || !meets(node, o, d, t_max))
             continue;
-        if ((node->child & LR_LAMP_LEAF) != 0)
-            return node->child & ~LR_LAMP_LEAF;
+        if ((node->child & LR_LIGHT_LEAF) != 0)
+            return node->child & ~LR_LIGHT_LEAF;
         walk->node[walk->n++] = node->child + 1;
         walk->node[walk->n++] = node->child;
     }
-    return LR_LAMP_NONE;
+    return LR_LIGHT_NONE;
 }

@@ -1,4 +1,4 @@
-/* Which of many lamps to ask, and which of them a ray may meet.
+/* Which of many lights to ask, and which of them a ray may meet.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_LIGHTS_LIGHT_TREE_H
@@ -7,73 +7,77 @@
 #include "render/lights/environment.h"
 
 enum {
-    LR_LAMPS_ALL = 8,   /* so many are all asked where the camera looks; of more, */
-    LR_LAMPS_ASKED = 4, /* so many are chosen there */
-    LR_LAMP_WALK = 96   /* see lr_lamp_walk */
+    LR_LIGHTS_ALL = 8,   /* so many are all asked where the camera looks; of more, */
+    LR_LIGHTS_ASKED = 4, /* so many are chosen there */
+    LR_LIGHT_WALK = 96   /* see lr_light_walk */
 };
 
-#define LR_LAMP_NONE UINT64_MAX
+#define LR_LIGHT_NONE UINT64_MAX
 
-/* Some lamps: what a place may get of them. */
-typedef struct lr_lamp_node {
+/* Some lights: what a place may get of them. */
+typedef struct lr_light_node {
     double lo[3], hi[3]; /* box */
     double axis[3];      /* they face directions within an angle of this (unit); */
     double cos_facing;   /* its cosine. */
     double cos_shining;  /* Each shines up to this angle, at most a right one, beside them. */
     double power;        /* sum of their intensities, of all colours, whatever their sign */
-    uint32_t child;      /* the first of two neighbours; or the lamp | LR_LAMP_LEAF */
+    uint32_t child;      /* the first of two neighbours; or the light | LR_LIGHT_LEAF */
     uint32_t parent;     /* of the root itself */
     bool met;            /* by rays: some has extent */
-} lr_lamp_node;
+} lr_light_node;
 
-#define LR_LAMP_LEAF 0x80000000u
+#define LR_LIGHT_LEAF 0x80000000u
 
-typedef struct lr_lamps {
+typedef struct lr_light_tree {
     const lr_light *lights;
     uint64_t n_lights;
-    uint64_t n;          /* with the world, the last, where it has to be asked like a lamp */
-    lr_lamp_node *nodes; /* the first is the root */
+    uint64_t n;           /* with the world, the last, where it has to be asked like a light */
+    lr_light_node *nodes; /* the first is the root */
     uint32_t n_nodes;
     uint32_t *leaf; /* [n_lights] its node, or for suns UINT32_MAX */
     uint32_t *suns;
     uint32_t n_suns;
     double world; /* its irradiance, of all colours */
-} lr_lamps;
+} lr_light_tree;
 
 /* lights must stay. */
-lr_status lr_lamps_make(const lr_light *lights, uint64_t n_lights,
-                        const lr_environment *environment, lr_lamps *lamps, lr_error *error);
-void lr_lamps_free(lr_lamps *lamps);
+lr_status lr_light_tree_make(const lr_light *lights, uint64_t n_lights,
+                             const lr_environment *environment, lr_light_tree *light_tree,
+                             lr_error *error);
+void lr_light_tree_free(lr_light_tree *light_tree);
 
-/* A lamp for the point p of a surface with normal n (unit; zero: it gets light from either side),
- * the likelier the more it may bring, and its chance; LR_LAMP_NONE where none brings anything.
+/* A light for the point p of a surface with normal n (unit; zero: it gets light from either side),
+ * the likelier the more it may bring, and its chance; LR_LIGHT_NONE where none brings anything.
  * u: 0..1, 1 not included. */
-uint64_t lr_lamps_choose(const lr_lamps *lamps, const double p[3], const double n[3], double u,
-                         double *chance);
-double lr_lamps_chance(const lr_lamps *lamps, uint64_t lamp, const double p[3], const double n[3]);
+uint64_t lr_light_tree_choose(const lr_light_tree *light_tree, const double p[3], const double n[3],
+                              double u, double *chance);
+double lr_light_tree_probability(const lr_light_tree *light_tree, uint64_t light_index,
+                                 const double p[3], const double n[3]);
 
-/* Lamps of extent, suns apart, whose boxes the ray from o along d meets before t_max, one after
+/* Lights of extent, suns apart, whose boxes the ray from o along d meets before t_max, one after
  * the other. The tree is at most so high. */
-typedef struct lr_lamp_walk {
-    uint32_t n, node[LR_LAMP_WALK];
-} lr_lamp_walk;
+typedef struct lr_light_walk {
+    uint32_t n, node[LR_LIGHT_WALK];
+} lr_light_walk;
 
-void lr_lamps_start(const lr_lamps *lamps, lr_lamp_walk *walk);
-uint64_t lr_lamps_next(const lr_lamps *lamps, lr_lamp_walk *walk, const double o[3],
-                       const double d[3], double t_max);
+void lr_light_tree_start(const lr_light_tree *light_tree, lr_light_walk *walk);
+uint64_t lr_light_tree_next(const lr_light_tree *light_tree, lr_light_walk *walk, const double o[3],
+                            const double d[3], double t_max);
 
-/* How many lamps a surface asks with `bounces` of them behind it. */
-LR_INLINE uint32_t lr_lamps_asked(const lr_lamps *lamps, uint32_t bounces)
+/* How many lights a surface asks with `bounces` of them behind it. */
+LR_INLINE uint32_t lr_light_tree_asked(const lr_light_tree *light_tree, uint32_t bounces)
 {
-    if (lamps->n <= 1)
-        return (uint32_t)lamps->n;
-    return bounces > 0 ? 1 : lamps->n <= LR_LAMPS_ALL ? (uint32_t)lamps->n : LR_LAMPS_ASKED;
+    if (light_tree->n <= 1)
+        return (uint32_t)light_tree->n;
+    return bounces > 0                      ? 1
+           : light_tree->n <= LR_LIGHTS_ALL ? (uint32_t)light_tree->n
+                                            : LR_LIGHTS_ASKED;
 }
 
 /* Whether these are all of them. */
-LR_INLINE bool lr_lamps_all(const lr_lamps *lamps, uint32_t bounces)
+LR_INLINE bool lr_light_tree_all(const lr_light_tree *light_tree, uint32_t bounces)
 {
-    return lamps->n <= 1 || (bounces == 0 && lamps->n <= LR_LAMPS_ALL);
+    return light_tree->n <= 1 || (bounces == 0 && light_tree->n <= LR_LIGHTS_ALL);
 }
 
 #endif

@@ -174,7 +174,7 @@ static void judge(lr_scene *scene)
         scene->shines |= (flags & LR_MATERIAL_EMITS) != 0;
     }
     for (uint64_t k = 0; k < scene->n_lights; k++)
-        scene->has_lamps |= lr_light_has_extent(&scene->lights[k]);
+        scene->has_lights |= lr_light_has_extent(&scene->lights[k]);
 }
 
 static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error *error)
@@ -238,8 +238,8 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
                          &scene->materials[i]);
     lr_status status = lr_environment_make(&desc->world, &scene->environment, error);
     if (status == LR_OK)
-        status = lr_lamps_make(scene->lights, scene->n_lights, &scene->environment, &scene->lamps,
-                               error);
+        status = lr_light_tree_make(scene->lights, scene->n_lights, &scene->environment,
+                                    &scene->light_tree, error);
     return status == LR_OK ? place_all(desc, scene, error) : status;
 }
 
@@ -267,7 +267,7 @@ void lr_scene_free(lr_scene *scene)
     if (scene == NULL)
         return;
     lr_environment_free(&scene->environment);
-    lr_lamps_free(&scene->lamps);
+    lr_light_tree_free(&scene->light_tree);
     free(scene->hierarchy.nodes);
     free(scene->instances);
     free(scene->lights);

@@ -29,7 +29,7 @@ struct lr_scene {
     uint32_t n_instances;
     lr_light *lights; /* directions of unit length */
     uint64_t n_lights;
-    lr_lamps lamps;
+    lr_light_tree light_tree;
     lr_material *materials;
     lr_lobe *lobes; /* of all materials */
     uint32_t *slots;
@@ -39,7 +39,7 @@ struct lr_scene {
     int32_t world_bounces;     /* limit of those behind which it is not asked */
     bool world_shines;         /* its color is not black */
     bool has_clear, has_media; /* instances that are clear, enterable */
-    bool has_lamps;            /* lights that rays can meet */
+    bool has_lights;           /* lights that rays can meet */
     bool shines;               /* some material does */
     double mist_start, mist_depth, mist_power;
     bool film_transparent;

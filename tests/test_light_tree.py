@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Choosing among many lamps: chances are what they are said to be, and no light is left out."""
+"""Choosing among many lights: chances are what they are said to be, and no light is left out."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from shading import choose_lamps, even, hit_light, sample_light, walk_lamps
+from shading import choose_lights, even, hit_light, sample_light, walk_lights
 from stage import at, camera, one, slab
 
 import leapray
@@ -47,22 +47,22 @@ PLACES = [np.zeros(3), np.array([1.0, -2, 0.5]), np.array([30.0, 5, -8])]
 @pytest.mark.parametrize("normal", [UP, EITHER], ids=["one side", "either side"])
 @pytest.mark.parametrize("p", PLACES, ids=str)
 @pytest.mark.parametrize(("n", "suns", "world"), [(1, 0, 0), (2, 1, 0), (60, 3, 2.0), (300, 0, 0)])
-def test_lamps_are_chosen_as_often_as_their_chances_say(n, suns, world, p, normal):
+def test_lights_are_chosen_as_often_as_their_chances_say(n, suns, world, p, normal):
     lights = crowd(n, suns=suns)
     u = (np.arange(1 << 16) + 0.5) / (1 << 16)
-    lamp, chance, chance_of = choose_lamps(lights, p, normal, u, world)
-    some = lamp >= 0
-    np.testing.assert_allclose(chance[some], chance_of[lamp[some]], rtol=1e-9)
-    often = np.bincount(lamp[some], minlength=len(chance_of)) / len(u)
+    index, chance, chance_of = choose_lights(lights, p, normal, u, world)
+    some = index >= 0
+    np.testing.assert_allclose(chance[some], chance_of[index[some]], rtol=1e-9)
+    often = np.bincount(index[some], minlength=len(chance_of)) / len(u)
     np.testing.assert_allclose(often, chance_of, atol=40 / len(u))  # a few intervals' ends each
     assert chance_of.sum() == pytest.approx(some.mean(), abs=40 / len(u))
 
 
 @pytest.mark.parametrize("normal", [UP, EITHER], ids=["one side", "either side"])
 @pytest.mark.parametrize("p", PLACES, ids=str)
-def test_a_lamp_that_brings_anything_has_a_chance(p, normal):
+def test_a_light_that_brings_anything_has_a_chance(p, normal):
     lights = crowd(200, suns=4)
-    chance_of = choose_lamps(lights, p, normal, np.zeros(1))[2]
+    chance_of = choose_lights(lights, p, normal, np.zeros(1))[2]
     brings = []
     for light in lights:
         rays = sample_light(light, p, even(256, 2))
@@ -75,27 +75,27 @@ def test_a_lamp_that_brings_anything_has_a_chance(p, normal):
         assert (chance_of[brings == 0] == 0).sum() > 20
 
 
-def test_near_and_bright_lamps_are_likely():
+def test_near_and_bright_lights_are_likely():
     lights = [Light("point", (1, 1, 1), (k, 0, 1)) for k in range(50)]
-    chance = choose_lamps(lights, (20, 0, 0), UP, np.zeros(1))[2]
+    chance = choose_lights(lights, (20, 0, 0), UP, np.zeros(1))[2]
     assert chance[18:23].sum() > 0.5
     assert chance[:10].sum() + chance[30:].sum() < 0.2
     lights[40] = Light("point", (1000, 1000, 1000), (40, 0, 1))
-    assert choose_lamps(lights, (20, 0, 0), UP, np.zeros(1))[2].argmax() == 40
+    assert choose_lights(lights, (20, 0, 0), UP, np.zeros(1))[2].argmax() == 40
 
 
-def test_many_lamps_at_one_place_make_a_tree_too():
+def test_many_lights_at_one_place_make_a_tree_too():
     lights = [Light("point", (1, 1, 1), (0, 0, 1))] * 5000
-    chance = choose_lamps(lights, (0, 0, 0), UP, np.zeros(1))[2]
+    chance = choose_lights(lights, (0, 0, 0), UP, np.zeros(1))[2]
     np.testing.assert_allclose(chance, 1 / 5000, rtol=1e-9)
 
 
-def test_rays_come_to_every_lamp_that_they_meet():
+def test_rays_come_to_every_light_that_they_meet():
     lights, o = crowd(120), np.array([0.2, -4.5, 0.1])
     rng = np.random.default_rng(7)
     d = rng.normal(size=(16000, 3)) * (1, 0.2, 1) + (0, 2, 0)
     d /= np.linalg.norm(d, axis=1)[:, None]
-    met = walk_lamps(lights, o, d)
+    met = walk_lights(lights, o, d)
     assert met.max() == 1
     hits = np.stack([hit_light(light, o, d)["pdf"] > 0 for light in lights], 1)
     assert hits.sum() > 200
@@ -104,13 +104,13 @@ def test_rays_come_to_every_lamp_that_they_meet():
 
 
 def above(light):
-    """The lamp over the floor, shining down; no mirror shows it."""
+    """The light over the floor, shining down; no mirror shows it."""
     place = np.abs(light.position) * (1, 1, 0.4) + (0, 0, 0.5)
     sides = dict(axis_u=(0.4, 0, 0), axis_v=(0, 0.2, 0))
     return replace(light, position=place, direction=(0, 0, -1), visible_glossy=False, **sides)
 
 
-def test_many_lamps_light_a_floor_as_each_does_by_itself():
+def test_many_lights_light_a_floor_as_each_does_by_itself():
     lights = [above(light) for light in crowd(20)]
     floor = leapray.build(slab(), "cd")
     diffuse, mirror = (
@@ -119,9 +119,9 @@ def test_many_lamps_light_a_floor_as_each_does_by_itself():
     )
     instances = [one(floor, at(scale=2)), one(floor, at(z=8, scale=2), first_material=1)]
 
-    def mean(lamps, eye, way, samples):
+    def mean(sources, eye, way, samples):
         cam = camera(eye, way, size=(24, 24), width=3, kind="orthographic")
-        scene = leapray.Scene(cam, instances, lamps, [diffuse, mirror], range(2))
+        scene = leapray.Scene(cam, instances, sources, [diffuse, mirror], range(2))
         picture = scene.render_tile(0, 0, 24, 24, samples=samples, seed=1)["Combined"]
         return picture[..., :3].mean((0, 1))
 
