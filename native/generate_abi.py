@@ -150,8 +150,8 @@ def generate(header: Path) -> str:
     writer = Writer()
     writer.read(preprocess(header))
     text = header.read_text(encoding="utf-8")
-    version = re.search(r'^#define LR_VERSION ("[^"]+")', text, re.MULTILINE)
-    abi = re.search(r"^#define LR_ABI (\d+)", text, re.MULTILINE)
+    version = re.search(r'^#define LR_VERSION +("[^"]+")', text, re.MULTILINE)
+    abi = re.search(r"^#define LR_ABI +(\d+)", text, re.MULTILINE)
     if not version or not abi:
         raise SystemExit(f"generate_abi: {header} lacks LR_VERSION or LR_ABI")
     constants = f"\nLR_VERSION = {version[1]}\nLR_ABI = {abi[1]}\n"

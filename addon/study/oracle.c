@@ -5,8 +5,8 @@
  * in 128 bits. Nothing is rounded, and no code is shared with the core.
  *
  * What counts as sound: the cell that is claimed is wanted and the ray touches
- * it (its closed cube), and no wanted cell whose open interior the ray pierces is
- * entered earlier; a miss is sound where no wanted cell is pierced. At ties, on
+ * it (its closed cube), and no surface cell whose open interior the ray pierces is
+ * entered earlier; a miss is sound where no surface cell is pierced. At ties, on
  * faces, edges and corners, any such cell will do.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -16,7 +16,9 @@ typedef __int128 big;
 
 enum { SOUND = 0, MISSED = 1, LATE = 2, NOT_WANTED = 3, NOT_TOUCHED = 4 };
 
-typedef struct { big n, d; } fraction; /* d > 0 */
+typedef struct {
+    big n, d;
+} fraction; /* d > 0 */
 
 static int less(fraction a, fraction b)
 {
@@ -25,7 +27,10 @@ static int less(fraction a, fraction b)
 
 /* Where plane k of axis a lies, in units of 2^-shift: at k, or where the table of a
  * rectilinear volume says, whose first entry is plane -1. */
-typedef struct { const int64_t *at[3]; int shift; } planes;
+typedef struct {
+    const int64_t *at[3];
+    int shift;
+} planes;
 
 static int64_t place(const planes *p, int a, int64_t k)
 {
@@ -110,7 +115,7 @@ static fraction step(const planes *p, const int64_t O[3], const int64_t D[3], in
     return soonest;
 }
 
-/* The first wanted cell whose open interior is pierced; cells start at -1. */
+/* The first surface cell whose open interior is pierced; cells start at -1. */
 static int first_pierced(const uint8_t *wanted, const planes *p, const int64_t n[3],
                          const int64_t O[3], const int64_t D[3], int64_t cell[3], fraction *from)
 {
@@ -141,7 +146,7 @@ static int first_pierced(const uint8_t *wanted, const planes *p, const int64_t n
 /* wanted[nz][ny][nx], n = x, y, z; the first is cell (-1, -1, -1). cells[rays][3]
  * are the claims, read where hit[ray]; x, y, z: the planes -1..n-1 of a rectilinear
  * volume in units of 2^-shift, or NULL; verdict[ray] is one of the above, and
- * exact[ray] tells whether a wanted cell is pierced. */
+ * exact[ray] tells whether a surface cell is pierced. */
 void oracle_judge(const uint8_t *wanted, const int64_t n[3], const int64_t *O, const int64_t *D,
                   int64_t rays, int shift, const int64_t *x, const int64_t *y, const int64_t *z,
                   const uint8_t *hit, const int32_t *cells, uint8_t *verdict, uint8_t *exact)

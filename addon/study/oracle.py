@@ -23,7 +23,7 @@ def object_cells(samples, threshold):
 
 
 def judge(wanted, origins, directions, hit, cells, planes=None):
-    """Verdict (n,) on every claim, an index into VERDICTS, and whether a wanted cell is pierced.
+    """Verdict (n,) on every claim, an index into VERDICTS, and whether a surface cell is pierced.
 
     origins: multiples of 2^-16; directions: whole numbers. planes: x, y and z of the planes
     -1..n of a rectilinear volume, multiples of 2^-16.

@@ -1,4 +1,4 @@
-/* The one accessor of the brick store: is a cell wanted, its eight corners, the
+/* The one accessor of the brick store: is a cell a surface cell, its eight corners, the
  * stencil of its gradient. All coordinates are storage coordinates.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -23,7 +23,7 @@ LR_INLINE uint32_t lr_bit_of(int32_t x, int32_t y, int32_t z)
 }
 
 /* Is it a surface cell? */
-LR_INLINE bool lr_wanted(const lr_volume *v, const int32_t c[3])
+LR_INLINE bool lr_is_surface_cell(const lr_volume *v, const int32_t c[3])
 {
     uint32_t entry = lr_entry(v, c[0], c[1], c[2]);
     uint32_t sub = lr_sub_of(c[0], c[1], c[2]);

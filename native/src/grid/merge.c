@@ -246,7 +246,7 @@ static void add_part(merger *m, uint32_t i, const int32_t first[3], brick *b)
                                       first[2] + z - p->shift[2]};
                 if (!inside(p->v, c))
                     continue;
-                const bool wanted = lr_wanted(p->v, c), here = x >= 0 && y >= 0 && z >= 0;
+                const bool wanted = lr_is_surface_cell(p->v, c), here = x >= 0 && y >= 0 && z >= 0;
                 b->at_surface = b->at_surface || wanted;
                 if (!here)
                     continue;

@@ -141,7 +141,7 @@ static bool walk(job *j, const lr_ray *r, const lr_pace *p, lr_cursor *u, double
     *least = INFINITY;
     for (;;) {
         j->tally.cells++;
-        if (lr_wanted(j->volume, u->c))
+        if (lr_is_surface_cell(j->volume, u->c))
             return true;
         const double radius = lr_radius_at(j->radii, u->c);
         *least = fmin(*least, radius);

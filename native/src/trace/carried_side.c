@@ -40,7 +40,7 @@ bool lr_hit_handed(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
     if (!hit) {
         int32_t beside[3] = {u->c[0], u->c[1], u->c[2]};
         beside[axis] += r->s[axis];
-        if (lr_is_surface_cell(v, beside)) {
+        if (lr_holds_surface(v, beside)) {
             *side = 2 * way;
             return false;
         }

@@ -26,13 +26,13 @@ LR_INLINE void lr_point_at(const lr_ray *r, double t, double q[3])
         q[a] = r->s[a] == 0 ? r->o[a] : r->o[a] + t * r->d[a];
 }
 
-/* The same as lr_wanted, for any cell. */
-LR_INLINE bool lr_is_surface_cell(const lr_volume *v, const int32_t c[3])
+/* The same as lr_is_surface_cell, for any cell. */
+LR_INLINE bool lr_holds_surface(const lr_volume *v, const int32_t c[3])
 {
     for (int a = 0; a < 3; a++)
         if (c[a] < v->surface_lo[a] || c[a] > v->surface_hi[a])
             return false;
-    return lr_wanted(v, c);
+    return lr_is_surface_cell(v, c);
 }
 
 #endif

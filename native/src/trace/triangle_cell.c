@@ -343,7 +343,7 @@ static lost lose(scene *s)
     const bool agrees = (value >= 0.0) == (s->leaving->side > 0);
     if (agrees && s->carried == 0 && !(fabs(value) < BARELY))
         return LR_AGREES;
-    const bool further = lr_is_surface_cell(v, s->out.beside), told = s->out.open || !further;
+    const bool further = lr_holds_surface(v, s->out.beside), told = s->out.open || !further;
     if (v->desc.kind != LR_KIND_SOLID)
         return s->out.open && !agrees && is_beside(s, value) ? LR_ASTRAY : LR_AGREES;
     if (agrees && s->carried == 0)
@@ -380,7 +380,7 @@ static void locate(const lr_volume *v, const lr_ray *r, double t, const int32_t 
             q[a] >= c[a] && q[a] <= c[a] + 1.0 ? c[a] : (int32_t)lr_clamp(floor(q[a]), 0, 1 << 24);
         same = same && there[a] == c[a];
     }
-    memcpy(found->c, !same && lr_is_surface_cell(v, there) ? there : c, sizeof found->c);
+    memcpy(found->c, !same && lr_holds_surface(v, there) ? there : c, sizeof found->c);
     for (int a = 0; a < 3; a++)
         found->p[a] = lr_clamp(q[a] - found->c[a], 0.0, 1.0);
 }

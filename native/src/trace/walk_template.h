@@ -2,10 +2,10 @@
  *
  * A traverser's file defines LR_NAME (its name in the registry) and either
  *   LR_BOX   box(data, volume, ray, state, c, lo, hi, tally): true where cell c is
- *            wanted, else an empty box lo..hi around it, or
+ *            a surface cell, else an empty box lo..hi around it, or
  *   LR_WALK  walk(data, volume, ray, spacing, cursor, state, first, tally): leaves the
  *            cell it stands on, but on the first call, and goes on until the cursor
- *            stands on a wanted cell; false where the ray has ended, or
+ *            stands on a surface cell; false where the ray has ended, or
  *   LR_EVEN_WALK  the same without spacing: planes lie at the integers,
  * and, where it can take several rays at a time, LR_FITS(volume, data, options) and
  * LR_FLOCK(volume, data, rays, first, end, options, hits, counters), and

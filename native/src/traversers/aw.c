@@ -54,7 +54,7 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_sp
     if (!first && !next_cell(r, spacing, u, p))
         return false;
     lr_count_cell(tally);
-    while (!lr_wanted(v, u->c)) {
+    while (!lr_is_surface_cell(v, u->c)) {
         if (!next_cell(r, spacing, u, p))
             return false;
         lr_count_cell(tally);

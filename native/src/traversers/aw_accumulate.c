@@ -61,7 +61,7 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
     if (!first && !next_cell(r, u, s))
         return false;
     lr_count_cell(tally);
-    while (!lr_wanted(v, u->c)) {
+    while (!lr_is_surface_cell(v, u->c)) {
         if (!next_cell(r, u, s))
             return false;
         lr_count_cell(tally);

@@ -436,7 +436,7 @@ static void test_lanes(lr_flock *k, lr_eight *e, __mmask8 m)
 /* The boxes that the lanes leave: how far they go ahead, per axis. */
 typedef struct lr_ahead {
     __m256i end[3];
-    __mmask8 wanted, one; /* surface cells; boxes of one cell */
+    __mmask8 surface, one; /* surface cells; boxes of one cell */
 } lr_ahead;
 
 LR_INLINE void look_ahead(const lr_flock *k, const lr_eight *e, lr_ahead *h)
@@ -455,7 +455,7 @@ LR_INLINE void look_ahead(const lr_flock *k, const lr_eight *e, lr_ahead *h)
                                            _mm512_cvtepi32_epi64(in));
     const __m256i distance =
         low_bits(_mm512_mask_i64gather_epi32(of, near, place, k->f->near, 1), 0xff, 0);
-    h->wanted = _mm256_mask_testn_epi32_mask(near, distance, distance);
+    h->surface = _mm256_mask_testn_epi32_mask(near, distance, distance);
     h->one = _mm256_mask_cmple_epi32_mask(near, distance, all_of(1));
     const __m256i n =
         _mm256_max_epi32(_mm256_sub_epi32(distance, all_of(1)), _mm256_setzero_si256());
@@ -515,10 +515,10 @@ LR_INLINE void leave_boxes(const lr_volume *v, lr_eight *e, const lr_ahead *h, _
 
 LR_INLINE void count(lr_counters *c, lr_eight *e, const lr_ahead *h)
 {
-    const __mmask8 jumps = e->alive & (__mmask8) ~(h->one | h->wanted);
+    const __mmask8 jumps = e->alive & (__mmask8) ~(h->one | h->surface);
     c->cells += (uint64_t)__builtin_popcount(e->alive);
     c->jumps += (uint64_t)__builtin_popcount(jumps);
-    c->tests += (uint64_t)__builtin_popcount(h->wanted);
+    c->tests += (uint64_t)__builtin_popcount(h->surface);
     e->cells = _mm256_mask_add_epi32(e->cells, e->alive, e->cells, all_of(1));
 }
 
@@ -549,13 +549,13 @@ void lr_cd_trace_eight(const lr_volume *v, const lr_cd_distances *f, const lr_ra
         const __m512d t = _mm512_max_pd(exit_of(&e, &h, &axis), e.t); /* NaN gives e.t */
         if (counters != NULL)
             count(counters, &e, &h);
-        if (h.wanted != 0) {
-            const __mmask8 through = passes(v, &e, h.wanted, t, axis);
+        if (h.surface != 0) {
+            const __mmask8 through = passes(v, &e, h.surface, t, axis);
             if (counters != NULL)
                 counters->samples += 2 * (uint64_t)__builtin_popcount(through);
             e.side = _mm256_mask_mov_epi32(e.side, through, _mm256_setzero_si256());
-            if (through != h.wanted)
-                test_lanes(&k, &e, h.wanted & (__mmask8)~through);
+            if (through != h.surface)
+                test_lanes(&k, &e, h.surface & (__mmask8)~through);
         }
         leave_boxes(v, &e, &h, t, axis);
     }

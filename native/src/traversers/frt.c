@@ -170,7 +170,7 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
         if (!first && !(integer ? step_integer(r, u, e) : step_float(r, u, e)))
             return false;
         lr_count_cell(tally);
-        if (lr_wanted(v, u->c))
+        if (lr_is_surface_cell(v, u->c))
             return true;
     }
 }

@@ -57,7 +57,7 @@ static cell *list_brick(const lr_volume *v, int32_t x, int32_t y, int32_t z, cel
 {
     for (int32_t n = 0; n < LR_BRICK_SAMPLES; n++) {
         const cell here = {{8 * x + (n & 7), 8 * y + (n >> 3 & 7), 8 * z + (n >> 6)}};
-        if (lr_wanted(v, here.c))
+        if (lr_is_surface_cell(v, here.c))
             *list++ = here;
     }
     return list;

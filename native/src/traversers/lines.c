@@ -183,7 +183,7 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
                 c[a] = l->from[a] + r->s[a] * (int32_t)l->k[a];
         }
         lr_count_cell(tally);
-        if (lr_wanted(v, c))
+        if (lr_is_surface_cell(v, c))
             return stand(r, u, c);
     }
 }

@@ -240,7 +240,7 @@ LR_INLINE bool empty_box(const void *data, const lr_volume *v, const lr_ray *r, 
     const regions *g = data;
     const uint32_t at = g->bricks[lr_table_at(v, c[0] >> 3, c[1] >> 3, c[2] >> 3)];
     if (at & OF_CELLS) {
-        if (lr_wanted(v, c))
+        if (lr_is_surface_cell(v, c))
             return true;
         const inner *in = &g->inside[at & ~OF_CELLS];
         const uint8_t number = in->box[(c[0] & 7) + 8 * (c[1] & 7) + 64 * (c[2] & 7)];

@@ -62,7 +62,7 @@ LR_INLINE bool walk_safe(const lr_radii *f, const lr_volume *v, const lr_ray *r,
         return false;
     for (;;) {
         lr_count_cell(tally);
-        if (lr_wanted(v, u->c))
+        if (lr_is_surface_cell(v, u->c))
             return true;
         if (!lr_next_sphere(r, u, lr_radius_at(f, u->c), p, &jump))
             return false;
@@ -78,7 +78,7 @@ LR_INLINE bool walk_paper(const lr_radii *f, const lr_volume *v, const lr_ray *r
     memcpy(c, u->c, sizeof c);
     if (first) {
         lr_count_cell(tally);
-        if (lr_wanted(v, c))
+        if (lr_is_surface_cell(v, c))
             return true;
     }
     for (;;) {
@@ -88,7 +88,8 @@ LR_INLINE bool walk_paper(const lr_radii *f, const lr_volume *v, const lr_ray *r
         p->t = t;
         lr_count_cell(tally);
         lr_count_jump(tally, radius > 1.0);
-        if (lr_wanted(v, c) && memcmp(c, u->c, sizeof c) != 0 && lr_reach(r, LR_EVEN, u, c, c))
+        if (lr_is_surface_cell(v, c) && memcmp(c, u->c, sizeof c) != 0 &&
+            lr_reach(r, LR_EVEN, u, c, c))
             return true;
     }
 }

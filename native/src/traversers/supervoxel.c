@@ -29,7 +29,7 @@ static void add_brick(const lr_volume *v, const int32_t b[3], blocks *made)
     for (int32_t n = 0; n < 512; n++) {
         const int32_t c[3] = {8 * b[0] + (n & 7), 8 * b[1] + (n >> 3 & 7), 8 * b[2] + (n >> 6)};
         const size_t at = block_at(made, c);
-        if (lr_wanted(v, c))
+        if (lr_is_surface_cell(v, c))
             made->bits[at >> 6] |= (uint64_t)1 << (at & 63);
     }
 }
@@ -98,7 +98,7 @@ LR_INLINE bool empty_block(const void *data, const lr_volume *v, const lr_ray *r
     (void)state, (void)tally;
     const blocks *b = data;
     const bool set = block_set(b, v, c);
-    if (set && lr_wanted(v, c))
+    if (set && lr_is_surface_cell(v, c))
         return true;
     const int32_t size = set ? 1 : b->size;
     for (int a = 0; a < 3; a++) {

@@ -64,7 +64,7 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
     if (first) { /* the first sample lies in the cell that the cursor stands on */
         s->k = 1.0;
         lr_count_cell(tally);
-        if (lr_wanted(v, u->c))
+        if (lr_is_surface_cell(v, u->c))
             return true;
     }
     for (; s->k < s->end; s->k += 1.0) {
@@ -73,7 +73,7 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
         if (!(t <= s->last))
             return false;
         lr_count_cell(tally);
-        if (!cell_at(r, t, c) || !lr_wanted(v, c) || memcmp(c, u->c, sizeof c) == 0)
+        if (!cell_at(r, t, c) || !lr_is_surface_cell(v, c) || memcmp(c, u->c, sizeof c) == 0)
             continue;
         if (lr_reach(r, LR_EVEN, u, c, c)) /* else it was touched by rounding only */
             return true;
