@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Claims about exact cells: borders, junctions, close pairs, creases are hit where they are."""
+"""Claims about triangle cells: borders, junctions, close pairs, creases are hit where they are."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def test_no_ray_slips_between_triangles_or_cells(name):
     """A million rays in all, through edges and corners of triangles, from near and far."""
     vertices, triangles = (CURVED | FLAT)[name]
     volume = voxelize(vertices, triangles, H, exact="all")
-    assert 0.1 < volume.info.n_exact_cells / volume.info.n_surface_cells < 1
+    assert 0.1 < volume.info.n_triangle_cells / volume.info.n_surface_cells < 1
     rng = np.random.default_rng(3)
     n = 200_000
     edges, owners, inside = inner_edges(triangles)
@@ -195,7 +195,7 @@ def test_normals_and_ids_are_those_of_the_triangle():
     assert_allclose(hits.normal[exact], normal, atol=1e-12)
 
 
-# ---- rays that leave exact cells ---------------------------------------------------------
+# ---- rays that leave triangle cells ---------------------------------------------------------
 
 
 def leave(structure, point, hits, chosen, direction):

@@ -124,7 +124,7 @@ def test_triangles_without_area_get_no_layer_of_their_own():
 
 
 def test_crossing_sheets_in_layers_are_hit_where_they_are():
-    """In volumes of their own, and in one, where exact cells hold what the samples cannot."""
+    """In volumes of their own, and in one, where triangle cells hold what the samples cannot."""
     swap = np.array([[1, 0, 0], [0, 0, 1], [0, 1, 0]])  # y and z
     crossing = meshes.plane(3)[0] @ swap, meshes.plane(3)[1]
     vertices, triangles = meshes.joined(meshes.plane(4), crossing)

@@ -33,7 +33,7 @@ def rays(n=4000, seed=7):
 
 
 def subjects():
-    """Volumes with all that a brick can hold: a solid, a sheet, exact cells, ids, colours."""
+    """Volumes with all that a brick can hold: a solid, a sheet, triangle cells, ids, colours."""
     ball, sheet = meshes.icosphere(4), meshes.half_sphere(24)
     crossed = meshes.box((-0.7, -0.7, -0.7), (0.71, 0.72, 0.73))
     ids = (np.arange(len(ball[1])) % 3).astype(np.uint16)

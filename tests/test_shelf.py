@@ -56,7 +56,7 @@ def kinds_of_scenes():
     twin, behind = dataclasses.replace(ball, name="Twin"), scenes.place(1, at=(4, 10, 0))
     return {
         "plain": scenes.scene([scenes.sphere(n=32)]),
-        "exact cells": scenes.scene([box, leaf()], [scenes.place(0), before]),
+        "triangle cells": scenes.scene([box, leaf()], [scenes.place(0), before]),
         "colours and normals": with_texture(scenes.scene([painted(ball)])),
         "merged": scenes.scene([box, ball], two, layout="scene"),
         "equal contents": scenes.scene([ball, twin], [scenes.place(0), behind]),
@@ -121,7 +121,7 @@ def test_blender_and_others_find_the_occupancy_in_a_file(tmp_path):
 
 @pytest.fixture
 def kept(tmp_path):
-    """A scene of exact cells, colours and normals, its picture, its folder and files."""
+    """A scene of triangle cells, colours and normals, its picture, its folder and files."""
     scene = scenes.scene([painted(scenes.box(turn=0.3))], width=24, height=16, resolution=24)
     scene = with_texture(scene)
     frame = rendered(scene, tmp_path)

@@ -5,7 +5,7 @@ The error at a point of the surface is |f - T| / |grad f|: the distance between
 the point and the field's own surface, to first order. Where a wall is thinner
 than the lattice resolves, the field never reaches T: such points are *lost*.
 At creases the field cuts the corner, and its normal turns within about a voxel
-(*blur*). Exact cells have none of these errors. Triangles that are finer than the
+(*blur*). Triangle cells have none of these errors. Triangles that are finer than the
 voxels lose *color*. Shading normals are compared with the mesh's own, smooth or flat as
 its faces are, wherever hits take them from.
 
@@ -43,7 +43,7 @@ LEAST_BODY = 1 / 1000  # of the pixels: smaller bodies are not looked at by them
 ROUGH = 0.25  # of a voxel
 THIN = 0.25  # of a footprint: what such voxels do not find may be lost
 CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
-CROWD = 12.0  # triangles on an exact cell's list, the mean, while its voxel is above CREASE_VOXEL
+CROWD = 12.0  # triangles on an triangle cell's list, the mean, while its voxel is above CREASE_VOXEL
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
 CARRIED = 0.5  # of such a voxel counts where the volume carries normals, which turn within one cell
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
@@ -64,9 +64,9 @@ class Measure:
     lost: NDArray[np.bool_]
     normal: NDArray[np.float32]  # radians between the shading normals of hits and the mesh's
     crease: NDArray[np.float32]
-    sharp: NDArray[np.bool_]  # creases in exact cells
+    sharp: NDArray[np.bool_]  # creases in triangle cells
     exact_share: float  # of the surface cells
-    crowd: float  # triangles on an exact cell's list, the mean; 0 without such cells
+    crowd: float  # triangles on an triangle cell's list, the mean; 0 without such cells
     n_cells: int  # that hold surface
     color: NDArray[np.float32] | None  # (n, k) as bake.color_errors gives it; None: no colours
     shape: tuple[int, int, int]
@@ -228,8 +228,8 @@ def measure(
         normal=np.where(lost, np.float32(0), normal),
         crease=crease,
         sharp=volume.exact_at(probes.creases),
-        exact_share=info.n_exact_cells / max(info.n_surface_cells, 1),
-        crowd=info.n_exact_triangles / max(info.n_exact_cells, 1),
+        exact_share=info.n_triangle_cells / max(info.n_surface_cells, 1),
+        crowd=info.n_cell_triangles / max(info.n_triangle_cells, 1),
         n_cells=info.n_surface_cells,
         color=color,
         shape=info.size,

@@ -62,7 +62,7 @@ class Separation(Levels):
     def _keep_every_triangle(self, work: Work) -> str:
         """Let all cells keep their triangles, so that there is no error; why not, or ""."""
         if self.settings.exact != "auto":
-            return "only with automatic exact cells they keep all their triangles"
+            return "only with automatic triangle cells they keep all their triangles"
         before, stuck = (work.exact, work.own_normals), work.stuck
         work.exact, work.own_normals = "every", True
         why = self.refused(work, 0, math.inf)

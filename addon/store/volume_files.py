@@ -42,7 +42,7 @@ def write(
 ) -> None:
     """Write a volume as .vdb; `read` gives an equal one, placed by world_from_object if given.
 
-    The file holds the field alone: not the triangles of exact cells, nor colours and normals.
+    The file holds the field alone: not the triangles of triangle cells, nor colours and normals.
     behind: what follows the grids, unseen by OpenVDB; then there is only the grid that
     others look at, and `read` takes the file no more.
     The file is written beside its place and renamed, so it is whole or absent.

@@ -81,17 +81,17 @@ typedef struct lr_volume_info {
     uint64_t n_bricks; /* bricks of 8^3 samples that are stored */
     uint64_t n_full;   /* bricks that are 1 throughout and not stored */
     uint64_t n_surface_cells;
-    uint64_t n_exact_cells;     /* of those, the ones that keep their triangles */
-    uint64_t n_exact_triangles; /* on the lists of all those cells */
-    uint64_t nbytes;            /* memory held by the volume, */
-    uint64_t exact_nbytes;      /* of it, by exact cells */
-    int32_t has_colors;         /* nonzero: samples at the surface carry a colour, */
-    int32_t has_normals;        /* a shading normal */
-    uint64_t n_objects;         /* of a merged volume, else 0 */
-    uint64_t n_shared;          /* samples that hold two objects of it */
-    uint64_t n_dropped;         /* thirds that found no place in a sample */
-    int32_t surface_lo[3];      /* bounds of the surface cells, inclusive; */
-    int32_t surface_hi[3];      /* lo > hi where there are none */
+    uint64_t n_triangle_cells;      /* of those, the ones that keep their triangles */
+    uint64_t n_cell_triangles;      /* on the lists of all those cells */
+    uint64_t nbytes;                /* memory held by the volume, */
+    uint64_t triangle_cells_nbytes; /* of it, by triangle cells */
+    int32_t has_colors;             /* nonzero: samples at the surface carry a colour, */
+    int32_t has_normals;            /* a shading normal */
+    uint64_t n_objects;             /* of a merged volume, else 0 */
+    uint64_t n_shared;              /* samples that hold two objects of it */
+    uint64_t n_dropped;             /* thirds that found no place in a sample */
+    int32_t surface_lo[3];          /* bounds of the surface cells, inclusive; */
+    int32_t surface_hi[3];          /* lo > hi where there are none */
 } lr_volume_info;
 
 /* Make an empty volume (all samples 0), fill it by lr_volume_put, then call
@@ -178,7 +178,7 @@ LR_API lr_status lr_volume_normals(const lr_volume *volume, const double *points
 
 /* One volume of n solids, which keep their ids, none in two of them; the number of a
  * part is its object. Their voxels agree, their lattices are a whole number of voxels
- * apart, none has exact cells. Where objects meet a sample holds two, and each object is
+ * apart, none has triangle cells. Where objects meet a sample holds two, and each object is
  * hit by its own field; the nearest hit wins, of equal ones that of the lower object. */
 LR_API lr_status lr_volume_merge(const lr_volume *const *volumes, uint64_t n, const lr_watch *watch,
                                  lr_volume **volume, lr_error *error);
@@ -322,7 +322,7 @@ LR_API lr_status lr_texture_sample(const lr_texture *texture, const float *uvs,
 LR_API lr_status lr_volume_bind(lr_volume *volume, const lr_texture *const *textures, uint64_t n,
                                 lr_error *error);
 
-/* exact[i] is 1 where point i of points[n][3], in object space, lies in an exact cell. */
+/* exact[i] is 1 where point i of points[n][3], in object space, lies in an triangle cell. */
 LR_API lr_status lr_volume_exact_at(const lr_volume *volume, const double *points, uint64_t n,
                                     uint8_t *exact, lr_error *error);
 
@@ -400,7 +400,7 @@ typedef enum lr_stage {
                              together */
     LR_STAGE_WINDING = 3, /* and what their winding numbers are */
     LR_STAGE_BRICKS = 4,
-    LR_STAGE_CELLS = 5, /* exact cells, where wanted */
+    LR_STAGE_CELLS = 5, /* triangle cells, where wanted */
     LR_STAGE_DONE = 6
 } lr_stage;
 
@@ -418,7 +418,7 @@ typedef enum lr_reason {
 typedef struct lr_voxelizer_info {
     lr_volume_desc desc; /* of the volume to come; its lattice lies on multiples of voxel_size */
     int32_t stage;       /* lr_stage; kind, nbytes and what follows is known after set-up */
-    uint64_t nbytes;     /* memory of the finished volume, from above; of exact cells only what
+    uint64_t nbytes;     /* memory of the finished volume, from above; of triangle cells only what
                             parts have found so far */
     uint64_t n_border_edges; /* edges with one triangle */
     uint64_t n_bad_edges;    /* edges with more than two triangles, or two of opposite winding */
@@ -590,8 +590,8 @@ typedef struct lr_hits {
     double *gx, *gy, *gz;  /* unit normal of the trilinear field itself: tells the
                               side on which a secondary ray starts */
     int32_t *id;           /* of the object sample nearest the hit; 0 without ids */
-    uint32_t *triangle;    /* of those that exact cells keep; UINT32_MAX where the field was hit */
-    int32_t *steps;        /* cells in which the ray stood */
+    uint32_t *triangle; /* of those that triangle cells keep; UINT32_MAX where the field was hit */
+    int32_t *steps;     /* cells in which the ray stood */
 } lr_hits;
 
 typedef struct lr_counters {

@@ -31,10 +31,10 @@ class VolumeInfo:
     n_bricks: int  # stored
     n_full: int  # bricks of ones, not stored
     n_surface_cells: int
-    n_exact_cells: int  # of those, the ones that keep their triangles
-    n_exact_triangles: int  # on the lists of all those cells
+    n_triangle_cells: int  # of those, the ones that keep their triangles
+    n_cell_triangles: int  # on the lists of all those cells
     nbytes: int
-    exact_nbytes: int  # of those, the bytes of exact cells
+    triangle_cells_nbytes: int  # of those, the bytes of triangle cells
     surface_lo: tuple[int, int, int]  # bounds of the surface cells, inclusive;
     surface_hi: tuple[int, int, int]  # lo > hi where there are none
     has_colors: bool  # samples at the surface carry a colour,
@@ -141,10 +141,10 @@ class Volume:
     def __repr__(self) -> str:
         info = self.info
         size = " x ".join(map(str, info.size))
-        exact = f", {info.n_exact_cells} of them exact" * (info.n_exact_cells > 0)
+        triangles = f", {info.n_triangle_cells} of them triangle cells" * (info.n_triangle_cells > 0)
         return (
             f"<Volume of {size} samples, {info.dtype}, {info.kind}, "
-            f"{info.n_surface_cells} surface cells{exact}, {info.nbytes / 1e6:.3g} MB>"
+            f"{info.n_surface_cells} surface cells{triangles}, {info.nbytes / 1e6:.3g} MB>"
         )
 
     def _read_info(self, planes) -> VolumeInfo:
@@ -160,10 +160,10 @@ class Volume:
             n_bricks=info.n_bricks,
             n_full=info.n_full,
             n_surface_cells=info.n_surface_cells,
-            n_exact_cells=info.n_exact_cells,
-            n_exact_triangles=info.n_exact_triangles,
+            n_triangle_cells=info.n_triangle_cells,
+            n_cell_triangles=info.n_cell_triangles,
             nbytes=info.nbytes,
-            exact_nbytes=info.exact_nbytes,
+            triangle_cells_nbytes=info.triangle_cells_nbytes,
             surface_lo=tuple(info.surface_lo),
             surface_hi=tuple(info.surface_hi),
             has_colors=bool(info.has_colors),

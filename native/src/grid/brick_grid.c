@@ -173,7 +173,7 @@ void lr_volume_free(lr_volume *v)
     free(v->block_of);
     free(v->named);
     lr_facets_free(v->faces);
-    lr_exact_free(v->exact);
+    lr_triangle_cells_free(v->triangle_cells);
     lr_objects_free(v->objects);
     free(v);
 }
@@ -344,7 +344,8 @@ static void get_surface(const lr_volume *v, const part *p, const int32_t size[3]
             for (int i = 0; i < p->size[0]; i++) {
                 int32_t x = p->lo[0] + i, y = p->lo[1] + j, z = p->lo[2] + k;
                 const uint32_t sub = lr_sub_of(x, y, z), bit = lr_bit_of(x, y, z);
-                const bool exact = v->exact != NULL && lr_exact_word(v, brick, sub) >> bit & 1;
+                const bool exact =
+                    v->triangle_cells != NULL && lr_triangle_cell_word(v, brick, sub) >> bit & 1;
                 block[in_block(p, size, j, k) + (size_t)i] =
                     (v->cells[brick][sub] >> bit & 1) + exact;
             }
@@ -412,15 +413,15 @@ void lr_volume_get_info(const lr_volume *v, lr_volume_info *info)
         sizeof *v + 3 * (uint64_t)v->n_planes * sizeof **v->planes +
         lr_table_count(v) * sizeof *v->table +
         (uint64_t)v->capacity * lr_volume_brick_nbytes(v->desc.sample_type, v->desc.has_ids != 0) +
-        lr_exact_nbytes(v->exact) + lr_objects_nbytes(v);
+        lr_triangle_cells_nbytes(v->triangle_cells) + lr_objects_nbytes(v);
     if (v->objects != NULL) {
         info->n_objects = v->objects->n_objects;
         info->n_shared = v->objects->n_shared;
         info->n_dropped = v->objects->n_dropped;
     }
-    info->n_exact_cells = v->exact != NULL ? v->exact->n_cells : 0;
-    info->n_exact_triangles = v->exact != NULL ? v->exact->start[v->exact->n_cells] : 0;
-    info->exact_nbytes = lr_exact_nbytes(v->exact);
+    info->n_triangle_cells = v->triangle_cells != NULL ? v->triangle_cells->n_cells : 0;
+    info->n_cell_triangles = v->triangle_cells != NULL ? v->triangle_cells->start[v->triangle_cells->n_cells] : 0;
+    info->triangle_cells_nbytes = lr_triangle_cells_nbytes(v->triangle_cells);
     info->has_colors = v->faces != NULL && v->faces->source != NULL;
     info->has_normals = v->faces != NULL && v->faces->normal != NULL;
     if (v->block_of != NULL)

@@ -28,9 +28,9 @@ enum {
     LR_MAX_BRICKS = 1 << 24 /* 24 bits of a table entry */
 };
 
-struct lr_exact;   /* grid/triangle_cells.h */
-struct lr_facets;  /* grid/attributes/nearest_triangles.h */
-struct lr_objects; /* grid/objects.h */
+struct lr_triangle_cells; /* grid/triangle_cells.h */
+struct lr_facets;         /* grid/attributes/nearest_triangles.h */
+struct lr_objects;        /* grid/objects.h */
 
 /* What is added here goes through serialize.c, too. */
 struct lr_volume {
@@ -54,8 +54,8 @@ struct lr_volume {
     uint32_t n_blocks;       /* with block 0, which is never read */
     uint32_t *named;         /* [n_blocks][64]: faces that are nearest, 0: none; or NULL */
     struct lr_facets *faces; /* NULL: the surface carries nothing */
-    struct lr_exact *exact;  /* cells with triangles of their own; NULL: there are none */
-    struct lr_objects *objects; /* what tells objects apart; NULL: nothing does */
+    struct lr_triangle_cells *triangle_cells; /* cells with triangles of their own; NULL: there are none */
+    struct lr_objects *objects;      /* what tells objects apart; NULL: nothing does */
     uint64_t n_surface_cells;
     int32_t surface_lo[3], surface_hi[3]; /* storage cells, inclusive */
     bool finished;

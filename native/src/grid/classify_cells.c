@@ -192,9 +192,9 @@ static void bound(lr_volume *v, const int32_t b[3])
         lr_bound_word(v, first, s, v->cells[entry >> 8][s]);
 }
 
-lr_status lr_volume_finish_exact(lr_volume *v, const lr_exact_part *parts, uint32_t n_parts,
-                                 const lr_exact_source *source, const lr_watch *watch,
-                                 lr_error *error)
+lr_status lr_volume_finish_triangle_cells(lr_volume *v, const lr_triangle_cells_part *parts,
+                                          uint32_t n_parts, const lr_triangle_cells_source *source,
+                                          const lr_watch *watch, lr_error *error)
 {
     lr_status status = drop_constants(v, watch, error);
     lr_bound_nothing(v);
@@ -213,7 +213,7 @@ lr_status lr_volume_finish_exact(lr_volume *v, const lr_exact_part *parts, uint3
         lr_progress(watch, (double)(z + 1) / v->table_size[2]);
     }
     if (status == LR_OK && n_parts > 0)
-        status = lr_exact_attach(v, parts, n_parts, source, watch, error);
+        status = lr_triangle_cells_attach(v, parts, n_parts, source, watch, error);
     if (status == LR_OK)
         status = lr_volume_trim_blocks(v, watch, error);
     if (status == LR_OK && v->n_bricks < v->capacity) { /* give back what was not needed */
@@ -226,5 +226,5 @@ lr_status lr_volume_finish_exact(lr_volume *v, const lr_exact_part *parts, uint3
 
 lr_status lr_volume_finish(lr_volume *v, const lr_watch *watch, lr_error *error)
 {
-    return v->finished ? LR_OK : lr_volume_finish_exact(v, NULL, 0, NULL, watch, error);
+    return v->finished ? LR_OK : lr_volume_finish_triangle_cells(v, NULL, 0, NULL, watch, error);
 }

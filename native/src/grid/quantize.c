@@ -66,7 +66,7 @@ static uint32_t stand_in(const lr_volume *v, uint32_t brick)
     const unsigned char *samples = v->samples + (size_t)brick * LR_BRICK_SAMPLES;
     if (any(v->cells[brick], sizeof v->cells[brick]) ||
         (v->block_of != NULL && any(v->block_of + 8 * (size_t)brick, 32)) ||
-        (v->exact != NULL && any(v->exact->doubt[brick], 64)) ||
+        (v->triangle_cells != NULL && any(v->triangle_cells->doubt[brick], 64)) ||
         (o != NULL && (samples[0] != 0 || any(o->block_of + 8 * (size_t)brick, 32))) ||
         (samples[0] != 0 && samples[0] != 255) ||
         memcmp(samples, samples + 1, LR_BRICK_SAMPLES - 1) != 0)
@@ -103,10 +103,10 @@ static void drop_constant(lr_volume *v, uint32_t *to)
     v->ids = pack(v->ids, LR_BRICK_SAMPLES * sizeof *v->ids, to, n, next);
     v->cells = pack(v->cells, sizeof *v->cells, to, n, next);
     v->block_of = pack(v->block_of, 8 * sizeof *v->block_of, to, n, next);
-    if (v->exact != NULL) {
-        v->exact->doubt = pack(v->exact->doubt, sizeof *v->exact->doubt, to, n, next);
-        v->exact->first = pack(v->exact->first, sizeof *v->exact->first, to, n, next);
-        v->exact->n_bricks = next;
+    if (v->triangle_cells != NULL) {
+        v->triangle_cells->doubt = pack(v->triangle_cells->doubt, sizeof *v->triangle_cells->doubt, to, n, next);
+        v->triangle_cells->first = pack(v->triangle_cells->first, sizeof *v->triangle_cells->first, to, n, next);
+        v->triangle_cells->n_bricks = next;
     }
     if (v->objects != NULL)
         v->objects->block_of =
@@ -133,8 +133,8 @@ lr_status lr_volume_narrow(lr_volume *v, double gain, const lr_watch *watch, lr_
         free(to);
         return status;
     }
-    if (v->exact != NULL)
-        v->exact->voxels_per_value *= v->one / (255.0 * gain);
+    if (v->triangle_cells != NULL)
+        v->triangle_cells->voxels_per_value *= v->one / (255.0 * gain);
     if (o != NULL && o->samples != NULL) {
         unsigned char *shrunk = realloc(o->samples, (size_t)o->n_blocks * LR_BLOCK_SAMPLES);
         o->samples = shrunk != NULL ? shrunk : o->samples;

@@ -15,8 +15,9 @@
 /* Raised whenever the bytes or their meaning change. What is added to one of these
  * structures goes through arrays_of() or the head, too. */
 #define FORMAT 3
-_Static_assert(sizeof(void *) != 8 || (sizeof(struct lr_volume) == 608 && sizeof(lr_exact) == 88 &&
-                                       sizeof(lr_objects) == 131152 && sizeof(lr_facets) == 64),
+_Static_assert(sizeof(void *) != 8 ||
+                   (sizeof(struct lr_volume) == 608 && sizeof(lr_triangle_cells) == 88 &&
+                    sizeof(lr_objects) == 131152 && sizeof(lr_facets) == 64),
                "a structure has changed: pack what is new, and raise FORMAT");
 
 enum { MOST_ARRAYS = 32, CHUNK = 1 << 24 };
@@ -32,7 +33,7 @@ typedef struct head {
     uint32_t n_faces, n_textures;                           /* 0: there are none */
     uint32_t n_blocks;
     uint32_t n_objects; /* 0: not merged */
-    uint32_t n_exact_cells, n_list, n_triangles, n_vertices;
+    uint32_t n_triangle_cells, n_list, n_triangles, n_vertices;
     double voxels_per_value;
     uint64_t n_shared, n_dropped;
     uint32_t n_second_blocks;
@@ -59,14 +60,14 @@ static head head_of(const lr_volume *v)
         h.n_textures = v->faces->n_textures;
         h.n_blocks = v->n_blocks;
     }
-    if (v->exact != NULL) {
+    if (v->triangle_cells != NULL) {
         h.has_exact = 1;
-        h.has_exact_ids = v->exact->id != NULL;
-        h.n_exact_cells = v->exact->n_cells;
-        h.n_list = v->exact->start[v->exact->n_cells];
-        h.n_triangles = v->exact->n_triangles;
-        h.n_vertices = v->exact->n_vertices;
-        h.voxels_per_value = v->exact->voxels_per_value;
+        h.has_exact_ids = v->triangle_cells->id != NULL;
+        h.n_triangle_cells = v->triangle_cells->n_cells;
+        h.n_list = v->triangle_cells->start[v->triangle_cells->n_cells];
+        h.n_triangles = v->triangle_cells->n_triangles;
+        h.n_vertices = v->triangle_cells->n_vertices;
+        h.voxels_per_value = v->triangle_cells->voxels_per_value;
     }
     if (v->objects != NULL) {
         h.n_objects = v->objects->n_objects;
@@ -89,7 +90,7 @@ static int arrays_of(const head *h, const lr_volume *v, array arrays[MOST_ARRAYS
     const uint64_t faces = h->n_faces, blocks = faces > 0 ? h->n_blocks - 1ull : 0;
     const uint64_t seconds = h->n_objects > 0 ? h->n_second_blocks - 1ull : 0;
     const uint64_t exact = h->has_exact != 0, objects = h->n_objects > 0;
-    const lr_exact *e = v != NULL ? v->exact : NULL;
+    const lr_triangle_cells *e = v != NULL ? v->triangle_cells : NULL;
     const lr_objects *o = v != NULL ? v->objects : NULL;
     const lr_facets *f = v != NULL ? v->faces : NULL;
     int count = 0;
@@ -111,7 +112,7 @@ static int arrays_of(const head *h, const lr_volume *v, array arrays[MOST_ARRAYS
     ARRAY(f, uv, 0, h->has_uvs ? faces : 0, sizeof *f->uv);
     ARRAY(e, doubt, 0, exact * n_bricks, 8 * sizeof(uint64_t));
     ARRAY(e, first, 0, exact * n_bricks, sizeof(uint32_t));
-    ARRAY(e, start, 0, exact * (h->n_exact_cells + 1ull), sizeof(uint32_t));
+    ARRAY(e, start, 0, exact * (h->n_triangle_cells + 1ull), sizeof(uint32_t));
     ARRAY(e, list, 0, exact * h->n_list, sizeof(uint32_t));
     ARRAY(e, triangle, 0, exact * h->n_triangles, 3 * sizeof(uint32_t));
     ARRAY(e, vertex, 0, exact * h->n_vertices, 3 * sizeof(double));
@@ -195,7 +196,7 @@ static const char *wrong_head(const head *h)
                        : (h->n_blocks | h->n_textures | h->has_normals | h->has_sources |
                           h->has_colors | h->has_uvs) != 0)
         return "the head of the attributes";
-    if (h->has_exact != 0 && !(isfinite(h->voxels_per_value) && h->n_exact_cells < UINT32_MAX))
+    if (h->has_exact != 0 && !(isfinite(h->voxels_per_value) && h->n_triangle_cells < UINT32_MAX))
         return "the head of the triangles";
     if (h->n_objects > 0 &&
         !(h->n_objects <= 65536 && h->n_second_blocks >= 1 && h->desc.has_ids != 0 &&
@@ -278,13 +279,13 @@ static const char *wrong_faces(const lr_volume *v)
 
 static const char *wrong_exact(const lr_volume *v, const lr_watch *watch)
 {
-    const lr_exact *e = v->exact;
+    const lr_triangle_cells *e = v->triangle_cells;
     uint64_t n_cells = 0;
     bool right = e->start[0] == 0;
     for (uint32_t b = 0; b < e->n_bricks && right; b++) {
         uint32_t own = 0;
         for (uint32_t s = 0; s < 8; s++)
-            own += (uint32_t)__builtin_popcountll(lr_exact_word(v, b, s));
+            own += (uint32_t)__builtin_popcountll(lr_triangle_cell_word(v, b, s));
         right = own == 0 || (uint64_t)e->first[b] + own <= e->n_cells;
         n_cells += own;
     }
@@ -321,7 +322,7 @@ static const char *wrong_with(lr_volume *v, const lr_watch *watch)
         wrong = "samples that are not finite";
     if (wrong == NULL && v->faces != NULL && !lr_stopped(watch))
         wrong = wrong_faces(v);
-    if (wrong == NULL && v->exact != NULL && !lr_stopped(watch))
+    if (wrong == NULL && v->triangle_cells != NULL && !lr_stopped(watch))
         wrong = wrong_exact(v, watch);
     if (wrong == NULL && v->objects != NULL && !lr_stopped(watch))
         wrong = wrong_objects(v);
@@ -330,19 +331,19 @@ static const char *wrong_with(lr_volume *v, const lr_watch *watch)
 
 /* ---- from bytes -------------------------------------------------------- */
 
-static lr_status allocate_exact(lr_volume *v, const head *h, lr_error *error)
+static lr_status allocate_triangle_cells(lr_volume *v, const head *h, lr_error *error)
 {
-    lr_exact *e = v->exact = calloc(1, sizeof *e);
+    lr_triangle_cells *e = v->triangle_cells = calloc(1, sizeof *e);
     if (e == NULL)
-        return lr_fail_memory(error, sizeof *e, "exact cells");
+        return lr_fail_memory(error, sizeof *e, "triangle cells");
     e->n_bricks = h->n_bricks;
-    e->n_cells = h->n_exact_cells;
+    e->n_cells = h->n_triangle_cells;
     e->n_triangles = h->n_triangles;
     e->n_vertices = h->n_vertices;
     e->voxels_per_value = h->voxels_per_value;
     e->doubt = malloc(h->n_bricks * sizeof *e->doubt);
     e->first = malloc(h->n_bricks * sizeof *e->first);
-    e->start = malloc(((size_t)h->n_exact_cells + 1) * sizeof *e->start);
+    e->start = malloc(((size_t)h->n_triangle_cells + 1) * sizeof *e->start);
     e->list = malloc(((size_t)h->n_list + 1) * sizeof *e->list);
     e->triangle = malloc(((size_t)h->n_triangles + 1) * sizeof *e->triangle);
     e->vertex = malloc(((size_t)h->n_vertices + 1) * sizeof *e->vertex);
@@ -353,7 +354,7 @@ static lr_status allocate_exact(lr_volume *v, const head *h, lr_error *error)
     const bool all = e->doubt != NULL && e->first != NULL && e->start != NULL && e->list != NULL &&
                      e->triangle != NULL && e->vertex != NULL;
     if (!all || (h->has_exact_ids && e->id == NULL) || (h->n_faces > 0 && e->face == NULL))
-        return lr_fail_memory(error, nbytes_of(h), "exact cells");
+        return lr_fail_memory(error, nbytes_of(h), "triangle cells");
     return LR_OK;
 }
 
@@ -401,7 +402,7 @@ static lr_status allocate(const head *h, lr_volume **volume, lr_error *error)
             lr_facets_new(h->n_faces, h->has_normals != 0, h->has_sources != 0, h->has_colors != 0,
                           h->has_uvs != 0, h->n_textures, &(*volume)->faces, error);
     if (status == LR_OK && h->has_exact)
-        status = allocate_exact(*volume, h, error);
+        status = allocate_triangle_cells(*volume, h, error);
     if (status == LR_OK && h->n_objects > 0)
         status = allocate_objects(*volume, h, error);
     return status;
@@ -416,7 +417,7 @@ static lr_status fill(lr_volume *v, const head *h, const uint8_t *bytes, const l
             return lr_fail_stopped(error);
         bytes += arrays[i].nbytes;
     }
-    if (v->exact != NULL && v->exact->start[h->n_exact_cells] != h->n_list)
+    if (v->triangle_cells != NULL && v->triangle_cells->start[h->n_triangle_cells] != h->n_list)
         return lr_fail(error, LR_E_ARGUMENT, "bytes of a volume are wrong: the lists of cells");
     const char *wrong = wrong_with(v, watch);
     if (lr_stopped(watch))

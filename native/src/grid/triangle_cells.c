@@ -1,4 +1,4 @@
-/* Putting exact cells into a finished volume.
+/* Putting triangle cells into a finished volume.
  *
  * Only the triangles on some list, and their vertices, are copied.
  *
@@ -8,7 +8,7 @@
 #include "base/affine.h"
 #include "base/error.h"
 
-void lr_exact_free(lr_exact *e)
+void lr_triangle_cells_free(lr_triangle_cells *e)
 {
     if (e == NULL)
         return;
@@ -23,7 +23,7 @@ void lr_exact_free(lr_exact *e)
     free(e);
 }
 
-uint64_t lr_exact_nbytes(const lr_exact *e)
+uint64_t lr_triangle_cells_nbytes(const lr_triangle_cells *e)
 {
     if (e == NULL)
         return 0;
@@ -38,7 +38,7 @@ uint64_t lr_exact_nbytes(const lr_exact *e)
 /* ---- bricks ------------------------------------------------------------ */
 
 /* Every brick with such cells must be stored, since their bits need a place. */
-static lr_status open_bricks(lr_volume *v, const lr_exact_part *parts, uint32_t n_parts,
+static lr_status open_bricks(lr_volume *v, const lr_triangle_cells_part *parts, uint32_t n_parts,
                              lr_error *error)
 {
     uint64_t n = v->n_bricks - LR_FIRST_STORED;
@@ -68,7 +68,7 @@ static void mark_brick(lr_volume *v, uint32_t place, const uint64_t doubt[8],
         v->cells[brick][s] |= more;
         v->n_surface_cells += (uint64_t)__builtin_popcountll(more);
         v->table[place] |= (uint32_t)(exact[s] != 0) << s;
-        v->exact->doubt[brick][s] = doubt[s];
+        v->triangle_cells->doubt[brick][s] = doubt[s];
         lr_bound_word(v, first, s, more);
     }
 }
@@ -86,8 +86,8 @@ static uint32_t count_up(uint32_t *number, uint64_t n)
     return count;
 }
 
-static lr_status take_triangles(lr_exact *e, const lr_exact_source *s, uint32_t *number,
-                                lr_error *error)
+static lr_status take_triangles(lr_triangle_cells *e, const lr_triangle_cells_source *s,
+                                uint32_t *number, lr_error *error)
 {
     e->n_triangles = count_up(number, s->n_triangles);
     uint32_t *vertex = calloc(s->n_vertices, sizeof *vertex);
@@ -127,8 +127,9 @@ static lr_status take_triangles(lr_exact *e, const lr_exact_source *s, uint32_t 
     return LR_OK;
 }
 
-static lr_status take_lists(lr_volume *v, lr_exact *e, const lr_exact_part *parts, uint32_t n_parts,
-                            const lr_exact_source *source, lr_error *error)
+static lr_status take_lists(lr_volume *v, lr_triangle_cells *e, const lr_triangle_cells_part *parts,
+                            uint32_t n_parts, const lr_triangle_cells_source *source,
+                            lr_error *error)
 {
     uint32_t *number = calloc(source->n_triangles, sizeof *number);
     if (number == NULL)
@@ -160,8 +161,8 @@ static lr_status take_lists(lr_volume *v, lr_exact *e, const lr_exact_part *part
 
 /* ---- all --------------------------------------------------------------- */
 
-static lr_status make(lr_volume *v, lr_exact *e, const lr_exact_part *parts, uint32_t n_parts,
-                      const lr_exact_source *source, lr_error *error)
+static lr_status make(lr_volume *v, lr_triangle_cells *e, const lr_triangle_cells_part *parts,
+                      uint32_t n_parts, const lr_triangle_cells_source *source, lr_error *error)
 {
     uint64_t n_cells = 0, n_list = 0;
     for (uint32_t p = 0; p < n_parts; p++) {
@@ -170,7 +171,7 @@ static lr_status make(lr_volume *v, lr_exact *e, const lr_exact_part *parts, uin
     }
     if (n_cells >= UINT32_MAX || n_list >= UINT32_MAX)
         return lr_fail(error, LR_E_SIZE,
-                       "the exact cells' lists would hold %llu triangles, more than 2^32",
+                       "the triangle cells' lists would hold %llu triangles, more than 2^32",
                        (unsigned long long)n_list);
     lr_status status = open_bricks(v, parts, n_parts, error);
     if (status != LR_OK)
@@ -183,28 +184,29 @@ static lr_status make(lr_volume *v, lr_exact *e, const lr_exact_part *parts, uin
     e->start = malloc((n_cells + 1) * sizeof *e->start);
     e->list = malloc((n_list + 1) * sizeof *e->list);
     if (e->doubt == NULL || e->first == NULL || e->start == NULL || e->list == NULL)
-        return lr_fail_memory(error, (n_cells + n_list) * sizeof *e->list, "the exact cells");
+        return lr_fail_memory(error, (n_cells + n_list) * sizeof *e->list, "the triangle cells");
     return take_lists(v, e, parts, n_parts, source, error);
 }
 
-lr_status lr_exact_attach(lr_volume *v, const lr_exact_part *parts, uint32_t n_parts,
-                          const lr_exact_source *source, const lr_watch *watch, lr_error *error)
+lr_status lr_triangle_cells_attach(lr_volume *v, const lr_triangle_cells_part *parts,
+                                   uint32_t n_parts, const lr_triangle_cells_source *source,
+                                   const lr_watch *watch, lr_error *error)
 {
     uint32_t n = 0;
     for (uint32_t p = 0; p < n_parts; p++)
         n += parts[p].n;
     if (n == 0)
         return LR_OK;
-    lr_exact *e = calloc(1, sizeof *e);
-    lr_status status = e == NULL ? lr_fail_memory(error, sizeof *e, "exact cells")
+    lr_triangle_cells *e = calloc(1, sizeof *e);
+    lr_status status = e == NULL ? lr_fail_memory(error, sizeof *e, "triangle cells")
                                  : make(v, e, parts, n_parts, source, error);
     if (status == LR_OK && lr_stopped(watch))
         status = lr_fail_stopped(error);
     if (status != LR_OK) {
-        lr_exact_free(e);
+        lr_triangle_cells_free(e);
         return status;
     }
-    v->exact = e;
+    v->triangle_cells = e;
     for (uint32_t p = 0; p < n_parts; p++)
         for (uint32_t i = 0; i < parts[p].n; i++)
             mark_brick(v, parts[p].place[i], parts[p].doubt[i], parts[p].exact[i]);
@@ -214,13 +216,13 @@ lr_status lr_exact_attach(lr_volume *v, const lr_exact_part *parts, uint32_t n_p
 /* ---- points ------------------------------------------------------------ */
 
 /* Source: Ericson 2005, Real-time collision detection, 5.1.5. */
-double lr_exact_distance2(const lr_exact *e, uint32_t triangle, const double q[3])
+double lr_triangle_cell_distance2(const lr_triangle_cells *e, uint32_t triangle, const double q[3])
 {
     const double *p[3];
     double n[3], best = INFINITY;
     bool in_face = true;
-    lr_exact_corners(e, triangle, p);
-    lr_exact_normal(e, triangle, n);
+    lr_triangle_cell_corners(e, triangle, p);
+    lr_triangle_cell_normal(e, triangle, n);
     for (int c = 0; c < 3; c++) {
         const double *a = p[c], *b = p[(c + 1) % 3];
         const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
@@ -239,15 +241,15 @@ double lr_exact_distance2(const lr_exact *e, uint32_t triangle, const double q[3
     return in_face ? height * height / lr_dot(n, n) : best;
 }
 
-uint32_t lr_exact_nearest(const lr_volume *v, const int32_t c[3], const double q[3])
+uint32_t lr_triangle_cell_nearest(const lr_volume *v, const int32_t c[3], const double q[3])
 {
     uint32_t nearest = LR_NO_TRIANGLE, n;
     double least = INFINITY;
-    if (v->exact == NULL || !lr_is_exact(v, c))
+    if (v->triangle_cells == NULL || !lr_is_triangle_cell(v, c))
         return nearest;
-    const uint32_t *list = lr_exact_list(v, c, &n);
+    const uint32_t *list = lr_triangle_cell_list(v, c, &n);
     for (uint32_t i = 0; i < n; i++) {
-        const double square = lr_exact_distance2(v->exact, list[i], q);
+        const double square = lr_triangle_cell_distance2(v->triangle_cells, list[i], q);
         if (square < least) {
             least = square;
             nearest = list[i];
@@ -266,12 +268,12 @@ lr_status lr_volume_exact_at(const lr_volume *v, const double *points, uint64_t 
         double q[3];
         int32_t c[3];
         lr_map_point(v->storage_from_object, points + 3 * i, q);
-        bool inside = v->exact != NULL;
+        bool inside = v->triangle_cells != NULL;
         for (int a = 0; a < 3; a++) {
             inside = inside && q[a] >= 1.0 && q[a] <= last[a] + 1.0;
             c[a] = (int32_t)lr_clamp(floor(q[a]), 1.0, last[a]);
         }
-        exact[i] = inside && lr_is_exact(v, c);
+        exact[i] = inside && lr_is_triangle_cell(v, c);
     }
     return LR_OK;
 }

@@ -1,7 +1,7 @@
-/* Sides that go from exact cells on through the field.
+/* Sides that go from triangle cells on through the field.
  *
  * A ray that left a triangle may find itself on the wrong side of the field beside the
- * exact cell, by what that is off. Its side goes with it through cells of the field, whose
+ * triangle cell, by what that is off. Its side goes with it through cells of the field, whose
  * surface is taken to lie that much further on, until the field agrees or the surface is
  * met. In front of a cell without surface there is nothing more to wait for: a ray that is
  * still on the wrong side there has met the surface. So no ray leaves a solid unseen.
@@ -21,7 +21,7 @@ bool lr_hit_handed(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
     lr_chord h;
     int axis;
     const int way = *side > 0 ? 1 : -1;
-    const double to_voxels = way * v->exact->voxels_per_value, level = v->threshold;
+    const double to_voxels = way * v->triangle_cells->voxels_per_value, level = v->threshold;
     lr_corners(v, u->c, h.corner);
     lr_chord_points(&h, r, LR_EVEN, u, &axis);
     lr_chord_values(&h, r, u, axis);
@@ -65,7 +65,7 @@ int lr_handed_on(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int si
         p[a] = lr_clamp(p[a] - u->c[a], 0.0, 1.0);
     ++*n_samples;
     const double f = lr_face_value(corner, axis, r->s[axis] > 0, p);
-    const double value = (f - v->threshold) * v->exact->voxels_per_value;
+    const double value = (f - v->threshold) * v->triangle_cells->voxels_per_value;
     if ((value >= 0.0) == (side > 0))
         return side;
     return fabs(value) <= LR_FIELD_OFF ? LR_STILL : 0;
@@ -79,6 +79,6 @@ bool lr_starts_off(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int 
     for (int a = 0; a < 3; a++)
         p[a] = lr_clamp(p[a] - u->c[a], 0.0, 1.0);
     const double value =
-        (lr_trilinear(corner, p) - v->threshold) * v->exact->voxels_per_value * side;
+        (lr_trilinear(corner, p) - v->threshold) * v->triangle_cells->voxels_per_value * side;
     return value < -lr_start_off(v) && value >= -LR_FIELD_OFF;
 }

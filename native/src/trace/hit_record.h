@@ -75,7 +75,7 @@ LR_INLINE void lr_put_triangle(const lr_volume *v, const lr_hits *hits, uint64_t
     if (hits->triangle != NULL)
         hits->triangle[i] = found->triangle;
     if (hits->id != NULL)
-        hits->id[i] = v->exact->id != NULL ? v->exact->id[found->triangle] : 0;
+        hits->id[i] = v->triangle_cells->id != NULL ? v->triangle_cells->id[found->triangle] : 0;
     if (hits->nx == NULL && hits->gx == NULL)
         return;
     lr_triangle_normals(v, found->triangle, found->c, found->p, normal_kind, own, shading);

@@ -14,7 +14,7 @@ static bool normal_at(const lr_volume *v, const double q[3], int32_t id, int32_t
         c[a] = (int32_t)lr_clamp(floor(q[a]), 1.0, last[a]);
         p[a] = lr_clamp(q[a] - c[a], 0.0, 1.0);
     }
-    const uint32_t triangle = lr_exact_nearest(v, c, q);
+    const uint32_t triangle = lr_triangle_cell_nearest(v, c, q);
     if (triangle != LR_NO_TRIANGLE) {
         lr_triangle_normals(v, triangle, c, p, normal_kind, own, shading);
         return true;

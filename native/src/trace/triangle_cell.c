@@ -1,10 +1,10 @@
-/* Rays and the triangles of an exact cell.
+/* Rays and the triangles of an triangle cell.
  *
  * A triangle is intersected in a sheared frame in which the ray is an axis. All in
  * f64: an edge sees the same bits from both of its triangles, so that no ray slips
  * between them, and t does not depend on the cell.
  *
- * Where an exact cell has a cell of the field beside it, the two surfaces meet at
+ * Where an triangle cell has a cell of the field beside it, the two surfaces meet at
  * their common face, but for what the field may be off. Each face then has one
  * truth: a triangle whose side of the face's point is not that which the samples
  * give there lies, for the ray, on the other side of the face. So it is hit in one of
@@ -92,11 +92,12 @@ static shear shear_of(const lr_ray *r)
 }
 
 /* False where the line passes by or lies in the plane. */
-static bool meet(const lr_exact *e, const lr_ray *r, const shear *s, uint32_t triangle, met *m)
+static bool meet(const lr_triangle_cells *e, const lr_ray *r, const shear *s, uint32_t triangle,
+                 met *m)
 {
     const double *p[3];
     double x[3], y[3], z[3];
-    lr_exact_corners(e, triangle, p);
+    lr_triangle_cell_corners(e, triangle, p);
     for (int c = 0; c < 3; c++) {
         z[c] = p[c][s->z] - r->o[s->z];
         x[c] = p[c][s->x] - r->o[s->x] - s->sx * z[c];
@@ -119,7 +120,7 @@ static bool meet(const lr_exact *e, const lr_ray *r, const shear *s, uint32_t tr
 static double plane_speed(const scene *s, uint32_t triangle)
 {
     double n[3];
-    lr_exact_normal(s->v->exact, triangle, n);
+    lr_triangle_cell_normal(s->v->triangle_cells, triangle, n);
     return fabs(lr_dot(n, s->r->d)) / sqrt(lr_dot(n, n));
 }
 
@@ -162,7 +163,7 @@ static double value_at(scene *s, gate *g)
         for (int a = 0; a < 3; a++)
             p[a] = lr_clamp(g->p[a] - s->c[a], 0.0, 1.0);
         const double f = lr_face_value(s->corner, g->axis, g->beside[g->axis] > s->c[g->axis], p);
-        g->value = (f - s->v->threshold) * s->v->exact->voxels_per_value;
+        g->value = (f - s->v->threshold) * s->v->triangle_cells->voxels_per_value;
         g->known = true;
         ++*s->n_samples;
     }
@@ -181,7 +182,7 @@ static bool after(scene *s, gate *g, int side, const met *m)
     const bool by_field = side != 0 ? side > 0 : value >= 0.0;
     const bool by_triangle = later != m->inward; /* inside? */
     if (by_field == by_triangle || fabs(value) + height > LR_FIELD_OFF ||
-        lr_exact_distance2(s->v->exact, m->triangle, g->p) > LR_EXACT_NEAR * LR_EXACT_NEAR)
+        lr_triangle_cell_distance2(s->v->triangle_cells, m->triangle, g->p) > LR_EXACT_NEAR * LR_EXACT_NEAR)
         return later;
     return !later;
 }
@@ -192,18 +193,18 @@ static bool after(scene *s, gate *g, int side, const met *m)
  * So it does over a convex edge: nothing of this one rises over its plane. */
 static bool is_hidden(const scene *s, uint32_t triangle)
 {
-    const lr_exact *e = s->v->exact;
+    const lr_triangle_cells *e = s->v->triangle_cells;
     double start[3];
     const double *p[3], *q[3];
     lr_point_at(s->r, s->leaving->t, start);
-    lr_exact_corners(e, triangle, p);
+    lr_triangle_cell_corners(e, triangle, p);
     for (uint32_t i = 0; i < s->n; i++) {
         double n[3], highest = -INFINITY;
-        lr_exact_normal(e, s->list[i], n);
+        lr_triangle_cell_normal(e, s->list[i], n);
         if (s->list[i] == triangle || !(lr_dot(n, s->r->d) * s->leaving->side < 0.0) ||
-            lr_exact_distance2(e, s->list[i], start) > s->off * s->off)
+            lr_triangle_cell_distance2(e, s->list[i], start) > s->off * s->off)
             continue;
-        lr_exact_corners(e, s->list[i], q);
+        lr_triangle_cell_corners(e, s->list[i], q);
         for (int c = 0; c < 3; c++) {
             const double from[3] = {p[c][0] - q[0][0], p[c][1] - q[0][1], p[c][2] - q[0][2]};
             highest = fmax(highest, -s->leaving->side * lr_dot(n, from));
@@ -219,10 +220,11 @@ static bool is_hidden(const scene *s, uint32_t triangle)
 static bool is_left(const scene *s, const met *m)
 {
     double start[3];
-    if (m->inward == (s->leaving->side < 0) || lr_is_exact(s->v, s->leaving->cell))
+    if (m->inward == (s->leaving->side < 0) || lr_is_triangle_cell(s->v, s->leaving->cell))
         return false;
     lr_point_at(s->r, s->leaving->t, start);
-    return lr_exact_distance2(s->v->exact, m->triangle, start) <= LR_EXACT_NEAR * LR_EXACT_NEAR;
+    return lr_triangle_cell_distance2(s->v->triangle_cells, m->triangle, start) <=
+           LR_EXACT_NEAR * LR_EXACT_NEAR;
 }
 
 /* Is the triangle in front of the ray's start? Moves a hit that rounding has put
@@ -244,14 +246,14 @@ static double height_at(const scene *s, const double q[3], uint32_t *triangle)
 {
     double best = LR_EXACT_NEAR * LR_EXACT_NEAR, height = NAN;
     for (uint32_t i = 0; i < s->n; i++) {
-        const double square = lr_exact_distance2(s->v->exact, s->list[i], q);
+        const double square = lr_triangle_cell_distance2(s->v->triangle_cells, s->list[i], q);
         const bool tie = fabs(square - best) <= 1e-6 * best + s->off * s->off;
         if (!(square < best) && !tie)
             continue;
         const double *p[3];
         double n[3];
-        lr_exact_corners(s->v->exact, s->list[i], p);
-        lr_exact_normal(s->v->exact, s->list[i], n);
+        lr_triangle_cell_corners(s->v->triangle_cells, s->list[i], p);
+        lr_triangle_cell_normal(s->v->triangle_cells, s->list[i], n);
         const double from[3] = {q[0] - p[0][0], q[1] - p[0][1], q[2] - p[0][2]};
         const double h = -s->leaving->side * lr_dot(n, from) / sqrt(lr_dot(n, n));
         if (tie && fabs(h) <= fabs(height))
@@ -283,7 +285,7 @@ static bool comes_from_inside(const scene *s)
 {
     uint32_t triangle;
     double q[3];
-    if (!lr_is_exact(s->v, s->leaving->cell))
+    if (!lr_is_triangle_cell(s->v, s->leaving->cell))
         return false;
     lr_point_at(s->r, fmax(s->in.t, s->leaving->t), q);
     return !(height_at(s, q, &triangle) < -s->off);
@@ -295,7 +297,7 @@ static bool leads_in(const scene *s, uint32_t triangle, double height)
     double n[3];
     if (isnan(height))
         return false;
-    lr_exact_normal(s->v->exact, triangle, n);
+    lr_triangle_cell_normal(s->v->triangle_cells, triangle, n);
     return lr_dot(n, s->r->d) * s->leaving->side < 0.0;
 }
 
@@ -303,7 +305,7 @@ static bool leads_in(const scene *s, uint32_t triangle, double height)
 static bool is_wound_well(const scene *s, uint32_t triangle)
 {
     double n[3], corner[8], g[3], p[3];
-    lr_exact_normal(s->v->exact, triangle, n);
+    lr_triangle_cell_normal(s->v->triangle_cells, triangle, n);
     for (int a = 0; a < 3; a++)
         p[a] = lr_clamp(s->out.p[a] - s->out.beside[a], 0.0, 1.0);
     lr_corners(s->v, s->out.beside, corner);
@@ -314,14 +316,14 @@ static bool is_wound_well(const scene *s, uint32_t triangle)
 /* Is a triangle of a sheet, which the ray left, still beside it where it leaves the cell? */
 static bool is_beside(const scene *s, double value)
 {
-    const lr_exact *e = s->v->exact;
+    const lr_triangle_cells *e = s->v->triangle_cells;
     const double gone = s->out.t - s->leaving->t;
     double start[3];
     lr_point_at(s->r, s->leaving->t, start);
     for (uint32_t i = 0; i < s->n; i++)
         if (fabs(value) + gone * plane_speed(s, s->list[i]) <= LR_FIELD_OFF &&
-            lr_exact_distance2(e, s->list[i], start) <= s->off * s->off &&
-            lr_exact_distance2(e, s->list[i], s->out.p) <= LR_EXACT_NEAR * LR_EXACT_NEAR)
+            lr_triangle_cell_distance2(e, s->list[i], start) <= s->off * s->off &&
+            lr_triangle_cell_distance2(e, s->list[i], s->out.p) <= LR_EXACT_NEAR * LR_EXACT_NEAR)
             return true;
     return false;
 }
@@ -392,16 +394,16 @@ static bool starts_against(const scene *s, uint32_t triangle)
 {
     const double *p[3];
     double n[3], start[3], from[3];
-    lr_exact_normal(s->v->exact, triangle, n);
+    lr_triangle_cell_normal(s->v->triangle_cells, triangle, n);
     if (!(lr_dot(n, s->r->d) * s->leaving->side > 0.0))
         return false;
     lr_point_at(s->r, s->leaving->t, start);
-    lr_exact_corners(s->v->exact, triangle, p);
+    lr_triangle_cell_corners(s->v->triangle_cells, triangle, p);
     for (int a = 0; a < 3; a++)
         from[a] = start[a] - p[0][a];
     const double height = lr_dot(n, from);
     if (height * height > s->off * s->off * lr_dot(n, n) ||
-        lr_exact_distance2(s->v->exact, triangle, start) > s->off * s->off)
+        lr_triangle_cell_distance2(s->v->triangle_cells, triangle, start) > s->off * s->off)
         return false;
     uint32_t nearest;
     double ahead[3];
@@ -435,8 +437,8 @@ static bool stop_at_passed(const scene *s, double most, lr_found *found)
     for (uint32_t i = 0; i < s->n; i++) {
         const double *p[3];
         double n[3], q[3];
-        lr_exact_normal(s->v->exact, s->list[i], n);
-        lr_exact_corners(s->v->exact, s->list[i], p);
+        lr_triangle_cell_normal(s->v->triangle_cells, s->list[i], n);
+        lr_triangle_cell_corners(s->v->triangle_cells, s->list[i], p);
         const double from[3] = {p[0][0] - s->r->o[0], p[0][1] - s->r->o[1], p[0][2] - s->r->o[2]};
         const double speed = lr_dot(n, s->r->d);
         if (!(speed * s->leaving->side > 0.0))
@@ -445,7 +447,7 @@ static bool stop_at_passed(const scene *s, double most, lr_found *found)
         if (!(t >= low && t <= high))
             continue;
         lr_point_at(s->r, t, q);
-        const double square = lr_exact_distance2(s->v->exact, s->list[i], q);
+        const double square = lr_triangle_cell_distance2(s->v->triangle_cells, s->list[i], q);
         if (square < nearest) {
             nearest = square;
             found->triangle = s->list[i];
@@ -466,9 +468,9 @@ static bool stop_at_passed(const scene *s, double most, lr_found *found)
     return found->t <= s->r->t_max;
 }
 
-bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
-                  const lr_leaving *leaving, const lr_trace_options *options, int *side,
-                  lr_found *found, uint64_t *n_samples)
+bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
+                          const lr_leaving *leaving, const lr_trace_options *options, int *side,
+                          lr_found *found, uint64_t *n_samples)
 {
     scene s = {.v = v, .r = r, .leaving = leaving, .n_samples = n_samples};
     memcpy(s.c, u->c, sizeof s.c);
@@ -479,10 +481,10 @@ bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
     const shear frame = shear_of(r);
     s.off = leaving->side != 0 ? lr_start_off(v) : 0.0;
     met best = {.t = INFINITY};
-    s.list = lr_exact_list(v, s.c, &s.n);
+    s.list = lr_triangle_cell_list(v, s.c, &s.n);
     for (uint32_t i = 0; i < s.n; i++) {
         met m;
-        if (meet(v->exact, r, &frame, s.list[i], &m) && m.t < best.t && accept(&s, &m) &&
+        if (meet(v->triangle_cells, r, &frame, s.list[i], &m) && m.t < best.t && accept(&s, &m) &&
             m.t < best.t)
             best = m;
     }

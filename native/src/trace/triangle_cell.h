@@ -1,4 +1,4 @@
-/* The hit test of exact cells, and of the cells that a ray enters from one.
+/* The hit test of triangle cells, and of the cells that a ray enters from one.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_TRACE_TRIANGLE_CELL_H
@@ -25,12 +25,12 @@ LR_INLINE lr_leaving lr_leaving_of(const lr_start *start, double t_min)
     return leaving;
 }
 
-/* Does the ray meet a triangle in the exact cell it stands on? *side: see lr_hit. */
-bool lr_hit_exact(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
-                  const lr_leaving *leaving, const lr_trace_options *options, int *side,
-                  lr_found *found, uint64_t *n_samples);
+/* Does the ray meet a triangle in the triangle cell it stands on? *side: see lr_hit. */
+bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
+                          const lr_leaving *leaving, const lr_trace_options *options, int *side,
+                          lr_found *found, uint64_t *n_samples);
 
-/* The hit test in a cell of a solid's field, where an exact cell has handed a side on. */
+/* The hit test in a cell of a solid's field, where an triangle cell has handed a side on. */
 bool lr_hit_handed(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
                    const lr_trace_options *options, int *side, lr_found *found,
                    uint64_t *n_samples);
@@ -43,11 +43,11 @@ int lr_handed_on(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int si
                  uint64_t *n_samples);
 
 /* Does the field say that the ray, which leaves a surface on this side, starts on the
- * other one, and by more than rounding? Then it leaves the triangle of an exact cell, but
+ * other one, and by more than rounding? Then it leaves the triangle of an triangle cell, but
  * from a point beyond that cell. */
 bool lr_starts_off(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side);
 
-/* The hit test of any cell. *side as in lr_hit_cell, but twice that where an exact
+/* The hit test of any cell. *side as in lr_hit_cell, but twice that where an triangle
  * cell has handed it on; what it is afterwards goes with the next cell. What the rare
  * branches are given are copies, so that the ray and the cursor may live in registers. */
 LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_spacing spacing, const lr_cursor *u,
@@ -55,14 +55,15 @@ LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_spacing spacing, c
                       lr_found *found, uint64_t *n_samples)
 {
     int start = *side;
-    if (v->exact != NULL) {
+    if (v->triangle_cells != NULL) {
         const lr_ray ray = *r;
         const lr_cursor cursor = *u;
         uint64_t more = 0;
-        if (lr_is_exact(v, cursor.c)) {
+        if (lr_is_triangle_cell(v, cursor.c)) {
             lr_found own;
             const lr_leaving left = *leaving;
-            const bool hit = lr_hit_exact(v, &ray, &cursor, &left, options, &start, &own, &more);
+            const bool hit =
+                lr_hit_triangle_cell(v, &ray, &cursor, &left, options, &start, &own, &more);
             *n_samples += more;
             *side = start;
             if (hit)

@@ -32,7 +32,7 @@ void lr_cd_free(void *data)
  * only cost time where most do. */
 static bool mostly_field(const lr_volume *v)
 {
-    return v->exact == NULL || 2 * (uint64_t)v->exact->n_cells < v->n_surface_cells;
+    return v->triangle_cells == NULL || 2 * (uint64_t)v->triangle_cells->n_cells < v->n_surface_cells;
 }
 
 /* The distance of a cell is the number of growths that cover it. */

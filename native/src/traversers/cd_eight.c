@@ -285,7 +285,7 @@ LR_INLINE __mmask8 doubted(const lr_volume *v, const lr_eight *e, __mmask8 m, __
     const __m512i brick = _mm512_cvtepu32_epi64(_mm256_srli_epi32(entry, 8));
     const __m512i word = _mm512_mask_i64gather_epi64(
         _mm512_setzero_si512(), m,
-        _mm512_add_epi64(_mm512_slli_epi64(brick, 3), _mm512_cvtepu32_epi64(sub)), v->exact->doubt,
+        _mm512_add_epi64(_mm512_slli_epi64(brick, 3), _mm512_cvtepu32_epi64(sub)), v->triangle_cells->doubt,
         8);
     return _mm512_mask_test_epi64_mask(m, _mm512_srlv_epi64(word, _mm512_cvtepu32_epi64(bit)),
                                        _mm512_set1_epi64(1));
@@ -357,7 +357,7 @@ LR_INLINE __mmask8 passes(const lr_volume *v, const lr_eight *e, __mmask8 m, __m
     const __m512d least = _mm512_mask_mul_pd(clear, leaves, _mm512_set1_pd(-ASIDE), scale);
     __mmask8 through = _mm512_mask_cmp_pd_mask(m, rest, clear, _CMP_GT_OQ);
     through = _mm512_mask_cmp_pd_mask(through, begin, least, _CMP_GT_OQ) & (__mmask8)~handed_on;
-    if (v->exact != NULL && through != 0)
+    if (v->triangle_cells != NULL && through != 0)
         through &= (__mmask8)~doubted(v, e, through, entry);
     return through;
 }

@@ -377,7 +377,7 @@ static bool judge_triangle(work *w, uint32_t triangle)
 
 /* ---- lists ------------------------------------------------------------- */
 
-static bool has_room(lr_exact_part *e, uint32_t n_cells, uint32_t n_list)
+static bool has_room(lr_triangle_cells_part *e, uint32_t n_cells, uint32_t n_list)
 {
     uint32_t *count = realloc(e->count, ((size_t)e->n_cells + n_cells + 1) * sizeof *count);
     if (count != NULL)
@@ -388,8 +388,8 @@ static bool has_room(lr_exact_part *e, uint32_t n_cells, uint32_t n_list)
     return count != NULL && list != NULL;
 }
 
-/* Sort the pairs of exact cells into lists, in the order of the mask's bits. */
-static bool keep_lists(const work *w, const uint64_t exact[8], lr_exact_part *e)
+/* Sort the pairs of triangle cells into lists, in the order of the mask's bits. */
+static bool keep_lists(const work *w, const uint64_t exact[8], lr_triangle_cells_part *e)
 {
     uint32_t place[LR_BRICK_SAMPLES], n_cells = 0, n_list = 0;
     uint32_t count[LR_BRICK_SAMPLES] = {0}, start[LR_BRICK_SAMPLES];
@@ -440,7 +440,7 @@ static bool keep(const work *w, uint32_t place, lr_cells_part *part)
     }
     if (any == 0)
         return true;
-    lr_exact_part *e = &part->exact;
+    lr_triangle_cells_part *e = &part->exact;
     memcpy(e->doubt[e->n], w->bad, sizeof w->bad);
     memcpy(e->exact[e->n], exact, sizeof exact);
     e->place[e->n++] = place;
@@ -502,7 +502,7 @@ lr_status lr_cells_make(const lr_voxel_job *job, const lr_volume *volume, const 
         return LR_OK;
     return stopped ? lr_fail_stopped(error)
                    : lr_fail_memory(error, n * sizeof(pair) + w.room * sizeof(pair),
-                                    "the exact cells of a part");
+                                    "the triangle cells of a part");
 }
 
 void lr_cells_free(lr_cells_part *part)
@@ -519,6 +519,6 @@ void lr_cells_free(lr_cells_part *part)
 
 uint64_t lr_cells_nbytes(const lr_cells_part *part)
 {
-    const lr_exact_part *e = &part->exact;
+    const lr_triangle_cells_part *e = &part->exact;
     return (uint64_t)e->n_cells * sizeof *e->count + (uint64_t)e->n_list * sizeof *e->list;
 }

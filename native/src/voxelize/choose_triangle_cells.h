@@ -10,7 +10,7 @@
 
 /* The cells of some bricks. */
 typedef struct lr_cells_part {
-    lr_exact_part exact;
+    lr_triangle_cells_part exact;
     uint32_t n;          /* bricks that triangles come near */
     uint32_t *place;     /* [n]: in the volume's table */
     uint64_t (*near)[8]; /* [n]: cells within LR_EXACT_NEAR of a triangle */
@@ -23,6 +23,6 @@ lr_status lr_cells_make(const lr_voxel_job *job, const lr_volume *volume, const 
                         uint32_t first, uint32_t end, const lr_watch *watch, lr_cells_part *part,
                         lr_error *error);
 void lr_cells_free(lr_cells_part *part);
-uint64_t lr_cells_nbytes(const lr_cells_part *part); /* of its exact cells in a volume */
+uint64_t lr_cells_nbytes(const lr_cells_part *part); /* of its triangle cells in a volume */
 
 #endif

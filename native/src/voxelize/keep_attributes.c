@@ -80,14 +80,14 @@ static void fill(const lr_topology *mesh, uint64_t t, uint32_t at, lr_facets *f)
         f->source[at] = from->color_sources[t];
 }
 
-/* The number of face of each triangle that samples name or exact cells keep; 0: neither. */
+/* The number of face of each triangle that samples name or triangle cells keep; 0: neither. */
 static uint32_t number(const lr_volume *v, uint32_t *face_of, uint64_t n_triangles)
 {
     uint32_t n = 1;
     const size_t n_samples = (size_t)v->n_blocks * LR_BLOCK_SAMPLES;
-    const uint32_t n_kept = v->exact != NULL ? v->exact->n_triangles : 0;
+    const uint32_t n_kept = v->triangle_cells != NULL ? v->triangle_cells->n_triangles : 0;
     for (uint32_t i = 0; i < n_kept; i++)
-        face_of[v->exact->face[i] - 1] = 1;
+        face_of[v->triangle_cells->face[i] - 1] = 1;
     for (size_t i = LR_BLOCK_SAMPLES; i < n_samples; i++)
         if (v->named[i] != 0)
             face_of[v->named[i] - 1] = 1;
@@ -98,7 +98,7 @@ static uint32_t number(const lr_volume *v, uint32_t *face_of, uint64_t n_triangl
         if (v->named[i] != 0)
             v->named[i] = face_of[v->named[i] - 1];
     for (uint32_t i = 0; i < n_kept; i++)
-        v->exact->face[i] = face_of[v->exact->face[i] - 1];
+        v->triangle_cells->face[i] = face_of[v->triangle_cells->face[i] - 1];
     return n;
 }
 

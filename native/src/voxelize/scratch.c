@@ -13,7 +13,7 @@ enum {
     LISTED = 8,  /* of a triangle in these lists, before they are counted, */
     SORTED = 8,  /* of a triangle while those of winding numbers are sorted, */
     DECIDED = 9, /* of a brick in the table while those between others are decided, */
-    NUMBER = 4,  /* of a triangle's or vertex' number while exact cells take them over, */
+    NUMBER = 4,  /* of a triangle's or vertex' number while triangle cells take them over, */
     ISLAND = 12  /* of a triangle while islands are found: parent, number, layer */
 };
 

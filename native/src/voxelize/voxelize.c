@@ -4,7 +4,7 @@
  *   labels   where pseudonormals do not tell the side: the band's components
  *   winding  and their winding numbers
  *   bricks   distances, filtered
- *   cells    where exact cells are wanted: which cells samples cannot hold
+ *   cells    where triangle cells are wanted: which cells samples cannot hold
  *
  * A solid with wide holes has no components: the surface that closes it is found beside
  * the bricks (hole_fill.h).
@@ -55,7 +55,7 @@ static lr_status check_options(const lr_voxelize_options *o, lr_error *error)
                        o->sample_type);
     if (o->exact < LR_EXACT_SHEETS || o->exact > LR_EXACT_EVERY)
         return lr_fail(error, LR_E_ARGUMENT,
-                       "exact cells %d are none of sheets (0), all (1), none (2), every (3)",
+                       "triangle cells %d are none of sheets (0), all (1), none (2), every (3)",
                        o->exact);
     return LR_OK;
 }
@@ -430,9 +430,9 @@ static void vertex_of(const void *mesh, int64_t v, double p[3])
     lr_vertex(mesh, v, p);
 }
 
-static lr_status finish_exact(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
+static lr_status finish_triangle_cells(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
-    const lr_exact_source source = {
+    const lr_triangle_cells_source source = {
         .triangles = v->mesh.source.triangles,
         .n_triangles = v->mesh.source.n_triangles,
         .n_vertices = v->mesh.source.n_vertices,
@@ -443,13 +443,13 @@ static lr_status finish_exact(lr_voxelizer *v, const lr_watch *watch, lr_error *
         .vertex = vertex_of,
         .mesh = &v->mesh,
     };
-    lr_exact_part *parts = calloc((size_t)v->bins.n_parts + 1, sizeof *parts);
+    lr_triangle_cells_part *parts = calloc((size_t)v->bins.n_parts + 1, sizeof *parts);
     if (parts == NULL)
         return lr_fail_memory(error, v->bins.n_parts * sizeof *parts, "a list of parts");
     for (uint32_t i = 0; i < v->bins.n_parts; i++)
         parts[i] = v->cells[i].exact;
     lr_status status =
-        lr_volume_finish_exact(v->volume, parts, v->bins.n_parts, &source, watch, error);
+        lr_volume_finish_triangle_cells(v->volume, parts, v->bins.n_parts, &source, watch, error);
     free(parts);
     return status;
 }
@@ -464,7 +464,7 @@ lr_status lr_voxelize_end(lr_voxelizer *v, const lr_watch *watch, lr_volume **vo
     lr_topology_unlink(&v->mesh);
     lr_status status = v->cells != NULL ? mark_near(v, error) : LR_OK;
     if (status == LR_OK)
-        status = v->cells != NULL ? finish_exact(v, watch, error)
+        status = v->cells != NULL ? finish_triangle_cells(v, watch, error)
                                   : lr_volume_finish(v->volume, watch, error);
     if (status == LR_OK && v->job.bake.wanted)
         status = lr_bake_faces(&v->job.bake, &v->mesh, v->volume, watch, error);

@@ -164,12 +164,12 @@ uint32_t lr_volume_shares(const lr_volume *v, const int32_t c[3], const double p
     return settle(share, height, beside, n);
 }
 
-/* The one share of a hit on a triangle of an exact cell; how many. */
+/* The one share of a hit on a triangle of an triangle cell; how many. */
 static uint32_t own_share(const lr_volume *v, const int32_t c[3], const double p[3],
                           uint32_t triangle, lr_share *share)
 {
     double a[3][3], height, beside;
-    *share = (lr_share){.face = v->exact->face[triangle], .weight = 1.0};
+    *share = (lr_share){.face = v->triangle_cells->face[triangle], .weight = 1.0};
     for (int b = 0; b < 3; b++)
         for (int k = 0; k < 3; k++)
             a[b][k] = v->faces->corner[share->face][b][k] - (c[k] + p[k]);
@@ -332,7 +332,7 @@ lr_status lr_volume_attributes(const lr_volume *v, const double *points, const u
             p[a] = lr_clamp(q[a] - c[a], 0.0, 1.0);
         }
         const int32_t id = ids != NULL ? ids[i] : 0;
-        const uint32_t triangle = lr_exact_nearest(v, c, q);
+        const uint32_t triangle = lr_triangle_cell_nearest(v, c, q);
         if (colors != NULL) {
             lr_volume_color(v, c, p, id, triangle, width, color);
             memcpy(colors + 3 * i, color, sizeof color);
