@@ -14,10 +14,10 @@ typedef struct lr_job {
     lr_counters *counters;
     const lr_watch *watch;
     lr_error *error;
-    uint32_t branches;    /* places of a pixel in the queue */
-    uint32_t sample;      /* the one that is on its way */
-    uint32_t sample_bits; /* 2 to that power is the most of a pixel */
-    bool last_brings;     /* a ray that is not scattered any more may still find light */
+    uint32_t branches;     /* places of a pixel in the queue */
+    uint32_t sample;       /* the one that is on its way */
+    uint32_t sample_bits;  /* 2 to that power is the most of a pixel */
+    bool last_contributes; /* a ray that is not scattered any more may still find light */
 } lr_job;
 
 /* Aim ray i of the wave. */
@@ -32,15 +32,17 @@ LR_INLINE lr_status lr_cast_wave(const lr_job *job, uint32_t n, const lr_cast_op
     return lr_cast(job->scene, job->workspace, n, options, job->counters, job->watch, job->error);
 }
 
-/* Add what a ray brings to a pixel, or takes away; bounces: behind the surface that it lights. */
-LR_INLINE void lr_add_light(const lr_job *job, uint32_t pixel, int bounces, const double brings[3])
+/* Add a contribution, which may be negative, to a pixel; bounces: of the path behind the surface.
+ */
+LR_INLINE void lr_add_light(const lr_job *job, uint32_t pixel, int bounces,
+                            const double contribution[3])
 {
     double *part = job->workspace->pixels[pixel].part[job->sample % LR_PARTS];
     const double limit = 3 * (bounces > 0 ? job->tile->clamp_indirect : job->tile->clamp_direct);
-    const double sum = fabs(brings[0]) + fabs(brings[1]) + fabs(brings[2]);
+    const double sum = fabs(contribution[0]) + fabs(contribution[1]) + fabs(contribution[2]);
     const double scale = limit > 0 && sum > limit ? limit / sum : 1;
     for (int a = 0; a < 3; a++)
-        part[a] += scale * brings[a];
+        part[a] += scale * contribution[a];
 }
 
 #endif

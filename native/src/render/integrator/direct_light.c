@@ -1,14 +1,12 @@
 /* Direct light: what lights and the world send to surfaces.
  *
- * Shading points that the camera sees ask every light, or of many lights some, those behind
- * a mirror or deeper one light: there are many of them, and they weigh little. Lights
- * are chosen by what they may bring (light_tree.c). The rays are gathered over all
- * questions until a wave is full. What is opaque stops them first,
- * in a wave that only asks whether anything is hit; what is left then goes from
- * one transparent surface to the next and takes on its colour.
+ * Primary hits sample every light, or a subset chosen by the light tree; later hits sample
+ * one. Shadow rays are collected over all light samples until a wave is full. Opaque
+ * surfaces stop them first, in a wave that only asks whether anything is hit; the rest goes
+ * from one transparent surface to the next and is attenuated by each.
  *
- * Lights with extent are found by scattered rays too; either way gets the share
- * that its density deserves.
+ * Lights with extent are found by scattered rays too: multiple importance sampling
+ * weights the two.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/direct_light.h"
@@ -23,26 +21,27 @@
 
 enum { CHOOSE = 1, AMBIENT = 3, FIRST_LIGHT = 64 }; /* which choice: see lr_key */
 
-/* A way from a shading point to a light. */
-typedef struct lr_way {
+/* A light sample as a shading point sees it. */
+typedef struct lr_sampled_light {
     double direction[3], distance, color[3], pdf;
     uint32_t visibility;
     bool delta, shadow;
-} lr_way;
+} lr_sampled_light;
 
-static bool find_way(const lr_scene *scene, uint64_t light_index, const double p[3],
-                     const double u[2], lr_way *way)
+static bool sample_light(const lr_scene *scene, uint64_t light_index, const double p[3],
+                         const double u[2], lr_sampled_light *sampled)
 {
     if (light_index == scene->n_lights) {
-        *way =
-            (lr_way){.distance = INFINITY, .visibility = scene->world_visibility, .shadow = true};
-        return lr_environment_sample(&scene->environment, u, way->direction, way->color, &way->pdf);
+        *sampled = (lr_sampled_light){
+            .distance = INFINITY, .visibility = scene->world_visibility, .shadow = true};
+        return lr_environment_sample(&scene->environment, u, sampled->direction, sampled->color,
+                                     &sampled->pdf);
     }
     const lr_light *light = &scene->lights[light_index];
     lr_light_ray ray;
     if (!lr_light_sample(light, p, u, &ray))
         return false;
-    *way = (lr_way){
+    *sampled = (lr_sampled_light){
         .direction = {ray.direction[0], ray.direction[1], ray.direction[2]},
         .distance = ray.distance,
         .color = {ray.color[0], ray.color[1], ray.color[2]},
@@ -54,36 +53,39 @@ static bool find_way(const lr_scene *scene, uint64_t light_index, const double p
     return true;
 }
 
-static bool black(const double c[3])
+static bool is_black(const double c[3])
 {
     return !(fabs(c[0]) > 0 || fabs(c[1]) > 0 || fabs(c[2]) > 0);
 }
 
-/* What the light of the way adds to the pixel; false where nothing. chance: how often
- * this light is asked. */
-static bool weigh(const lr_shading_point *s, const lr_way *way, double chance, double brings[3])
+/* The contribution of a light sample to the pixel; false where it is 0. probability: the
+ * expected number of samples of this light. */
+static bool evaluate(const lr_shading_point *s, const lr_sampled_light *sampled, double probability,
+                     double contribution[3])
 {
     lr_response group[LR_GROUPS];
-    lr_bsdf_eval(&s->bsdf, way->direction, group);
+    lr_bsdf_eval(&s->bsdf, sampled->direction, group);
     double sum[3] = {0, 0, 0};
     for (int kind = LR_RAY_DIFFUSE; kind <= LR_RAY_TRANSMISSION; kind++) {
         const lr_response *response = &group[kind - LR_RAY_DIFFUSE];
-        if ((way->visibility & lr_sees(kind)) == 0)
+        if ((sampled->visibility & lr_sees(kind)) == 0)
             continue;
-        const double other = way->delta ? 0 : s->chance[kind] * response->pdf;
-        const double share = lr_mis(chance * way->pdf, other);
+        const double other = sampled->delta ? 0 : s->probability[kind] * response->pdf;
+        const double share = lr_mis(probability * sampled->pdf, other);
         for (int a = 0; a < 3; a++)
             sum[a] += share * response->f_cos[a];
     }
-    const double scale = 1 / (chance * way->pdf);
+    const double scale = 1 / (probability * sampled->pdf);
     for (int a = 0; a < 3; a++)
-        brings[a] = sum[a] * way->color[a] * s->path->weight[a] * scale;
-    return !black(brings);
+        contribution[a] = sum[a] * sampled->color[a] * s->path->throughput[a] * scale;
+    return !is_black(contribution);
 }
 
-/* Ray `ray` goes on as beam `beam` from the surface of a shading point. */
-static void leave(const lr_job *job, uint32_t ray, uint32_t beam, const lr_shading_point *s,
-                  const double d[3], double t_max, bool beyond)
+/* Aim ray `ray` of the wave, which carries shadow ray `shadow_ray`, from the surface of a shading
+ * point. */
+static void spawn_shadow_ray(const lr_job *job, uint32_t ray, uint32_t shadow_ray,
+                             const lr_shading_point *s, const double d[3], double t_max,
+                             bool beyond)
 {
     lr_workspace *w = job->workspace;
     double origin[3];
@@ -91,20 +93,20 @@ static void leave(const lr_job *job, uint32_t ray, uint32_t beam, const lr_shadi
     lr_aim(&w->wave, ray, origin, d, t_max);
     w->wave.from[ray] = s->instance;
     w->wave.visibility[ray] = LR_VISIBLE_SHADOW;
-    w->carried[ray] = beam;
+    w->carried[ray] = shadow_ray;
     if (job->scene->has_media && beyond)
-        lr_surface_cross(job->scene, s, &w->beam_insides[beam]);
+        lr_surface_cross(job->scene, s, &w->shadow_media[shadow_ray]);
 }
 
-/* Beams that what is opaque has not stopped; their rays are moved to the front. */
+/* Shadow rays that no opaque surface has stopped; their rays are moved to the front. */
 static uint32_t keep_free(lr_workspace *w, uint32_t n)
 {
     uint32_t kept = 0;
     lr_wave *wave = &w->wave;
     for (uint32_t i = 0; i < n; i++) {
-        lr_beam *beam = &w->beams[w->carried[i]];
+        lr_shadow_ray *shadow_ray = &w->shadow_rays[w->carried[i]];
         if (wave->instance[i] != LR_NOWHERE) {
-            memset(beam->brings, 0, sizeof beam->brings);
+            memset(shadow_ray->contribution, 0, sizeof shadow_ray->contribution);
             continue;
         }
         double o[3], d[3];
@@ -127,28 +129,29 @@ static uint32_t pass_surfaces(const lr_job *job, uint32_t n)
     uint32_t kept = 0;
     for (uint32_t i = 0; i < n; i++) {
         const uint32_t k = w->carried[i];
-        lr_beam *beam = &w->beams[k];
+        lr_shadow_ray *shadow_ray = &w->shadow_rays[k];
         const bool hit = wave->instance[i] != LR_NOWHERE;
         const double d[3] = {wave->ray.dx[i], wave->ray.dy[i], wave->ray.dz[i]};
         if (job->scene->has_media)
-            lr_insides_absorb(job->scene, &w->beam_insides[k], wave->t[i], beam->brings);
-        if (!hit || black(beam->brings))
+            lr_medium_stack_absorb(job->scene, &w->shadow_media[k], wave->t[i],
+                                   shadow_ray->contribution);
+        if (!hit || is_black(shadow_ray->contribution))
             continue;
         lr_shading_point s;
-        lr_surface_find(job->scene, wave, i, &w->beam_insides[k], &s);
-        const bool through = beam->clear++ <= (uint32_t)job->tile->transparent_bounces;
+        lr_surface_find(job->scene, wave, i, &w->shadow_media[k], &s);
+        const bool through = shadow_ray->clear++ <= (uint32_t)job->tile->transparent_bounces;
         for (int a = 0; a < 3; a++)
-            beam->brings[a] *= through ? s.bsdf.transparency[a] : 0;
-        if (!black(beam->brings))
-            leave(job, kept++, k, &s, d, beam->ends - wave->t[i], true);
-        beam->ends -= wave->t[i];
+            shadow_ray->contribution[a] *= through ? s.bsdf.transparency[a] : 0;
+        if (!is_black(shadow_ray->contribution))
+            spawn_shadow_ray(job, kept++, k, &s, d, shadow_ray->ends - wave->t[i], true);
+        shadow_ray->ends -= wave->t[i];
     }
     return kept;
 }
 
-/* Send the n rays that are aimed, then add what the first n_beams beams bring, in
+/* Trace the n rays of the wave, then add the contributions of the first n_shadow_rays, in
  * their order, which so does not depend on how full the wave was. */
-static lr_status send(const lr_job *job, uint32_t n, uint32_t n_beams)
+static lr_status trace_shadow_rays(const lr_job *job, uint32_t n, uint32_t n_shadow_rays)
 {
     lr_workspace *w = job->workspace;
     const bool clear = job->scene->has_clear;
@@ -159,29 +162,30 @@ static lr_status send(const lr_job *job, uint32_t n, uint32_t n_beams)
         .trace = job->tile->trace,
     };
     lr_status status = lr_cast_wave(job, n, &options);
-    uint32_t flying = keep_free(w, status == LR_OK ? n : 0);
+    uint32_t traced = keep_free(w, status == LR_OK ? n : 0);
     options.among = LR_AMONG_CLEAR;
     options.any = false;
-    while (status == LR_OK && (clear || job->scene->has_media) && flying > 0) {
-        status = lr_cast_wave(job, flying, &options);
+    while (status == LR_OK && (clear || job->scene->has_media) && traced > 0) {
+        status = lr_cast_wave(job, traced, &options);
         if (status == LR_OK)
-            flying = pass_surfaces(job, flying);
+            traced = pass_surfaces(job, traced);
     }
-    for (uint32_t k = 0; k < n_beams && status == LR_OK; k++) {
-        const lr_path *path = w->beams[k].shading_point->path;
-        lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA], w->beams[k].brings);
+    for (uint32_t k = 0; k < n_shadow_rays && status == LR_OK; k++) {
+        const lr_path *path = w->shadow_rays[k].shading_point->path;
+        lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA],
+                     w->shadow_rays[k].contribution);
     }
     return status;
 }
 
-/* The light for question `ask` of a shading point, and how often it is asked. */
+/* The light of sample `ask` of a shading point, and the expected number of its samples. */
 static uint64_t choose_light(const lr_job *job, const lr_shading_point *s, uint32_t ask,
-                             double *chance)
+                             double *probability)
 {
     const lr_light_tree *light_tree = &job->scene->light_tree;
     const uint32_t bounces = s->path->bounces[LR_RAY_CAMERA];
     float side[3];
-    *chance = 1;
+    *probability = 1;
     if (lr_light_tree_all(light_tree, bounces))
         return ask;
     lr_lit_side(s, side);
@@ -189,8 +193,8 @@ static uint64_t choose_light(const lr_job *job, const lr_shading_point *s, uint3
     const uint32_t asked = lr_light_tree_asked(light_tree, bounces);
     const double u = lr_sample_one(lr_key(s->path->key, CHOOSE), s->path->sample);
     const uint64_t light_index =
-        lr_light_tree_choose(light_tree, s->origin, n, (ask + u) / asked, chance);
-    *chance *= asked;
+        lr_light_tree_choose(light_tree, s->origin, n, (ask + u) / asked, probability);
+    *probability *= asked;
     return light_index;
 }
 
@@ -203,40 +207,40 @@ static bool is_beyond_limit(const lr_scene *scene, uint64_t light_index, const l
     return path->bounces[LR_RAY_CAMERA] > limit;
 }
 
-/* Make beam n by question `ask`, if it brings anything; its ray, if it needs one, is
- * the next one. */
+/* Make shadow ray n of light sample `ask`, if it contributes anything; its ray, if it
+ * needs one, is the next of the wave. */
 static bool light_by(const lr_job *job, const lr_shading_point *s, uint32_t ask, uint32_t n,
                      uint32_t *n_rays)
 {
     lr_workspace *w = job->workspace;
-    double chance;
-    const uint64_t light_index = choose_light(job, s, ask, &chance);
+    double probability;
+    const uint64_t light_index = choose_light(job, s, ask, &probability);
     if (light_index == LR_LIGHT_NONE || is_beyond_limit(job->scene, light_index, s->path))
         return false;
     const uint32_t key = lr_key(s->path->key, FIRST_LIGHT + ask);
     double u[2] = {0, 0};
-    lr_way way;
-    lr_beam *beam = &w->beams[n];
+    lr_sampled_light sampled;
+    lr_shadow_ray *shadow_ray = &w->shadow_rays[n];
     if (light_index == job->scene->n_lights ||
         lr_light_has_extent(&job->scene->lights[light_index]))
         lr_sample_pair(key, s->path->sample, u);
-    if (!find_way(job->scene, light_index, s->origin, u, &way) ||
-        !weigh(s, &way, chance, beam->brings))
+    if (!sample_light(job->scene, light_index, s->origin, u, &sampled) ||
+        !evaluate(s, &sampled, probability, shadow_ray->contribution))
         return false;
     if (light_index == job->scene->n_lights)
-        way.distance = lr_world_distance(job, s->path, LR_RAY_DIFFUSE);
-    beam->shading_point = s;
-    beam->clear = s->path->bounces[LR_RAY_TRANSPARENT];
-    beam->ends = way.distance;
+        sampled.distance = lr_world_distance(job, s->path, LR_RAY_DIFFUSE);
+    shadow_ray->shading_point = s;
+    shadow_ray->clear = s->path->bounces[LR_RAY_TRANSPARENT];
+    shadow_ray->ends = sampled.distance;
     if (job->scene->has_media)
-        w->beam_insides[n] = s->path->insides;
-    if (way.shadow)
-        leave(job, (*n_rays)++, n, s, way.direction, way.distance,
-              lr_leads_beyond(s, way.direction));
+        w->shadow_media[n] = s->path->media;
+    if (sampled.shadow)
+        spawn_shadow_ray(job, (*n_rays)++, n, s, sampled.direction, sampled.distance,
+                         lr_leads_beyond(s, sampled.direction));
     return true;
 }
 
-/* How many lights this shading point asks. */
+/* How many light samples this shading point takes. */
 static uint32_t asked(const lr_job *job, const lr_shading_point *s)
 {
     if (s->path->last || (s->material->flags & LR_MATERIAL_SCATTERS) == 0)
@@ -247,22 +251,22 @@ static uint32_t asked(const lr_job *job, const lr_shading_point *s)
 lr_status lr_light_shading_points(const lr_job *job, uint32_t n)
 {
     const uint32_t most = lr_light_tree_asked(&job->scene->light_tree, 0);
-    uint32_t n_beams = 0, n_rays = 0;
+    uint32_t n_shadow_rays = 0, n_rays = 0;
     for (uint32_t ask = 0; ask < most; ask++)
         for (uint32_t k = 0; k < n; k++) {
             const lr_shading_point *s = &job->workspace->shading_points[k];
             if (lr_stopped(job->watch))
                 return lr_fail_stopped(job->error);
-            if (ask >= asked(job, s) || !light_by(job, s, ask, n_beams, &n_rays))
+            if (ask >= asked(job, s) || !light_by(job, s, ask, n_shadow_rays, &n_rays))
                 continue;
-            if (++n_beams < job->workspace->room)
+            if (++n_shadow_rays < job->workspace->room)
                 continue;
-            const lr_status status = send(job, n_rays, n_beams);
+            const lr_status status = trace_shadow_rays(job, n_rays, n_shadow_rays);
             if (status != LR_OK)
                 return status;
-            n_beams = n_rays = 0;
+            n_shadow_rays = n_rays = 0;
         }
-    return n_beams > 0 ? send(job, n_rays, n_beams) : LR_OK;
+    return n_shadow_rays > 0 ? trace_shadow_rays(job, n_rays, n_shadow_rays) : LR_OK;
 }
 
 lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n)
@@ -277,14 +281,14 @@ lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n)
             continue;
         lr_sample_pair(lr_key(s->path->key, AMBIENT), s->path->sample, u);
         lr_cosine_direction(s->bsdf.basis.axis[2], u[0], u[1], d);
-        leave(job, n_rays++, k, s, d, job->tile->ao_distance, false);
+        spawn_shadow_ray(job, n_rays++, k, s, d, job->tile->ao_distance, false);
     }
     const lr_status status = n_rays > 0 ? lr_cast_wave(job, n_rays, &options) : LR_OK;
     for (uint32_t i = 0; i < n_rays && status == LR_OK; i++) {
         const lr_shading_point *s = &w->shading_points[w->carried[i]];
         double open = 0;
         for (int a = 0; a < 3; a++)
-            open += s->path->weight[a] * (1 - s->bsdf.transparency[a]) / 3;
+            open += s->path->throughput[a] * (1 - s->bsdf.transparency[a]) / 3;
         if (w->wave.instance[i] == LR_NOWHERE)
             w->pixels[s->path->pixel].ao += open;
     }

@@ -80,7 +80,7 @@ static void sort_pairs(lr_workspace *w, uint32_t n, uint32_t n_instances)
 
 /* Take the rays of these pairs, all of one instance, into its object space.
  * Returns whether one of them leaves its surface. */
-static bool gather(const lr_caster *c, const lr_pair *pairs, uint32_t n)
+static bool fill_batch(const lr_caster *c, const lr_pair *pairs, uint32_t n)
 {
     const lr_wave *wave = &c->w->wave;
     lr_batch *batch = &c->w->batch;
@@ -139,7 +139,7 @@ static void scatter(const lr_caster *c, const lr_pair *pairs, uint32_t n)
 static lr_status trace_group(const lr_caster *c, const lr_pair *pairs, uint32_t n)
 {
     const lr_batch *b = &c->w->batch;
-    const bool leaves = gather(c, pairs, n);
+    const bool leaves = fill_batch(c, pairs, n);
     const lr_rays rays = {
         .ox = b->ray.ox,
         .oy = b->ray.oy,

@@ -40,7 +40,7 @@ static bool in_box(const lr_node *node, int child, const double p[3])
     return true;
 }
 
-static void look(const lr_scene *scene, uint32_t instance, const double p[3], lr_insides *in,
+static void look(const lr_scene *scene, uint32_t instance, const double p[3], lr_medium_stack *in,
                  uint32_t *lost)
 {
     const lr_placed *placed = &scene->instances[instance];
@@ -51,10 +51,10 @@ static void look(const lr_scene *scene, uint32_t instance, const double p[3], lr
         return;
     lr_map_point(placed->object_from_world, p, object);
     if (holds(v, object, &id))
-        *lost += lr_insides_enter(in, instance, lr_material_of(scene, instance, id, NULL));
+        *lost += lr_medium_stack_enter(in, instance, lr_material_of(scene, instance, id, NULL));
 }
 
-uint32_t lr_insides_find(const lr_scene *scene, const double p[3], lr_insides *in)
+uint32_t lr_medium_stack_find(const lr_scene *scene, const double p[3], lr_medium_stack *in)
 {
     uint32_t held[HELD + 2], n = 0, lost = 0;
     in->n = 0;

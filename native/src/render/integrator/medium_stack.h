@@ -13,11 +13,11 @@
 #include "render/scene/scene.h"
 
 /* Enter; true where there was no more room and the outermost was forgotten. */
-LR_INLINE bool lr_insides_enter(lr_insides *in, uint32_t instance, uint32_t material)
+LR_INLINE bool lr_medium_stack_enter(lr_medium_stack *in, uint32_t instance, uint32_t material)
 {
-    const bool full = in->n == LR_INSIDES;
+    const bool full = in->n == LR_MEDIA_MAX;
     if (full)
-        for (uint32_t k = 1; k < LR_INSIDES; k++) {
+        for (uint32_t k = 1; k < LR_MEDIA_MAX; k++) {
             in->instance[k - 1] = in->instance[k];
             in->material[k - 1] = in->material[k];
         }
@@ -28,7 +28,7 @@ LR_INLINE bool lr_insides_enter(lr_insides *in, uint32_t instance, uint32_t mate
 }
 
 /* Leave; nothing happens where the instance was forgotten. */
-LR_INLINE void lr_insides_leave(lr_insides *in, uint32_t instance)
+LR_INLINE void lr_medium_stack_leave(lr_medium_stack *in, uint32_t instance)
 {
     uint32_t k = in->n;
     while (k > 0 && in->instance[k - 1] != instance)
@@ -42,7 +42,7 @@ LR_INLINE void lr_insides_leave(lr_insides *in, uint32_t instance)
 }
 
 /* Index of refraction where the ray is: of the last refracting solid that it entered. */
-LR_INLINE double lr_insides_ior(const lr_scene *scene, const lr_insides *in)
+LR_INLINE double lr_medium_stack_ior(const lr_scene *scene, const lr_medium_stack *in)
 {
     for (uint32_t k = in->n; k > 0; k--) {
         const lr_material *m = &scene->materials[in->material[k - 1]];
@@ -53,8 +53,8 @@ LR_INLINE double lr_insides_ior(const lr_scene *scene, const lr_insides *in)
 }
 
 /* Weaken what comes over a way of this length. */
-LR_INLINE void lr_insides_absorb(const lr_scene *scene, const lr_insides *in, double length,
-                                 double weight[3])
+LR_INLINE void lr_medium_stack_absorb(const lr_scene *scene, const lr_medium_stack *in,
+                                      double length, double weight[3])
 {
     for (uint32_t k = 0; k < in->n; k++) {
         const lr_material *m = &scene->materials[in->material[k]];
@@ -68,7 +68,7 @@ LR_INLINE void lr_insides_absorb(const lr_scene *scene, const lr_insides *in, do
 
 /* The solids around a point of the world, among those that a ray can get into.
  * Returns how many did not fit. */
-uint32_t lr_insides_find(const lr_scene *scene, const double p[3], lr_insides *in);
+uint32_t lr_medium_stack_find(const lr_scene *scene, const double p[3], lr_medium_stack *in);
 
 /* The material of id `id` of an instance; its slot, if asked. */
 LR_INLINE uint32_t lr_material_of(const lr_scene *scene, uint32_t instance, int32_t id,

@@ -65,7 +65,7 @@ void lr_write_steps(const lr_job *job, uint32_t n, uint64_t first)
 {
     const lr_workspace *w = job->workspace;
     for (uint32_t i = 0; i < n; i++)
-        put(job->passes->steps, first + w->flying[i]->pixel, w->wave.hit.steps[i]);
+        put(job->passes->steps, first + w->traced[i]->pixel, w->wave.hit.steps[i]);
 }
 
 /* As Cycles: by the distance from the camera, in a perspective view from its eye. */
@@ -78,7 +78,7 @@ void lr_add_mist(const lr_job *job, const lr_shading_point *s)
     double way[3], opaque = 0;
     for (int a = 0; a < 3; a++) {
         way[a] = s->position[a] - camera->eye[a];
-        opaque += s->path->weight[a] * (1 - s->bsdf.transparency[a]) / 3;
+        opaque += s->path->throughput[a] * (1 - s->bsdf.transparency[a]) / 3;
     }
     const double distance =
         camera->projection == LR_PERSPECTIVE

@@ -1,5 +1,4 @@
-/* A path: a ray on its way from the camera into the scene, and what the light that
- * it finds will weigh in its pixel.
+/* A path: its present ray, and the throughput of the surfaces behind it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_INTEGRATOR_PATH_STATE_H
@@ -9,7 +8,7 @@
 
 /* More solids than this inside each other are rare; the outermost are forgotten
  * first, and counted. */
-enum { LR_INSIDES = 6, LR_RAY_KINDS = LR_RAY_TRANSPARENT + 1 };
+enum { LR_MEDIA_MAX = 6, LR_RAY_KINDS = LR_RAY_TRANSPARENT + 1 };
 
 /* The flag of the instances and lights that count for rays of a kind. */
 LR_INLINE uint32_t lr_sees(int kind)
@@ -20,15 +19,15 @@ LR_INLINE uint32_t lr_sees(int kind)
 }
 
 /* The solids that a ray is in, the last one entered at the end. */
-typedef struct lr_insides {
+typedef struct lr_medium_stack {
     uint32_t n;
-    uint32_t instance[LR_INSIDES], material[LR_INSIDES];
-} lr_insides;
+    uint32_t instance[LR_MEDIA_MAX], material[LR_MEDIA_MAX];
+} lr_medium_stack;
 
 typedef struct lr_path {
     double origin[3];
     double direction[3]; /* unit, but for the camera's, whose t is depth */
-    double weight[3];
+    double throughput[3];
     double pdf;      /* density by which sampling the surface that it left chose it, times how often
                         that was done; infinite where sampling lights could not have found it */
     float normal[3]; /* of that surface; 0 where it gets light from either side */
@@ -43,8 +42,8 @@ typedef struct lr_path {
     uint16_t bounces[LR_RAY_KINDS]; /* so far, per lr_ray_kind; [LR_RAY_CAMERA] is their sum without
                                        the transparent ones */
     bool seen;                      /* by the camera, at most through transparent surfaces */
-    bool last;                      /* beyond a limit: it brings light, but is not scattered */
-    lr_insides insides;
+    bool last;                      /* beyond a limit: it may hit lights, but is not scattered */
+    lr_medium_stack media;
 } lr_path;
 
 #endif

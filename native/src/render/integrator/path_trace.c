@@ -1,9 +1,9 @@
-/* Waves: the paths of a stretch of pixels, one bounce at a time.
+/* Path tracing in waves: all paths of a stretch of pixels, one bounce at a time.
  *
- * Every round empties one queue and fills the next. A wave takes whole pixels,
- * so that a pixel's sums grow in the same order whatever the stretch. Paths
- * that are not scattered any more come in waves of their own: where only the
- * world can be found, these ask no more than whether anything is hit.
+ * Every round empties one queue and fills the next. A wave takes whole pixels, so that a
+ * pixel's sums are added in the same order whatever the stretch. Paths at their last bounce
+ * are traced in waves of their own: where these can only find the world, they ask no more
+ * than whether anything is hit.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/path_trace.h"
@@ -20,10 +20,10 @@
 static void add(const lr_job *job, const lr_path *path, const double rgb[3], const double weight[3],
                 double share)
 {
-    double brings[3];
+    double contribution[3];
     for (int a = 0; a < 3; a++)
-        brings[a] = share * weight[a] * rgb[a];
-    lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA] - 1, brings);
+        contribution[a] = share * weight[a] * rgb[a];
+    lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA] - 1, contribution);
 }
 
 /* Where the path, which now goes along d, was scattered last. */
@@ -33,8 +33,8 @@ static void scattered_at(const lr_path *path, const double d[3], double o[3])
         o[a] = path->origin[a] - path->travelled * d[a];
 }
 
-/* The share of what a ray that was scattered at o finds by itself; the rest comes from
- * asking the light, which chooses the ray's direction with the density pdf. */
+/* The weight, by multiple importance sampling, of a light that a ray scattered at o hits;
+ * light sampling chooses the same direction with the density pdf. */
 static double found_share(const lr_job *job, const lr_path *path, uint64_t light_index,
                           const double o[3], double pdf)
 {
@@ -53,8 +53,8 @@ static void find_light(const lr_job *job, const lr_path *path, uint64_t light_in
         !lr_light_hit(light, o, d, path->travelled + length, &t, color, &pdf) ||
         t < path->travelled)
         return;
-    memcpy(weight, path->weight, sizeof weight);
-    lr_insides_absorb(job->scene, &path->insides, t - path->travelled, weight);
+    memcpy(weight, path->throughput, sizeof weight);
+    lr_medium_stack_absorb(job->scene, &path->media, t - path->travelled, weight);
     add(job, path, color, weight, found_share(job, path, light_index, o, pdf));
     for (int a = 0; a < 3 && path->seen; a++)
         job->workspace->pixels[path->pixel].emission[a] += weight[a] * color[a];
@@ -84,23 +84,23 @@ static void miss(const lr_job *job, const lr_path *path, const double d[3])
     const bool transparent = path->seen && scene->film_transparent;
     double rgb[3];
     if (transparent)
-        pixel->alpha -= (path->weight[0] + path->weight[1] + path->weight[2]) / 3;
+        pixel->alpha -= (path->throughput[0] + path->throughput[1] + path->throughput[2]) / 3;
     if ((scene->world_visibility & path->visibility) == 0)
         return;
     lr_environment_radiance(&scene->environment, d, rgb);
     for (int a = 0; a < 3 && path->seen; a++)
-        pixel->environment[a] += path->weight[a] * rgb[a];
+        pixel->environment[a] += path->throughput[a] * rgb[a];
     if (transparent)
         return;
     double o[3];
     scattered_at(path, d, o);
-    add(job, path, rgb, path->weight,
+    add(job, path, rgb, path->throughput,
         found_share(job, path, scene->n_lights, o, lr_environment_pdf(&scene->environment, d)));
 }
 
 /* Take up to `room` rays of whole pixels from *pixel on into a wave; those of
  * paths that are scattered no more, or the others. Returns how many. */
-static uint32_t gather(const lr_job *job, uint32_t *pixel, uint32_t n_pixels, bool last)
+static uint32_t fill_batch(const lr_job *job, uint32_t *pixel, uint32_t n_pixels, bool last)
 {
     lr_workspace *w = job->workspace;
     uint32_t n = 0;
@@ -113,20 +113,20 @@ static uint32_t gather(const lr_job *job, uint32_t *pixel, uint32_t n_pixels, bo
             w->wave.from[n] = path->from;
             w->wave.start[n] = path->start;
             w->wave.visibility[n] = path->visibility;
-            w->flying[n++] = path;
+            w->traced[n++] = path;
         }
     return n;
 }
 
-/* What shading point s, which path i of the wave has hit, sends off by itself. */
-static void shine(const lr_job *job, const lr_shading_point *s)
+/* The emission of a shading point. */
+static void add_emission(const lr_job *job, const lr_shading_point *s)
 {
     lr_sum *pixel = &job->workspace->pixels[s->path->pixel];
     if ((s->material->flags & LR_MATERIAL_EMITS) == 0)
         return;
-    add(job, s->path, s->bsdf.emission, s->path->weight, 1);
+    add(job, s->path, s->bsdf.emission, s->path->throughput, 1);
     for (int a = 0; a < 3 && s->path->seen; a++)
-        pixel->emission[a] += s->path->weight[a] * s->bsdf.emission[a];
+        pixel->emission[a] += s->path->throughput[a] * s->bsdf.emission[a];
 }
 
 /* What the camera sees of a holdout is a hole in the picture; what its material lets straight
@@ -135,7 +135,7 @@ static bool hold_out(const lr_job *job, lr_shading_point *s)
 {
     double held = 0, left = 0;
     for (int a = 0; a < 3; a++) {
-        held += s->path->weight[a] * (1 - s->bsdf.transparency[a]) / 3;
+        held += s->path->throughput[a] * (1 - s->bsdf.transparency[a]) / 3;
         left = fmax(left, s->bsdf.transparency[a]);
     }
     job->workspace->pixels[s->path->pixel].alpha -= held;
@@ -146,14 +146,14 @@ static bool hold_out(const lr_job *job, lr_shading_point *s)
     return !(left > 0);
 }
 
-/* Lights, world and surfaces that the wave has found; the surfaces are the
- * shading points. Returns how many; some are missing where the watch says stop. */
-static uint32_t see(const lr_job *job, uint32_t n, bool any)
+/* Lights, world and surfaces that the wave has hit; the surfaces become shading points.
+ * Returns their number; some are missing where the watch says stop. */
+static uint32_t process_hits(const lr_job *job, uint32_t n, bool any)
 {
     lr_workspace *w = job->workspace;
     uint32_t n_shading_points = 0;
     for (uint32_t i = 0; i < n && !lr_stopped(job->watch); i++) {
-        lr_path *path = w->flying[i];
+        lr_path *path = w->traced[i];
         const bool hit = w->wave.instance[i] != LR_NOWHERE;
         const double unit = sqrt(lr_dot(path->direction, path->direction));
         const double length = w->wave.t[i] * unit;
@@ -161,27 +161,28 @@ static uint32_t see(const lr_job *job, uint32_t n, bool any)
                              path->direction[2] / unit};
         if (job->scene->has_lights)
             find_lights(job, path, d, length);
-        if (path->insides.n > 0)
-            lr_insides_absorb(job->scene, &path->insides, length, path->weight);
+        if (path->media.n > 0)
+            lr_medium_stack_absorb(job->scene, &path->media, length, path->throughput);
         if (!hit) {
             miss(job, path, d);
         } else if (!any) {
             lr_shading_point *s = &w->shading_points[n_shading_points++];
-            lr_surface_find(job->scene, &w->wave, i, &path->insides, s);
+            lr_surface_find(job->scene, &w->wave, i, &path->media, s);
             s->path = path;
             s->ray = i;
             s->left = (path->t_max - w->wave.t[i]) * unit;
             if (path->seen && job->scene->instances[s->instance].holdout && hold_out(job, s))
                 n_shading_points--;
             else
-                shine(job, s);
+                add_emission(job, s);
         }
     }
     return n_shading_points;
 }
 
-/* The passes that the camera's own rays bring. */
-static lr_status show(const lr_job *job, uint32_t n_shading_points, uint64_t first, bool geometry)
+/* The passes of the camera's own rays. */
+static lr_status write_primary_passes(const lr_job *job, uint32_t n_shading_points, uint64_t first,
+                                      bool geometry)
 {
     if (geometry)
         lr_write_geometry(job, n_shading_points, first);
@@ -190,8 +191,8 @@ static lr_status show(const lr_job *job, uint32_t n_shading_points, uint64_t fir
     return job->passes->ao != NULL ? lr_ambient_occlusion(job, n_shading_points) : LR_OK;
 }
 
-static lr_status fly(const lr_job *job, uint32_t n, bool any, uint64_t first, bool camera,
-                     bool geometry)
+static lr_status trace_batch(const lr_job *job, uint32_t n, bool any, uint64_t first, bool camera,
+                             bool geometry)
 {
     lr_workspace *w = job->workspace;
     const lr_cast_options options = {
@@ -206,10 +207,11 @@ static lr_status fly(const lr_job *job, uint32_t n, bool any, uint64_t first, bo
         return status;
     if (options.steps)
         lr_write_steps(job, n, first);
-    const uint32_t n_shading_points = see(job, n, any);
+    const uint32_t n_shading_points = process_hits(job, n, any);
     for (uint32_t k = 0; k < n_shading_points; k++)
-        lr_scatter_choose(job, &w->shading_points[k], &w->spare[w->shading_points[k].path->pixel]);
-    status = show(job, n_shading_points, first, geometry);
+        lr_scatter_choose(job, &w->shading_points[k],
+                          &w->free_slots[w->shading_points[k].path->pixel]);
+    status = write_primary_passes(job, n_shading_points, first, geometry);
     if (status == LR_OK)
         status = lr_light_shading_points(job, n_shading_points);
     for (uint32_t k = 0; k < n_shading_points && status == LR_OK; k++)
@@ -218,8 +220,8 @@ static lr_status fly(const lr_job *job, uint32_t n, bool any, uint64_t first, bo
 }
 
 /* All paths of the present queue, those that are scattered first. */
-static lr_status fly_all(const lr_job *job, uint32_t n_pixels, uint64_t first, bool camera,
-                         bool geometry)
+static lr_status trace_queue(const lr_job *job, uint32_t n_pixels, uint64_t first, bool camera,
+                             bool geometry)
 {
     const lr_scene *scene = job->scene;
     lr_status status = LR_OK;
@@ -227,15 +229,15 @@ static lr_status fly_all(const lr_job *job, uint32_t n_pixels, uint64_t first, b
         const bool any = last != 0 && !scene->has_clear && !scene->has_media && !scene->shines &&
                          !scene->has_lights;
         for (uint32_t pixel = 0; pixel < n_pixels && status == LR_OK;) {
-            const uint32_t n = gather(job, &pixel, n_pixels, last != 0);
+            const uint32_t n = fill_batch(job, &pixel, n_pixels, last != 0);
             if (n > 0)
-                status = fly(job, n, any, first, camera, geometry);
+                status = trace_batch(job, n, any, first, camera, geometry);
         }
     }
     return status;
 }
 
-lr_status lr_follow(const lr_job *job, uint32_t n_pixels, uint64_t first, bool geometry)
+lr_status lr_trace_paths(const lr_job *job, uint32_t n_pixels, uint64_t first, bool geometry)
 {
     lr_workspace *w = job->workspace;
     for (bool camera = true;; camera = false) {
@@ -243,13 +245,13 @@ lr_status lr_follow(const lr_job *job, uint32_t n_pixels, uint64_t first, bool g
         for (uint32_t p = 0; p < n_pixels; p++) {
             n += w->now.n[p];
             w->next.n[p] = 0;
-            w->spare[p] = job->branches - w->now.n[p];
+            w->free_slots[p] = job->branches - w->now.n[p];
         }
         if (lr_stopped(job->watch))
             return lr_fail_stopped(job->error);
         if (n == 0)
             return LR_OK;
-        const lr_status status = fly_all(job, n_pixels, first, camera, geometry && camera);
+        const lr_status status = trace_queue(job, n_pixels, first, camera, geometry && camera);
         if (status != LR_OK)
             return status;
         const lr_queue swap = w->now;

@@ -10,6 +10,6 @@
  * pixel p < n_pixels with now.n[p] = 1, to their end and add what they bring to
  * workspace->pixels. geometry: write the passes that show what is seen first,
  * pixel 0 at `first`. */
-lr_status lr_follow(const lr_job *job, uint32_t n_pixels, uint64_t first, bool geometry);
+lr_status lr_trace_paths(const lr_job *job, uint32_t n_pixels, uint64_t first, bool geometry);
 
 #endif

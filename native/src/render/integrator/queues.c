@@ -89,11 +89,11 @@ uint64_t lr_workspace_lay(void *base, uint64_t n_pixels, uint32_t branches, uint
     w.active = take(&arena, n, sizeof *w.active);
     w.now = take_queue(&arena, n, branches);
     w.next = take_queue(&arena, n, branches);
-    w.spare = take(&arena, n, sizeof *w.spare);
-    w.flying = take(&arena, n, sizeof *w.flying);
+    w.free_slots = take(&arena, n, sizeof *w.free_slots);
+    w.traced = take(&arena, n, sizeof *w.traced);
     w.shading_points = take(&arena, n, sizeof *w.shading_points);
-    w.beams = take(&arena, n, sizeof *w.beams);
-    w.beam_insides = take(&arena, n, sizeof *w.beam_insides);
+    w.shadow_rays = take(&arena, n, sizeof *w.shadow_rays);
+    w.shadow_media = take(&arena, n, sizeof *w.shadow_media);
     w.carried = take(&arena, n, sizeof *w.carried);
     w.pixels = take(&arena, n, sizeof *w.pixels);
     w.hash = take(&arena, n, sizeof *w.hash);

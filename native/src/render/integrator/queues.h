@@ -89,19 +89,20 @@ typedef struct lr_shading_point {
     const lr_material *material;
     uint32_t instance, material_index;
     int32_t object_index;
-    bool sure[LR_RAY_KINDS];     /* kinds that are followed, */
-    bool gambles;                /* and one more of the others, chosen at random */
-    double chance[LR_RAY_KINDS]; /* that rays of this kind are followed: 1 where that is sure */
-    lr_bsdf bsdf;                /* large, and mostly not used: so it comes last */
+    bool sure[LR_RAY_KINDS]; /* kinds that are followed, */
+    bool chooses_one;        /* and one more of the others, chosen at random */
+    double
+        probability[LR_RAY_KINDS]; /* that rays of this kind are followed: 1 where that is sure */
+    lr_bsdf bsdf;                  /* large, and mostly not used: so it comes last */
 } lr_shading_point;
 
 /* A ray towards a light. */
-typedef struct lr_beam {
-    double brings[3]; /* if nothing more is in its way */
-    double ends;      /* distance to the light from where its ray is now */
+typedef struct lr_shadow_ray {
+    double contribution[3]; /* to the pixel, unless something stops the ray */
+    double ends;            /* distance to the light from where its ray is now */
     const lr_shading_point *shading_point;
     uint32_t clear; /* transparent surfaces that its path has passed */
-} lr_beam;
+} lr_shadow_ray;
 
 /* The sums over a pixel's samples. */
 typedef struct lr_sum {
@@ -124,12 +125,12 @@ typedef struct lr_workspace {
     uint32_t *active; /* rays whose walk goes on */
     uint32_t room;    /* rays in a wave */
     lr_queue now, next;
-    uint32_t *spare;  /* per pixel, places of the next queue that no path of this one needs */
-    lr_path **flying; /* the path of each ray of a wave */
+    uint32_t *free_slots; /* per pixel, places of the next queue that no path of this one needs */
+    lr_path **traced;     /* the path of each ray of a wave */
     lr_shading_point *shading_points;
-    lr_beam *beams;
-    lr_insides *beam_insides; /* of each beam's ray */
-    uint32_t *carried;        /* the beam of each ray of a wave */
+    lr_shadow_ray *shadow_rays;
+    lr_medium_stack *shadow_media; /* of each shadow ray's ray */
+    uint32_t *carried;             /* the shadow ray of each ray of a wave */
     lr_sum *pixels;
     uint32_t *hash;    /* per pixel */
     uint32_t *sampled; /* per pixel, how often */

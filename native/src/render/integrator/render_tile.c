@@ -80,19 +80,19 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
 }
 
 /* The camera's ray through film point (x, y) as a path. */
-static void start(const lr_job *job, uint32_t pixel, lr_turn turn, double x, double y)
+static void start(const lr_job *job, uint32_t pixel, lr_turn scatter_direction, double x, double y)
 {
     const lr_scene *scene = job->scene;
     lr_workspace *w = job->workspace;
     lr_path *path = &w->now.paths[(size_t)pixel * job->branches];
     *path = (lr_path){
-        .weight = {1, 1, 1},
+        .throughput = {1, 1, 1},
         .pdf = INFINITY,
         .t_max = scene->camera.clip_end,
         .from = LR_NOWHERE,
         .pixel = pixel,
-        .key = turn.key,
-        .sample = turn.first + job->sample,
+        .key = scatter_direction.key,
+        .sample = scatter_direction.first + job->sample,
         .visibility = LR_VISIBLE_CAMERA,
         .seen = true,
     };
@@ -103,7 +103,7 @@ static void start(const lr_job *job, uint32_t pixel, lr_turn turn, double x, dou
     double p[3];
     for (int a = 0; a < 3; a++)
         p[a] = path->origin[a] + scene->camera.clip_start * path->direction[a];
-    const uint32_t forgotten = lr_insides_find(scene, p, &path->insides);
+    const uint32_t forgotten = lr_medium_stack_find(scene, p, &path->media);
     if (job->counters != NULL)
         job->counters->forgotten += forgotten;
 }
@@ -205,7 +205,7 @@ static lr_status render_stretch(lr_job *job, uint64_t first, uint32_t n)
     for (int32_t sample = 0; sample < tile->samples; sample++) {
         job->sample = (uint32_t)sample;
         aim(job, first, n);
-        const lr_status status = lr_follow(job, n, first, sample == 0);
+        const lr_status status = lr_trace_paths(job, n, first, sample == 0);
         if (status != LR_OK)
             return status;
         lr_progress(job->watch, ((double)first + n * (sample + 1.0) / tile->samples) / n_pixels);
@@ -244,7 +244,7 @@ lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_pa
         .error = error,
         .branches = branches,
         .sample_bits = bits_of((uint32_t)tile->samples - 1),
-        .last_brings = scene->world_shines || scene->shines || scene->has_lights,
+        .last_contributes = scene->world_shines || scene->shines || scene->has_lights,
     };
     for (uint64_t first = 0; first < n_pixels && status == LR_OK; first += LR_STRETCH) {
         const uint64_t left = n_pixels - first;

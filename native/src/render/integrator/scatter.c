@@ -1,10 +1,10 @@
-/* Where paths go on from the surfaces that they have hit.
+/* Continues paths from the surfaces that they have hit.
  *
- * A surface sends off rays of several kinds: scattered by its diffuse lobes, by
- * its glossy ones, refracted, straight through. Where the queue has places for all
- * that matter, each is followed; else the heaviest are, and of the others one,
- * chosen at random by their shares. A ray that has become light lives on with a
- * chance. Both are made up for in the weight.
+ * A surface spawns rays of several kinds: by its diffuse lobes, by its glossy ones,
+ * refracted, straight through. Where the queue has slots for all kinds that matter, each
+ * is spawned; else those of the largest throughput are, and one of the others, chosen at
+ * random by its share. Paths of low throughput end by Russian roulette. Both are weighted
+ * by the inverse probability.
  *
  * Limits count as in Cycles: a ray beyond its limit still finds lights, the world
  * and shining surfaces, but is not scattered any more.
@@ -16,15 +16,21 @@
 #include "render/integrator/direct_light.h"
 #include "render/integrator/shading_point.h"
 
-/* Weights below this are left to chance: splitting costs as much as for large ones. */
-static const double LIGHT_WEIGHT = 1.0 / 64;
+/* Below this throughput kinds are not split, and paths end by Russian roulette. */
+static const double LOW_THROUGHPUT = 1.0 / 64;
 
-/* Numbers of 32 bits tell no smaller chance from none. */
-static const double CHANCE_MIN = 0x1p-32;
+/* Random numbers of 32 bits cannot choose with a smaller probability. */
+static const double PROBABILITY_MIN = 0x1p-32;
 
-enum { LOTTERY = 8, LIVE = 16, TURN = 24, TURN_MORE = 32, CHILD = 40 }; /* choices: see lr_key */
+enum {
+    CHOOSE_KIND = 8,
+    LIVE = 16,
+    TURN = 24,
+    TURN_MORE = 32,
+    CHILD = 40
+}; /* choices: see lr_key */
 
-static double heaviest(const double weight[3])
+static double largest(const double weight[3])
 {
     return fmax(weight[0], fmax(weight[1], weight[2]));
 }
@@ -48,16 +54,16 @@ double lr_world_distance(const lr_job *job, const lr_path *path, int kind)
     return short_sighted ? job->tile->ambient_distance : INFINITY;
 }
 
-/* Whether following this kind may bring anything. */
-static bool worth(const lr_job *job, const lr_shading_point *s, int kind)
+/* Whether a path of this kind may contribute anything. */
+static bool may_contribute(const lr_job *job, const lr_shading_point *s, int kind)
 {
     if (!(s->bsdf.share[kind] > 0))
         return false;
     if (kind == LR_RAY_TRANSPARENT && s->path->bounces[kind] > job->tile->transparent_bounces)
         return false;
     if (kind == LR_RAY_TRANSPARENT) /* the camera sees through to alpha */
-        return s->path->seen || job->last_brings || !is_last(job, s->path, kind);
-    return !s->path->last && (job->last_brings || !is_last(job, s->path, kind));
+        return s->path->seen || job->last_contributes || !is_last(job, s->path, kind);
+    return !s->path->last && (job->last_contributes || !is_last(job, s->path, kind));
 }
 
 /* A share of a group as one that sums and quotients can take. */
@@ -66,52 +72,52 @@ static double bounded(double share)
     return fmin(share, 0x1p1000);
 }
 
-void lr_scatter_choose(const lr_job *job, lr_shading_point *s, uint32_t *spare)
+void lr_scatter_choose(const lr_job *job, lr_shading_point *s, uint32_t *free_slots)
 {
     int order[LR_RAY_KINDS];
     uint32_t n = 0, sure = 0;
     double rest = 0;
     for (int kind = 0; kind < LR_RAY_KINDS; kind++) {
-        s->chance[kind] = 0;
+        s->probability[kind] = 0;
         s->sure[kind] = false;
-        if (kind == LR_RAY_CAMERA || !worth(job, s, kind))
+        if (kind == LR_RAY_CAMERA || !may_contribute(job, s, kind))
             continue;
         uint32_t at = n++;
         for (; at > 0 && s->bsdf.share[order[at - 1]] < s->bsdf.share[kind]; at--)
             order[at] = order[at - 1];
         order[at] = kind;
     }
-    const double weight = heaviest(s->path->weight);
-    while (sure < n && sure < *spare + (*spare + 1 >= n) &&
-           s->bsdf.share[order[sure]] * weight >= LIGHT_WEIGHT)
+    const double weight = largest(s->path->throughput);
+    while (sure < n && sure < *free_slots + (*free_slots + 1 >= n) &&
+           s->bsdf.share[order[sure]] * weight >= LOW_THROUGHPUT)
         s->sure[order[sure++]] = true;
     if (sure + 1 == n) /* nothing to choose from */
         s->sure[order[sure++]] = true;
     for (uint32_t k = 0; k < sure; k++)
-        s->chance[order[k]] = 1;
+        s->probability[order[k]] = 1;
     for (uint32_t k = sure; k < n; k++)
         rest += bounded(s->bsdf.share[order[k]]);
     for (uint32_t k = sure; k < n; k++) {
-        const double chance = bounded(s->bsdf.share[order[k]]) / rest;
-        s->chance[order[k]] = chance >= CHANCE_MIN ? chance : 0;
+        const double probability = bounded(s->bsdf.share[order[k]]) / rest;
+        s->probability[order[k]] = probability >= PROBABILITY_MIN ? probability : 0;
     }
     const uint32_t followed = sure + (sure < n);
-    *spare -= followed > 1 ? followed - 1 : 0;
-    s->gambles = sure < n;
+    *free_slots -= followed > 1 ? followed - 1 : 0;
+    s->chooses_one = sure < n;
 }
 
-/* Of the kinds that are left to chance the one whose turn it is, or none (0). */
-static int draw(const lr_shading_point *s)
+/* The kind chosen at random among those that are not sure, or none (0). */
+static int choose_kind(const lr_shading_point *s)
 {
-    double u = lr_sample_one(lr_key(s->path->key, LOTTERY), s->path->sample);
+    double u = lr_sample_one(lr_key(s->path->key, CHOOSE_KIND), s->path->sample);
     int drawn = 0;
     for (int kind = 0; kind < LR_RAY_KINDS; kind++) {
-        if (s->sure[kind] || !(s->chance[kind] > 0))
+        if (s->sure[kind] || !(s->probability[kind] > 0))
             continue;
         drawn = kind; /* the last one where rounding left a rest */
-        if (u < s->chance[kind])
+        if (u < s->probability[kind])
             break;
-        u -= s->chance[kind];
+        u -= s->probability[kind];
     }
     return drawn;
 }
@@ -130,15 +136,15 @@ static bool turn_to_side(const lr_shading_point *s, bool beyond, double d[3])
     return !s->point.bends;
 }
 
-static bool survives(lr_path *child)
+static bool survives_roulette(lr_path *child)
 {
-    const double most = heaviest(child->weight);
-    if (most >= LIGHT_WEIGHT)
+    const double most = largest(child->throughput);
+    if (most >= LOW_THROUGHPUT)
         return true;
-    const double chance = most / LIGHT_WEIGHT;
+    const double probability = most / LOW_THROUGHPUT;
     for (int a = 0; a < 3; a++)
-        child->weight[a] /= chance;
-    return lr_sample_one(lr_key(child->key, LIVE), child->sample) < chance;
+        child->throughput[a] /= probability;
+    return lr_sample_one(lr_key(child->key, LIVE), child->sample) < probability;
 }
 
 /* Straight on, as the path came. */
@@ -148,14 +154,15 @@ static void go_through(const lr_shading_point *s, lr_path *child)
     const double way[3] = {s->position[0] - o[0], s->position[1] - o[1], s->position[2] - o[2]};
     for (int a = 0; a < 3; a++) {
         child->direction[a] = -s->point.view[a];
-        child->weight[a] *= s->bsdf.transparency[a];
+        child->throughput[a] *= s->bsdf.transparency[a];
     }
     child->travelled += sqrt(lr_dot(way, way));
     child->t_max = s->left;
 }
 
 /* A direction of this kind; false where the light is lost. */
-static bool turn(const lr_job *job, const lr_shading_point *s, int kind, lr_path *child)
+static bool scatter_direction(const lr_job *job, const lr_shading_point *s, int kind,
+                              lr_path *child)
 {
     lr_scatter sample;
     double u[3];
@@ -165,9 +172,9 @@ static bool turn(const lr_job *job, const lr_shading_point *s, int kind, lr_path
         return false;
     for (int a = 0; a < 3; a++) {
         child->direction[a] = sample.direction[a];
-        child->weight[a] *= sample.weight[a];
+        child->throughput[a] *= sample.weight[a];
     }
-    child->pdf = sample.delta ? INFINITY : sample.pdf * s->chance[kind];
+    child->pdf = sample.delta ? INFINITY : sample.pdf * s->probability[kind];
     lr_lit_side(s, child->normal);
     child->travelled = 0;
     child->t_max = lr_world_distance(job, s->path, kind);
@@ -177,7 +184,7 @@ static bool turn(const lr_job *job, const lr_shading_point *s, int kind, lr_path
     return true;
 }
 
-static void follow(const lr_job *job, const lr_shading_point *s, int kind)
+static void spawn_path(const lr_job *job, const lr_shading_point *s, int kind)
 {
     lr_workspace *w = job->workspace;
     const uint32_t pixel = s->path->pixel;
@@ -185,15 +192,15 @@ static void follow(const lr_job *job, const lr_shading_point *s, int kind)
     lr_path *child = &w->next.paths[(size_t)pixel * job->branches + w->next.n[pixel]];
     *child = *s->path;
     for (int a = 0; a < 3; a++)
-        child->weight[a] /= s->chance[kind];
+        child->throughput[a] /= s->probability[kind];
     child->last = is_last(job, s->path, kind);
     child->key = lr_key(s->path->key, CHILD + (uint32_t)kind);
     child->bounces[kind]++;
     if (kind == LR_RAY_TRANSPARENT)
         go_through(s, child);
-    else if (!turn(job, s, kind, child))
+    else if (!scatter_direction(job, s, kind, child))
         return;
-    if (!survives(child))
+    if (!survives_roulette(child))
         return;
     const bool beyond = kind == LR_RAY_TRANSPARENT ||
                         (kind == LR_RAY_TRANSMISSION && lr_leads_beyond(s, child->direction));
@@ -203,7 +210,7 @@ static void follow(const lr_job *job, const lr_shading_point *s, int kind)
     memcpy(child->origin, beyond ? s->position : s->origin, sizeof child->origin);
     child->from = s->instance;
     child->start = lr_surface_start(s, beyond);
-    if (beyond && job->scene->has_media && lr_surface_cross(job->scene, s, &child->insides) &&
+    if (beyond && job->scene->has_media && lr_surface_cross(job->scene, s, &child->media) &&
         job->counters != NULL)
         job->counters->forgotten++;
     w->next.n[pixel]++;
@@ -211,8 +218,8 @@ static void follow(const lr_job *job, const lr_shading_point *s, int kind)
 
 void lr_scatter_on(const lr_job *job, const lr_shading_point *s)
 {
-    const int drawn = s->gambles ? draw(s) : 0;
+    const int drawn = s->chooses_one ? choose_kind(s) : 0;
     for (int kind = LR_RAY_DIFFUSE; kind < LR_RAY_KINDS; kind++)
         if (s->sure[kind] || kind == drawn)
-            follow(job, s, kind);
+            spawn_path(job, s, kind);
 }

@@ -6,9 +6,9 @@
 
 #include "render/integrator/context.h"
 
-/* Decide which kinds of rays are followed from a shading point; sets its chance. At most
+/* Decide which kinds of rays are followed from a shading point; sets their probabilities. At most
  * 1 + *spare of them are; those beyond the first are taken from *spare. */
-void lr_scatter_choose(const lr_job *job, lr_shading_point *shading_point, uint32_t *spare);
+void lr_scatter_choose(const lr_job *job, lr_shading_point *shading_point, uint32_t *free_slots);
 
 /* Put the rays that were chosen into the next queue. */
 void lr_scatter_on(const lr_job *job, const lr_shading_point *shading_point);

@@ -133,22 +133,22 @@ static bool lift(const lr_placed *placed, const lr_shading_point *s, uint32_t tr
 
 /* Indices of refraction on the viewer's side over that on the far side. Where
  * the viewer is inside, the solid is left, else entered. */
-static double eta(const lr_scene *scene, const lr_shading_point *s, const lr_insides *insides)
+static double eta(const lr_scene *scene, const lr_shading_point *s, const lr_medium_stack *media)
 {
     const bool solid = scene->instances[s->instance].enterable;
-    lr_insides beyond = *insides;
+    lr_medium_stack beyond = *media;
     if (s->point.inside && solid) {
-        lr_insides_leave(&beyond, s->instance);
-        const bool known = beyond.n < insides->n;
-        return (known ? lr_insides_ior(scene, insides) : s->material->ior) /
-               lr_insides_ior(scene, &beyond);
+        lr_medium_stack_leave(&beyond, s->instance);
+        const bool known = beyond.n < media->n;
+        return (known ? lr_medium_stack_ior(scene, media) : s->material->ior) /
+               lr_medium_stack_ior(scene, &beyond);
     }
-    const double around = lr_insides_ior(scene, &beyond);
+    const double around = lr_medium_stack_ior(scene, &beyond);
     return s->point.inside ? s->material->ior / around : around / s->material->ior;
 }
 
 void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
-                     const lr_insides *insides, lr_shading_point *shading_point)
+                     const lr_medium_stack *media, lr_shading_point *shading_point)
 {
     const lr_placed *placed = &scene->instances[wave->instance[i]];
     const lr_hits *hit = &wave->hit;
@@ -193,7 +193,7 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
     shading_point->object_index =
         scene->slot_objects != NULL ? scene->slot_objects[slot] : placed->object_index;
     const bool bends = (shading_point->material->flags & LR_MATERIAL_REFRACTS) != 0;
-    point->eta = !bends ? 1 : scene->lone_media ? 0 : eta(scene, shading_point, insides);
+    point->eta = !bends ? 1 : scene->lone_media ? 0 : eta(scene, shading_point, media);
     lr_bsdf_at(shading_point->material, point, &shading_point->bsdf);
 }
 
@@ -220,14 +220,14 @@ lr_start lr_surface_light_start(const lr_shading_point *s, bool beyond, const do
 }
 
 bool lr_surface_cross(const lr_scene *scene, const lr_shading_point *shading_point,
-                      lr_insides *insides)
+                      lr_medium_stack *media)
 {
-    const uint32_t media = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
+    const uint32_t kinds = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
     if (!scene->instances[shading_point->instance].enterable)
         return false;
-    if (!shading_point->point.inside && (shading_point->material->flags & media) != 0)
-        return lr_insides_enter(insides, shading_point->instance, shading_point->material_index);
+    if (!shading_point->point.inside && (shading_point->material->flags & kinds) != 0)
+        return lr_medium_stack_enter(media, shading_point->instance, shading_point->material_index);
     if (shading_point->point.inside)
-        lr_insides_leave(insides, shading_point->instance);
+        lr_medium_stack_leave(media, shading_point->instance);
     return false;
 }

@@ -9,14 +9,14 @@
 /* The point that ray i of the wave, which is in these solids, has hit. Surfaces
  * have two sides; the direction of the ray against the field's own normal tells
  * which one is seen, and the normals are turned to it. Sets all but path and
- * chance. */
+ * probabilities. */
 void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
-                     const lr_insides *insides, lr_shading_point *shading_point);
+                     const lr_medium_stack *media, lr_shading_point *shading_point);
 
 /* What a ray is in after it has gone through the surface; true where that was too
  * much and something was forgotten. */
 bool lr_surface_cross(const lr_scene *scene, const lr_shading_point *shading_point,
-                      lr_insides *insides);
+                      lr_medium_stack *media);
 
 /* Where rays leave the surface: those on the viewer's side start at
  * shading point->origin, those beyond at shading point->position. */
