@@ -198,7 +198,7 @@ def known_meshes():
 
 @cache
 def known_volumes():
-    """Of all kinds: solids, sheets, with ids, triangle cells, nothing in them, all of them merged."""
+    """Of all kinds: solids, sheets, with ids, triangle cells, nothing in them, all merged."""
     rng = np.random.default_rng(1)
     source = Source(1, 0)
     made = [leapray.Volume(np.zeros((4, 5, 6), t)) for t in ("u1", "u2", "f4")]

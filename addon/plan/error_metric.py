@@ -43,7 +43,7 @@ LEAST_BODY = 1 / 1000  # of the pixels: smaller bodies are not looked at by them
 ROUGH = 0.25  # of a voxel
 THIN = 0.25  # of a footprint: what such voxels do not find may be lost
 CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
-CROWD = 12.0  # triangles on an triangle cell's list, the mean, while its voxel is above CREASE_VOXEL
+CROWD = 12.0  # triangles on a triangle cell's list, the mean, while its voxel is above CREASE_VOXEL
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
 CARRIED = 0.5  # of such a voxel counts where the volume carries normals, which turn within one cell
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
@@ -66,7 +66,7 @@ class Measure:
     crease: NDArray[np.float32]
     sharp: NDArray[np.bool_]  # creases in triangle cells
     exact_share: float  # of the surface cells
-    crowd: float  # triangles on an triangle cell's list, the mean; 0 without such cells
+    crowd: float  # triangles on a triangle cell's list, the mean; 0 without such cells
     n_cells: int  # that hold surface
     color: NDArray[np.float32] | None  # (n, k) as bake.color_errors gives it; None: no colours
     shape: tuple[int, int, int]

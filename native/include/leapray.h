@@ -322,7 +322,7 @@ LR_API lr_status lr_texture_sample(const lr_texture *texture, const float *uvs,
 LR_API lr_status lr_volume_bind(lr_volume *volume, const lr_texture *const *textures, uint64_t n,
                                 lr_error *error);
 
-/* exact[i] is 1 where point i of points[n][3], in object space, lies in an triangle cell. */
+/* exact[i] is 1 where point i of points[n][3], in object space, lies in a triangle cell. */
 LR_API lr_status lr_volume_exact_at(const lr_volume *volume, const double *points, uint64_t n,
                                     uint8_t *exact, lr_error *error);
 

@@ -4,7 +4,7 @@
 #include "base/affine.h"
 #include "base/error.h"
 #include "grid/access.h"
-#include "grid/attributes/nearest_triangles.h"
+#include "grid/attributes/triangle_attributes.h"
 #include "grid/objects.h"
 #include "grid/triangle_cells.h"
 
@@ -171,8 +171,8 @@ void lr_volume_free(lr_volume *v)
     free(v->ids);
     free(v->cells);
     free(v->block_of);
-    free(v->named);
-    lr_facets_free(v->faces);
+    free(v->nearest_triangle);
+    lr_triangle_attributes_free(v->faces);
     lr_triangle_cells_free(v->triangle_cells);
     lr_objects_free(v->objects);
     free(v);
@@ -420,13 +420,15 @@ void lr_volume_get_info(const lr_volume *v, lr_volume_info *info)
         info->n_dropped = v->objects->n_dropped;
     }
     info->n_triangle_cells = v->triangle_cells != NULL ? v->triangle_cells->n_cells : 0;
-    info->n_cell_triangles = v->triangle_cells != NULL ? v->triangle_cells->start[v->triangle_cells->n_cells] : 0;
+    info->n_cell_triangles =
+        v->triangle_cells != NULL ? v->triangle_cells->start[v->triangle_cells->n_cells] : 0;
     info->triangle_cells_nbytes = lr_triangle_cells_nbytes(v->triangle_cells);
     info->has_colors = v->faces != NULL && v->faces->source != NULL;
     info->has_normals = v->faces != NULL && v->faces->normal != NULL;
     if (v->block_of != NULL)
         info->nbytes += (uint64_t)v->capacity * 8 * sizeof *v->block_of +
-                        v->n_blocks * lr_volume_block_nbytes() + lr_facets_nbytes(v->faces);
+                        v->n_blocks * lr_volume_block_nbytes() +
+                        lr_triangle_attributes_nbytes(v->faces);
     for (int a = 0; a < 3; a++) {
         info->surface_lo[a] = v->surface_lo[a] - LR_PAD;
         info->surface_hi[a] = v->surface_hi[a] - LR_PAD;

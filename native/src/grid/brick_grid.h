@@ -28,9 +28,9 @@ enum {
     LR_MAX_BRICKS = 1 << 24 /* 24 bits of a table entry */
 };
 
-struct lr_triangle_cells; /* grid/triangle_cells.h */
-struct lr_facets;         /* grid/attributes/nearest_triangles.h */
-struct lr_objects;        /* grid/objects.h */
+struct lr_triangle_cells;      /* grid/triangle_cells.h */
+struct lr_triangle_attributes; /* grid/attributes/triangle_attributes.h */
+struct lr_objects;             /* grid/objects.h */
 
 /* What is added here goes through serialize.c, too. */
 struct lr_volume {
@@ -46,16 +46,17 @@ struct lr_volume {
     uint32_t *table;
     uint32_t n_bricks; /* with the two constant ones */
     uint32_t capacity;
-    unsigned char *samples;  /* [n_bricks][512] of desc.sample_type */
-    uint16_t *ids;           /* [n_bricks][512], or NULL */
-    uint64_t (*cells)[8];    /* [n_bricks]: surface cells; until lr_volume_finish the touched
-                                cells of a sheet */
-    uint32_t *block_of;      /* [capacity][8]: attribute blocks of sub-bricks, 0: none; or NULL */
-    uint32_t n_blocks;       /* with block 0, which is never read */
-    uint32_t *named;         /* [n_blocks][64]: faces that are nearest, 0: none; or NULL */
-    struct lr_facets *faces; /* NULL: the surface carries nothing */
-    struct lr_triangle_cells *triangle_cells; /* cells with triangles of their own; NULL: there are none */
-    struct lr_objects *objects;      /* what tells objects apart; NULL: nothing does */
+    unsigned char *samples; /* [n_bricks][512] of desc.sample_type */
+    uint16_t *ids;          /* [n_bricks][512], or NULL */
+    uint64_t (*cells)[8];   /* [n_bricks]: surface cells; until lr_volume_finish the touched
+                               cells of a sheet */
+    uint32_t *block_of;     /* [capacity][8]: attribute blocks of sub-bricks, 0: none; or NULL */
+    uint32_t n_blocks;      /* with block 0, which is never read */
+    uint32_t *nearest_triangle; /* [n_blocks][64]: faces that are nearest, 0: none; or NULL */
+    struct lr_triangle_attributes *faces; /* NULL: the surface carries nothing */
+    struct lr_triangle_cells
+        *triangle_cells;        /* cells with triangles of their own; NULL: there are none */
+    struct lr_objects *objects; /* what tells objects apart; NULL: nothing does */
     uint64_t n_surface_cells;
     int32_t surface_lo[3], surface_hi[3]; /* storage cells, inclusive */
     bool finished;
@@ -116,12 +117,13 @@ void lr_volume_move_brick(lr_volume *volume, uint32_t to, uint32_t from);
 /* Room for so many stored bricks, so that filling them does not copy. */
 lr_status lr_volume_reserve(lr_volume *volume, uint64_t n_stored, lr_error *error);
 
-/* Attributes (grid/attributes/nearest_triangles.c): after lr_volume_reserve make room for those of
- * so many bricks; give a brick the numbers of its 512 samples' faces, or NULL for none, in blocks
- * from *next_block on; move a brick's blocks down to n_blocks; drop the blocks that no hit can
- * read. */
+/* Attributes (grid/attributes/triangle_attributes.c): after lr_volume_reserve make room for those
+ * of so many bricks; give a brick the numbers of its 512 samples' faces, or NULL for none, in
+ * blocks from *next_block on; move a brick's blocks down to n_blocks; drop the blocks that no hit
+ * can read. */
 lr_status lr_volume_carry(lr_volume *volume, uint64_t n_bricks, lr_error *error);
-void lr_volume_name(lr_volume *volume, uint32_t brick, const uint32_t *named, uint32_t *next_block);
+void lr_volume_set_nearest(lr_volume *volume, uint32_t brick, const uint32_t *nearest_triangle,
+                           uint32_t *next_block);
 void lr_volume_move_names(lr_volume *volume, uint32_t brick);
 lr_status lr_volume_trim_blocks(lr_volume *volume, const lr_watch *watch, lr_error *error);
 

@@ -10,7 +10,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/affine.h"
 #include "base/error.h"
-#include "grid/attributes/nearest_triangles.h"
+#include "grid/attributes/triangle_attributes.h"
 #include "grid/objects.h"
 
 /* How far two lattices may be apart, in voxels, and still count as one. */
@@ -41,7 +41,7 @@ typedef struct brick {
     uint64_t cells[8];
     bool at_surface;  /* a surface cell has a corner here */
     uint64_t lost[8]; /* as cells: samples that a third part had */
-    uint32_t named[LR_BRICK_SAMPLES];
+    uint32_t nearest_triangle[LR_BRICK_SAMPLES];
 } brick;
 
 void lr_objects_free(lr_objects *o)
@@ -72,8 +72,8 @@ uint64_t lr_objects_nbytes(const lr_volume *v)
 
 static lr_status check_part(const lr_volume *v, const lr_volume *first, uint32_t i, lr_error *error)
 {
-    if (!v->finished || v->desc.kind != LR_KIND_SOLID || v->ids == NULL || v->triangle_cells != NULL ||
-        v->objects != NULL || v->planes[0] != NULL)
+    if (!v->finished || v->desc.kind != LR_KIND_SOLID || v->ids == NULL ||
+        v->triangle_cells != NULL || v->objects != NULL || v->planes[0] != NULL)
         return lr_fail(error, LR_E_ARGUMENT,
                        "part %u must be a finished solid with ids, without triangle cells, not "
                        "rectilinear and not merged before",
@@ -258,7 +258,7 @@ static void add_part(merger *m, uint32_t i, const int32_t first[3], brick *b)
 }
 
 /* The face that a sample of its first object names. */
-static void dress(const merger *m, const int32_t first[3], int s, brick *b)
+static void name_nearest(const merger *m, const int32_t first[3], int s, brick *b)
 {
     const part *p = &m->parts[b->from[0][s]];
     const int32_t x = first[0] + (s & 7) - p->shift[0], y = first[1] + (s >> 3 & 7) - p->shift[1],
@@ -268,8 +268,8 @@ static void dress(const merger *m, const int32_t first[3], int s, brick *b)
     const size_t own = lr_entry(p->v, x, y, z) >> 8;
     const size_t block = p->v->block_of[8 * own + lr_sub_of(x, y, z)];
     const size_t at = block * LR_BLOCK_SAMPLES + lr_bit_of(x, y, z);
-    if (block != 0 && p->v->named[at] != 0)
-        b->named[s] = p->first_face + p->v->named[at];
+    if (block != 0 && p->v->nearest_triangle[at] != 0)
+        b->nearest_triangle[s] = p->first_face + p->v->nearest_triangle[at];
 }
 
 static void store(lr_volume *v, size_t at, double value)
@@ -341,7 +341,7 @@ static lr_status put_brick(merger *m, size_t at, const int32_t first[3], brick *
         store(v, to, b->value[0][s]);
         v->ids[to] = b->id[0][s];
         if (v->block_of != NULL && b->from[0][s] >= 0)
-            dress(m, first, s, b);
+            name_nearest(m, first, s, b);
     }
     memcpy(v->cells[where], b->cells, sizeof b->cells);
     for (int s = 0; s < 8; s++) {
@@ -352,7 +352,7 @@ static lr_status put_brick(merger *m, size_t at, const int32_t first[3], brick *
     v->table[at] = where << 8 | sub;
     put_seconds(v, where, b);
     if (v->block_of != NULL)
-        lr_volume_name(v, where, b->named, &v->n_blocks);
+        lr_volume_set_nearest(v, where, b->nearest_triangle, &v->n_blocks);
     return LR_OK;
 }
 
@@ -420,14 +420,14 @@ static lr_status begin(merger *m, const lr_volume *const *volumes, lr_error *err
 
 static lr_status join_faces(merger *m, lr_error *error)
 {
-    lr_facets_part *parts = calloc(m->n, sizeof *parts);
+    lr_triangle_attributes_part *parts = calloc(m->n, sizeof *parts);
     if (parts == NULL)
         return lr_fail_memory(error, m->n * sizeof *parts, "a list of volumes");
     for (uint32_t i = 0; i < m->n; i++) {
         parts[i].faces = m->parts[i].v->faces;
         memcpy(parts[i].shift, m->parts[i].shift, sizeof parts[i].shift);
     }
-    lr_status status = lr_facets_join(parts, m->n, &m->whole->faces, error);
+    lr_status status = lr_triangle_attributes_join(parts, m->n, &m->whole->faces, error);
     for (uint32_t i = 0; i < m->n; i++)
         m->parts[i].first_face = parts[i].first_face;
     free(parts);
@@ -439,15 +439,15 @@ static lr_status make_room(merger *m, lr_error *error)
     lr_volume *v = m->whole;
     const size_t n = lr_table_count(v);
     uint64_t n_bricks = 0;
-    bool named = false;
+    bool nearest_triangle = false;
     for (size_t at = 0; at < n; at++)
         n_bricks += m->start[at] < m->start[at + 1];
     for (uint32_t i = 0; i < m->n; i++)
-        named = named || m->parts[i].v->named != NULL;
+        nearest_triangle = nearest_triangle || m->parts[i].v->nearest_triangle != NULL;
     lr_status status = lr_volume_reserve(v, n_bricks, error);
-    if (status == LR_OK && named)
+    if (status == LR_OK && nearest_triangle)
         status = lr_volume_carry(v, n_bricks, error);
-    if (status == LR_OK && named)
+    if (status == LR_OK && nearest_triangle)
         status = join_faces(m, error);
     if (status != LR_OK)
         return status;

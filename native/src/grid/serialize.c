@@ -8,7 +8,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/error.h"
-#include "grid/attributes/nearest_triangles.h"
+#include "grid/attributes/triangle_attributes.h"
 #include "grid/objects.h"
 #include "grid/triangle_cells.h"
 
@@ -17,7 +17,7 @@
 #define FORMAT 3
 _Static_assert(sizeof(void *) != 8 ||
                    (sizeof(struct lr_volume) == 608 && sizeof(lr_triangle_cells) == 88 &&
-                    sizeof(lr_objects) == 131152 && sizeof(lr_facets) == 64),
+                    sizeof(lr_objects) == 131152 && sizeof(lr_triangle_attributes) == 64),
                "a structure has changed: pack what is new, and raise FORMAT");
 
 enum { MOST_ARRAYS = 32, CHUNK = 1 << 24 };
@@ -92,7 +92,7 @@ static int arrays_of(const head *h, const lr_volume *v, array arrays[MOST_ARRAYS
     const uint64_t exact = h->has_exact != 0, objects = h->n_objects > 0;
     const lr_triangle_cells *e = v != NULL ? v->triangle_cells : NULL;
     const lr_objects *o = v != NULL ? v->objects : NULL;
-    const lr_facets *f = v != NULL ? v->faces : NULL;
+    const lr_triangle_attributes *f = v != NULL ? v->faces : NULL;
     int count = 0;
 #define ARRAY(owner, member, skipped, n_items, item_nbytes)                                        \
     arrays[count++] = (array){(owner) != NULL && (owner)->member != NULL                           \
@@ -104,7 +104,7 @@ static int arrays_of(const head *h, const lr_volume *v, array arrays[MOST_ARRAYS
     ARRAY(v, ids, skip, h->desc.has_ids ? stored * LR_BRICK_SAMPLES : 0, sizeof(uint16_t));
     ARRAY(v, cells, LR_FIRST_STORED, stored, 8 * sizeof(uint64_t));
     ARRAY(v, block_of, 8 * LR_FIRST_STORED, faces > 0 ? 8 * stored : 0, sizeof(uint32_t));
-    ARRAY(v, named, LR_BLOCK_SAMPLES, blocks * LR_BLOCK_SAMPLES, sizeof(uint32_t));
+    ARRAY(v, nearest_triangle, LR_BLOCK_SAMPLES, blocks * LR_BLOCK_SAMPLES, sizeof(uint32_t));
     ARRAY(f, corner, 0, faces, sizeof *f->corner);
     ARRAY(f, normal, 0, h->has_normals ? faces : 0, sizeof *f->normal);
     ARRAY(f, source, 0, h->has_sources ? faces : 0, sizeof *f->source);
@@ -263,10 +263,10 @@ static const char *wrong_bricks(lr_volume *v, const lr_watch *watch)
 
 static const char *wrong_faces(const lr_volume *v)
 {
-    const lr_facets *f = v->faces;
+    const lr_triangle_attributes *f = v->faces;
     bool right = all_below(v->block_of, 8 * (uint64_t)v->n_bricks, v->n_blocks);
-    right = right &&
-            all_below(v->named + LR_BLOCK_SAMPLES, (v->n_blocks - 1ull) * LR_BLOCK_SAMPLES, f->n);
+    right = right && all_below(v->nearest_triangle + LR_BLOCK_SAMPLES,
+                               (v->n_blocks - 1ull) * LR_BLOCK_SAMPLES, f->n);
     for (uint32_t i = 1; i < f->n && f->source != NULL; i++)
         right = right && f->source[i] >= LR_COLOR_NONE && f->source[i] < (int32_t)f->n_textures &&
                 (f->source[i] != LR_COLOR_VERTEX || f->color != NULL) &&
@@ -398,9 +398,9 @@ static lr_status allocate(const head *h, lr_volume **volume, lr_error *error)
         (*volume)->n_blocks = h->n_blocks;
     }
     if (status == LR_OK && h->n_faces > 0)
-        status =
-            lr_facets_new(h->n_faces, h->has_normals != 0, h->has_sources != 0, h->has_colors != 0,
-                          h->has_uvs != 0, h->n_textures, &(*volume)->faces, error);
+        status = lr_triangle_attributes_new(h->n_faces, h->has_normals != 0, h->has_sources != 0,
+                                            h->has_colors != 0, h->has_uvs != 0, h->n_textures,
+                                            &(*volume)->faces, error);
     if (status == LR_OK && h->has_exact)
         status = allocate_triangle_cells(*volume, h, error);
     if (status == LR_OK && h->n_objects > 0)

@@ -82,7 +82,8 @@ LR_INLINE bool lr_near_doubt(const lr_volume *v, const int32_t c[3])
         for (int32_t y = (c[1] - 1) >> 2; y <= (c[1] + 1) >> 2; y++)
             for (int32_t x = (c[0] - 1) >> 2; x <= (c[0] + 1) >> 2; x++) {
                 const uint32_t brick = lr_entry(v, 4 * x, 4 * y, 4 * z) >> 8;
-                const uint64_t word = v->triangle_cells->doubt[brick][lr_sub_of(4 * x, 4 * y, 4 * z)];
+                const uint64_t word =
+                    v->triangle_cells->doubt[brick][lr_sub_of(4 * x, 4 * y, 4 * z)];
                 if (word != 0 && (word & lr_around(c[0] - 4 * x, 0) & lr_around(c[1] - 4 * y, 1) &
                                   lr_around(c[2] - 4 * z, 2)) != 0)
                     return true;
@@ -90,7 +91,7 @@ LR_INLINE bool lr_near_doubt(const lr_volume *v, const int32_t c[3])
     return false;
 }
 
-/* The list of an triangle cell. */
+/* The list of a triangle cell. */
 LR_INLINE const uint32_t *lr_triangle_cell_list(const lr_volume *v, const int32_t c[3], uint32_t *n)
 {
     const lr_triangle_cells *e = v->triangle_cells;
@@ -128,7 +129,7 @@ LR_INLINE void lr_triangle_cell_normal(const lr_triangle_cells *e, uint32_t tria
 double lr_triangle_cell_distance2(const lr_triangle_cells *exact, uint32_t triangle,
                                   const double q[3]);
 
-/* Of an triangle cell's triangles the one that is nearest to a point of storage space; or
+/* Of a triangle cell's triangles the one that is nearest to a point of storage space; or
  * LR_NO_TRIANGLE. */
 uint32_t lr_triangle_cell_nearest(const lr_volume *volume, const int32_t c[3], const double q[3]);
 

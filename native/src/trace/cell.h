@@ -34,7 +34,7 @@ typedef struct lr_found {
     int32_t c[3]; /* storage cell */
     double p[3];  /* cell coordinates */
     double corner[8];
-    uint32_t triangle; /* of an triangle cell; or LR_NO_TRIANGLE */
+    uint32_t triangle; /* of a triangle cell; or LR_NO_TRIANGLE */
     int32_t object;    /* in a volume that tells objects apart; or LR_NO_OBJECT */
 } lr_found;
 

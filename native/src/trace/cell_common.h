@@ -7,7 +7,7 @@
 #include "grid/access.h"
 #include "trace/ray.h"
 
-/* What the field beside an triangle cell may be off, in voxels: corners that are off by
+/* What the field beside a triangle cell may be off, in voxels: corners that are off by
  * more make a cell exact (voxelize/choose_triangle_cells.c), which is asked for triangles as near
  * to it as LR_EXACT_NEAR. */
 #define LR_FIELD_OFF 0.4

@@ -38,7 +38,7 @@ LR_INLINE bool lr_carried_normal(const lr_volume *v, const int32_t c[3], const d
     return true;
 }
 
-/* On a triangle of an triangle cell, at p of storage cell c. */
+/* On a triangle of a triangle cell, at p of storage cell c. */
 LR_INLINE void lr_triangle_normals(const lr_volume *v, uint32_t triangle, const int32_t c[3],
                                    const double p[3], int32_t normal_kind, double own[3],
                                    double shading[3])

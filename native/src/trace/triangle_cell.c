@@ -1,10 +1,10 @@
-/* Rays and the triangles of an triangle cell.
+/* Rays and the triangles of a triangle cell.
  *
  * A triangle is intersected in a sheared frame in which the ray is an axis. All in
  * f64: an edge sees the same bits from both of its triangles, so that no ray slips
  * between them, and t does not depend on the cell.
  *
- * Where an triangle cell has a cell of the field beside it, the two surfaces meet at
+ * Where a triangle cell has a cell of the field beside it, the two surfaces meet at
  * their common face, but for what the field may be off. Each face then has one
  * truth: a triangle whose side of the face's point is not that which the samples
  * give there lies, for the ray, on the other side of the face. So it is hit in one of
@@ -182,7 +182,8 @@ static bool after(scene *s, gate *g, int side, const met *m)
     const bool by_field = side != 0 ? side > 0 : value >= 0.0;
     const bool by_triangle = later != m->inward; /* inside? */
     if (by_field == by_triangle || fabs(value) + height > LR_FIELD_OFF ||
-        lr_triangle_cell_distance2(s->v->triangle_cells, m->triangle, g->p) > LR_EXACT_NEAR * LR_EXACT_NEAR)
+        lr_triangle_cell_distance2(s->v->triangle_cells, m->triangle, g->p) >
+            LR_EXACT_NEAR * LR_EXACT_NEAR)
         return later;
     return !later;
 }

@@ -30,7 +30,7 @@ bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *
                           const lr_leaving *leaving, const lr_trace_options *options, int *side,
                           lr_found *found, uint64_t *n_samples);
 
-/* The hit test in a cell of a solid's field, where an triangle cell has handed a side on. */
+/* The hit test in a cell of a solid's field, where a triangle cell has handed a side on. */
 bool lr_hit_handed(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
                    const lr_trace_options *options, int *side, lr_found *found,
                    uint64_t *n_samples);
@@ -43,11 +43,11 @@ int lr_handed_on(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int si
                  uint64_t *n_samples);
 
 /* Does the field say that the ray, which leaves a surface on this side, starts on the
- * other one, and by more than rounding? Then it leaves the triangle of an triangle cell, but
+ * other one, and by more than rounding? Then it leaves the triangle of a triangle cell, but
  * from a point beyond that cell. */
 bool lr_starts_off(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int side);
 
-/* The hit test of any cell. *side as in lr_hit_cell, but twice that where an triangle
+/* The hit test of any cell. *side as in lr_hit_cell, but twice that where a triangle
  * cell has handed it on; what it is afterwards goes with the next cell. What the rare
  * branches are given are copies, so that the ray and the cursor may live in registers. */
 LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_spacing spacing, const lr_cursor *u,

@@ -8,7 +8,7 @@
  *            stands on a surface cell; false where the ray has ended, or
  *   LR_EVEN_WALK  the same without spacing: planes lie at the integers,
  * and, where it can take several rays at a time, LR_FITS(volume, data, options) and
- * LR_FLOCK(volume, data, rays, first, end, options, hits, counters), and
+ * LR_PACKET(volume, data, rays, first, end, options, hits, counters), and
  * LR_STATE and LR_START(data, volume, ray, spacing, cursor, state) where its walk keeps
  * something (else neither), then includes this file, which makes
  * lr_<name>_trace. The state survives a cell whose hit test failed: the walk is
@@ -141,9 +141,9 @@ lr_status LR_JOIN(lr_, LR_NAME,
         lr_progress(watch, (double)first / (double)n);
         uint64_t last = n - first < POLL ? n : first + POLL;
         lr_counters *counted = counters != NULL || hits->steps != NULL ? &sum : NULL;
-#ifdef LR_FLOCK
+#ifdef LR_PACKET
         if (LR_FITS(volume, data, options)) {
-            LR_FLOCK(volume, data, rays, first, last, options, hits, counted);
+            LR_PACKET(volume, data, rays, first, last, options, hits, counted);
             continue;
         }
 #endif

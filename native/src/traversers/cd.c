@@ -32,7 +32,8 @@ void lr_cd_free(void *data)
  * only cost time where most do. */
 static bool mostly_field(const lr_volume *v)
 {
-    return v->triangle_cells == NULL || 2 * (uint64_t)v->triangle_cells->n_cells < v->n_surface_cells;
+    return v->triangle_cells == NULL ||
+           2 * (uint64_t)v->triangle_cells->n_cells < v->n_surface_cells;
 }
 
 /* The distance of a cell is the number of growths that cover it. */
@@ -68,7 +69,7 @@ lr_status lr_cd_build(const lr_volume *v, const int32_t *choices, const lr_watch
     distances *f = calloc(1, sizeof *f);
     if (f == NULL)
         return lr_fail_memory(error, sizeof *f, "distances");
-    f->eight = choices[0] == 0 && mostly_field(v) && lr_cpu_simd() == LR_SIMD_AVX512;
+    f->packet8 = choices[0] == 0 && mostly_field(v) && lr_cpu_simd() == LR_SIMD_AVX512;
     lr_status status = lr_near_bricks(v, &f->bricks, &n_near, watch, error);
     if (status == LR_OK) {
         f->near = malloc((n_near + (size_t)1) * sizeof *f->near);
@@ -111,8 +112,8 @@ LR_INLINE bool empty_cube(const void *data, const lr_volume *v, const lr_ray *r,
     return false;
 }
 
-#define LR_NAME  cd
-#define LR_BOX   empty_cube
-#define LR_FITS  lr_cd_fits_eight
-#define LR_FLOCK lr_cd_trace_eight
+#define LR_NAME   cd
+#define LR_BOX    empty_cube
+#define LR_FITS   lr_cd_fits_packet8
+#define LR_PACKET lr_cd_trace_packet8
 #include "trace/walk_template.h"

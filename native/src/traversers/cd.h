@@ -9,20 +9,20 @@
 typedef struct lr_cd_distances {
     uint32_t *bricks;     /* [table]: index into near, or LR_FAR_BRICK | distance in bricks */
     uint8_t (*near)[512]; /* distance in cells, lr_cell_in_brick; one entry more than is used */
-    bool eight;           /* rays may go eight side by side */
+    bool packet8;         /* rays may go eight side by side */
 } lr_cd_distances;
 
-/* Can lr_cd_trace_eight do it? */
-LR_INLINE bool lr_cd_fits_eight(const lr_volume *v, const lr_cd_distances *f,
-                                const lr_trace_options *options)
+/* Can lr_cd_trace_packet8 do it? */
+LR_INLINE bool lr_cd_fits_packet8(const lr_volume *v, const lr_cd_distances *f,
+                                  const lr_trace_options *options)
 {
-    return f->eight && v->planes[0] == NULL && v->objects == NULL &&
+    return f->packet8 && v->planes[0] == NULL && v->objects == NULL &&
            options->mode == LR_MODE_SURFACE && options->hit_test != LR_HIT_UNIFORM;
 }
 
 /* Rays first..end-1 of the batch, by AVX-512; counters may be NULL where no one counts. */
-void lr_cd_trace_eight(const lr_volume *v, const lr_cd_distances *f, const lr_rays *rays,
-                       uint64_t first, uint64_t end, const lr_trace_options *options,
-                       const lr_hits *hits, lr_counters *counters);
+void lr_cd_trace_packet8(const lr_volume *v, const lr_cd_distances *f, const lr_rays *rays,
+                         uint64_t first, uint64_t end, const lr_trace_options *options,
+                         const lr_hits *hits, lr_counters *counters);
 
 #endif

@@ -193,8 +193,8 @@ static void set_profile(const lr_voxel_job *job, const float *distance, lr_brick
 }
 
 /* Let the samples that can be corners of surface cells name their triangles. */
-static void dress(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list, uint32_t n,
-                  lr_scratch *scratch, lr_brick *brick)
+static void name_nearest(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list,
+                         uint32_t n, lr_scratch *scratch, lr_brick *brick)
 {
     const float reach = (float)(LR_BAKE_REACH * LR_BAKE_REACH);
     float nearest = INFINITY;
@@ -204,8 +204,8 @@ static void dress(const lr_voxel_job *job, const int32_t first[3], const uint32_
                 nearest = fminf(nearest, scratch->nearest.d2[tile][lane]);
     if (!(nearest <= reach))
         return;
-    memset(scratch->named, 0, LR_BRICK_SAMPLES * sizeof *scratch->named);
-    brick->dressed = true;
+    memset(scratch->nearest_triangle, 0, LR_BRICK_SAMPLES * sizeof *scratch->nearest_triangle);
+    brick->has_nearest = true;
     group(&scratch->nearest, reach, scratch);
     for (uint32_t i = 0; i < n; i++) {
         int32_t sample = scratch->first[i];
@@ -213,7 +213,7 @@ static void dress(const lr_voxel_job *job, const int32_t first[3], const uint32_
         lr_frame frame;
         frame_of(job->mesh, first, list[i], &frame);
         for (; sample >= 0 && lr_frame_make(&frame); sample = scratch->next[sample])
-            scratch->named[sample] = list[i] + 1;
+            scratch->nearest_triangle[sample] = list[i] + 1;
     }
 }
 
@@ -328,7 +328,7 @@ static lr_brick_state state_of(const lr_brick *brick)
         touched |= brick->touched[i];
     for (int i = 0; i < LR_BRICK_SAMPLES; i++)
         touched |= brick->value[i] != brick->value[0];
-    if (touched != 0 || brick->dressed || (brick->value[0] != 0.0f && brick->value[0] != 1.0f))
+    if (touched != 0 || brick->has_nearest || (brick->value[0] != 0.0f && brick->value[0] != 1.0f))
         return LR_STATE_MIXED;
     return brick->value[0] == 0.0f ? LR_STATE_ZERO : LR_STATE_ONE;
 }
@@ -373,7 +373,7 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
     sides side = {0};
     _Alignas(16) float distance[LR_BRICK_SAMPLES + 4]; /* a neighbour beyond the end is read */
     brick->state = LR_STATE_UNKNOWN;
-    brick->dressed = false;
+    brick->has_nearest = false;
     memset(brick->touched, 0, sizeof brick->touched);
     uint8_t loose[LR_BRICK_SAMPLES] = {0};
     if (!lr_brick_distances(job, at, list, n, watch, scratch, distance,
@@ -393,8 +393,8 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
         memset(brick->id, 0, sizeof brick->id);
         take_ids(job, list, &scratch->nearest, distance, brick);
     }
-    if (scratch->named != NULL)
-        dress(job, first, list, n, scratch, brick);
+    if (scratch->nearest_triangle != NULL)
+        name_nearest(job, first, list, n, scratch, brick);
     clear_outside(job, first, &side, brick);
     if (job->sheet) {
         if (!job->exact && !touch(job, first, list, n, watch, brick))

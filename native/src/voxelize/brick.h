@@ -50,7 +50,7 @@ typedef struct lr_brick {
     uint64_t touched[8];      /* cells that a triangle of a sheet meets */
     lr_faces faces;
     bool contradicts; /* neighbours differ by more than lies between them */
-    bool dressed;     /* the scratch names triangles */
+    bool has_nearest; /* the scratch names triangles */
 } lr_brick;
 
 /* Per-thread memory: the samples that each listed triangle won, as linked lists. */
@@ -60,7 +60,8 @@ typedef struct lr_scratch {
     lr_nearest nearest;
     const uint16_t *labels; /* [512]: of the brick; NULL: pseudonormals tell the side */
     const struct lr_component *components; /* by label */
-    uint32_t *named; /* [512]: 1 + nearest triangle, where the brick is dressed; NULL: not wanted */
+    uint32_t *nearest_triangle; /* [512]: 1 + nearest triangle, where the brick is dressed; NULL:
+                                   not wanted */
     struct lr_crossed *crossed; /* room of the box filter where shells cross, or NULL */
 } lr_scratch;
 

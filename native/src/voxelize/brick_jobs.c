@@ -9,7 +9,7 @@
 static void free_part(lr_part *p)
 {
     free(p->brick);
-    free(p->named);
+    free(p->nearest_triangle);
     *p = (lr_part){0};
 }
 
@@ -19,8 +19,8 @@ static bool has_room(const lr_voxelizer *v, lr_part *p, uint32_t first, uint32_t
     p->next_block = 1 + 8 * first;
     p->brick = malloc(((size_t)(end - first) + 1) * sizeof *p->brick);
     if (v->job.bake.wanted)
-        p->named = malloc(LR_BRICK_SAMPLES * sizeof *p->named);
-    return p->brick != NULL && (!v->job.bake.wanted || p->named != NULL);
+        p->nearest_triangle = malloc(LR_BRICK_SAMPLES * sizeof *p->nearest_triangle);
+    return p->brick != NULL && (!v->job.bake.wanted || p->nearest_triangle != NULL);
 }
 
 static void put_samples(const lr_voxelizer *v, const float *value, size_t first)
@@ -51,8 +51,9 @@ static void keep(const lr_voxelizer *v, uint32_t at, const lr_brick *brick, lr_p
         memcpy(out->cells[slot], brick->touched, sizeof out->cells[slot]);
     else
         memset(out->cells[slot], 0, sizeof out->cells[slot]);
-    if (p->named != NULL)
-        lr_volume_name(out, slot, brick->dressed ? p->named : NULL, &p->next_block);
+    if (p->nearest_triangle != NULL)
+        lr_volume_set_nearest(out, slot, brick->has_nearest ? p->nearest_triangle : NULL,
+                              &p->next_block);
     p->brick[p->n++] = at;
 }
 
@@ -66,7 +67,7 @@ static bool make_bricks(lr_voxelizer *v, uint32_t first, uint32_t end, const lr_
         lr_progress(watch, (double)(i - first) / (double)(end - first));
         uint64_t list = v->bins.start[i];
         uint32_t n = (uint32_t)(v->bins.start[i + 1] - list);
-        scratch->named = p->named;
+        scratch->nearest_triangle = p->nearest_triangle;
         if (v->labels.brick != NULL) {
             scratch->labels = v->labels.brick[i].label;
             scratch->components = v->labels.component + v->labels.brick[i].first;
@@ -103,7 +104,7 @@ static lr_scratch *new_scratch(const lr_voxelizer *v)
         lists[i] = -1;
     scratch->first = lists;
     scratch->labels = NULL;
-    scratch->named = NULL;
+    scratch->nearest_triangle = NULL;
     return scratch;
 }
 

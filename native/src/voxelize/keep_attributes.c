@@ -4,7 +4,7 @@
 #include "voxelize/keep_attributes.h"
 
 #include "base/error.h"
-#include "grid/attributes/nearest_triangles.h"
+#include "grid/attributes/triangle_attributes.h"
 #include "grid/attributes/texture.h"
 #include "grid/triangle_cells.h"
 
@@ -57,7 +57,7 @@ LR_INLINE float finite_or_zero(float x)
     return isfinite(x) ? x : 0.0f;
 }
 
-static void fill(const lr_topology *mesh, uint64_t t, uint32_t at, lr_facets *f)
+static void fill(const lr_topology *mesh, uint64_t t, uint32_t at, lr_triangle_attributes *f)
 {
     const lr_attributes *from = mesh->source.attributes;
     double p[3][3];
@@ -89,14 +89,14 @@ static uint32_t number(const lr_volume *v, uint32_t *face_of, uint64_t n_triangl
     for (uint32_t i = 0; i < n_kept; i++)
         face_of[v->triangle_cells->face[i] - 1] = 1;
     for (size_t i = LR_BLOCK_SAMPLES; i < n_samples; i++)
-        if (v->named[i] != 0)
-            face_of[v->named[i] - 1] = 1;
+        if (v->nearest_triangle[i] != 0)
+            face_of[v->nearest_triangle[i] - 1] = 1;
     for (uint64_t t = 0; t < n_triangles; t++)
         if (face_of[t] != 0)
             face_of[t] = n++;
     for (size_t i = LR_BLOCK_SAMPLES; i < n_samples; i++)
-        if (v->named[i] != 0)
-            v->named[i] = face_of[v->named[i] - 1];
+        if (v->nearest_triangle[i] != 0)
+            v->nearest_triangle[i] = face_of[v->nearest_triangle[i] - 1];
     for (uint32_t i = 0; i < n_kept; i++)
         v->triangle_cells->face[i] = face_of[v->triangle_cells->face[i] - 1];
     return n;
@@ -111,8 +111,9 @@ lr_status lr_bake_faces(const lr_bake *bake, const lr_topology *mesh, lr_volume 
     if (face_of == NULL)
         return lr_fail_memory(error, n_triangles * sizeof *face_of, "the faces of a volume");
     const uint32_t n = number(v, face_of, n_triangles);
-    lr_status status = lr_facets_new(n, bake->normals, bake->sources, bake->colors, bake->uvs,
-                                     (uint32_t)from->n_textures, &v->faces, error);
+    lr_status status =
+        lr_triangle_attributes_new(n, bake->normals, bake->sources, bake->colors, bake->uvs,
+                                   (uint32_t)from->n_textures, &v->faces, error);
     for (uint64_t t = 0; t < n_triangles && status == LR_OK; t++) {
         if (face_of[t] != 0)
             fill(mesh, t, face_of[t], v->faces);

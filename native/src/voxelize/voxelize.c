@@ -13,7 +13,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/cpu.h"
-#include "grid/attributes/nearest_triangles.h"
+#include "grid/attributes/triangle_attributes.h"
 #include "voxelize/filter_profile.h"
 #include "voxelize/hole_fill.h"
 #include "voxelize/voxelizer.h"

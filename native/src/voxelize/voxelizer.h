@@ -12,12 +12,12 @@
 /* Of the bricks of a part those that are mixed. They lie in the volume from brick `first` on,
  * their names from block 1 + 8 (first - LR_FIRST_STORED) on, until all parts have run. */
 typedef struct lr_part {
-    uint32_t n;          /* mixed bricks */
-    uint32_t *brick;     /* [n]: places in the table */
-    uint32_t first;      /* brick of the volume */
-    uint32_t next_block; /* of names */
-    uint32_t *named;     /* [512], of the brick at hand: 1 + triangle that is nearest, or 0; NULL
-                            without */
+    uint32_t n;                 /* mixed bricks */
+    uint32_t *brick;            /* [n]: places in the table */
+    uint32_t first;             /* brick of the volume */
+    uint32_t next_block;        /* of names */
+    uint32_t *nearest_triangle; /* [512], of the brick at hand: 1 + triangle that is nearest, or 0;
+                        NULL without */
 } lr_part;
 
 typedef struct lr_verdict {

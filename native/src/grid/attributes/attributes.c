@@ -5,7 +5,7 @@
 
 #include "base/affine.h"
 #include "base/error.h"
-#include "grid/attributes/nearest_triangles.h"
+#include "grid/attributes/triangle_attributes.h"
 #include "grid/attributes/texture.h"
 #include "grid/triangle_cells.h"
 
@@ -34,7 +34,8 @@ static uint32_t names(const lr_volume *v, const int32_t c[3], const double p[3],
         const uint32_t block = v->block_of[8 * (size_t)brick + lr_sub_of(x, y, z)];
         if (block == 0 || (v->ids != NULL && v->ids[lr_sample_at(v, x, y, z)] != id))
             continue;
-        const uint32_t face = v->named[(size_t)block * LR_BLOCK_SAMPLES + lr_bit_of(x, y, z)];
+        const uint32_t face =
+            v->nearest_triangle[(size_t)block * LR_BLOCK_SAMPLES + lr_bit_of(x, y, z)];
         const double weight =
             (o[0] ? p[0] : 1.0 - p[0]) * (o[1] ? p[1] : 1.0 - p[1]) * (o[2] ? p[2] : 1.0 - p[2]);
         uint32_t i = 0;
@@ -144,7 +145,7 @@ uint32_t lr_volume_shares(const lr_volume *v, const int32_t c[3], const double p
 {
     const double q[3] = {c[0] + p[0], c[1] + p[1], c[2] + p[2]};
     double height[LR_SHARES_MAX], beside[LR_SHARES_MAX], inward[3];
-    const uint32_t n_named = names(v, c, p, id, share);
+    const uint32_t n_nearest = names(v, c, p, id, share);
     if (geometric != NULL) { /* from object to storage space, and to unit length */
         lr_map_gradient(v->object_from_storage, geometric, inward);
         const double length = sqrt(lr_dot(inward, inward));
@@ -152,7 +153,7 @@ uint32_t lr_volume_shares(const lr_volume *v, const int32_t c[3], const double p
             inward[k] /= length;
     }
     uint32_t n = 0;
-    for (uint32_t i = 0; i < n_named; i++) {
+    for (uint32_t i = 0; i < n_nearest; i++) {
         double a[3][3];
         for (int b = 0; b < 3; b++)
             for (int k = 0; k < 3; k++)
@@ -164,7 +165,7 @@ uint32_t lr_volume_shares(const lr_volume *v, const int32_t c[3], const double p
     return settle(share, height, beside, n);
 }
 
-/* The one share of a hit on a triangle of an triangle cell; how many. */
+/* The one share of a hit on a triangle of a triangle cell; how many. */
 static uint32_t own_share(const lr_volume *v, const int32_t c[3], const double p[3],
                           uint32_t triangle, lr_share *share)
 {
@@ -186,7 +187,7 @@ static uint32_t shares_at(const lr_volume *v, const int32_t c[3], const double p
 
 /* So many voxels of a face in texels: the eigenvectors of J J^T, J the gradients of texel
  * coordinates in the face's plane. */
-static lr_footprint footprint_of(const lr_facets *f, uint32_t face, double width)
+static lr_footprint footprint_of(const lr_triangle_attributes *f, uint32_t face, double width)
 {
     const lr_texture *t = f->texture[f->source[face]];
     const double size[2] = {t->width[0], t->height[0]};
@@ -214,7 +215,8 @@ static lr_footprint footprint_of(const lr_facets *f, uint32_t face, double width
     return (lr_footprint){{most * cos(angle), most * sin(angle)}, least};
 }
 
-static void image_color(const lr_facets *f, const lr_share *s, double width, double rgb[3])
+static void image_color(const lr_triangle_attributes *f, const lr_share *s, double width,
+                        double rgb[3])
 {
     double uv[2] = {0.0, 0.0};
     for (int b = 0; b < 3; b++)
@@ -226,7 +228,8 @@ static void image_color(const lr_facets *f, const lr_share *s, double width, dou
     lr_texture_average(f->texture[f->source[s->face]], uv, &footprint, rgb);
 }
 
-static void face_color(const lr_facets *f, const lr_share *s, double width, double rgb[3])
+static void face_color(const lr_triangle_attributes *f, const lr_share *s, double width,
+                       double rgb[3])
 {
     const int32_t source = f->source[s->face];
     const lr_texture *texture = source < 0 ? NULL : f->texture[source];

@@ -6,7 +6,7 @@
  * where it lies on none of them, as on triangles much smaller than a voxel, they share
  * it by their distances. So a texture is as sharp as on the mesh, whatever the voxel,
  * seams of UVs and of materials are where the mesh has them, and storage follows the
- * surface: a number per sample, a row per triangle that is named. In an triangle cell nothing
+ * surface: a number per sample, a row per triangle that is named. In a triangle cell nothing
  * competes: the triangle that was hit has a row of its own.
  *
  * Of normals only those count whose face leans little from the surface that was hit: so
@@ -37,7 +37,7 @@ uint32_t lr_volume_shares(const lr_volume *volume, const int32_t c[3], const dou
                           int32_t id, const double *geometric, lr_share share[LR_SHARES_MAX]);
 
 /* Linear RGB there, textures averaged over `width` voxels of the surface; false, and rgb
- * untouched, where the volume carries none. triangle: that of an triangle cell which was hit, or
+ * untouched, where the volume carries none. triangle: that of a triangle cell which was hit, or
  * LR_NO_TRIANGLE. */
 bool lr_volume_color(const lr_volume *volume, const int32_t c[3], const double p[3], int32_t id,
                      uint32_t triangle, double width, double rgb[3]);
@@ -57,7 +57,7 @@ typedef struct lr_smooth_triangle {
     double at[3];                      /* barycentric: the hit */
 } lr_smooth_triangle;
 
-/* Of a triangle of an triangle cell that was hit at p; false where the volume has no normals for
+/* Of a triangle of a triangle cell that was hit at p; false where the volume has no normals for
  * it. */
 bool lr_volume_smooth_triangle(const lr_volume *volume, const int32_t c[3], const double p[3],
                                uint32_t triangle, lr_smooth_triangle *smooth);

@@ -82,7 +82,7 @@ static void locate(const lr_placed *placed, const lr_shading_point *s, int32_t c
 }
 
 /* From the hit, at p of storage cell c, to the smooth surface above it, in world
- * space; false where that is not above. A hit in an triangle cell lies on a triangle,
+ * space; false where that is not above. A hit in a triangle cell lies on a triangle,
  * which is no facet of anything smoother that the samples know; nor are those beside
  * it, where second differences reach over a crease. */
 static bool rise(const lr_placed *placed, const lr_shading_point *s, int32_t id, const int32_t c[3],

@@ -37,22 +37,22 @@ enum {
 static const double CLEAR = 0x1p-30, ASIDE = 0x1p-40;
 
 /* Rays that are set up and wait for a lane. */
-typedef struct lr_waiting {
+typedef struct lr_queued {
     double o[3][WAITING], d[3][WAITING], inv[3][WAITING], t[WAITING], t_max[WAITING];
     int32_t c[3][WAITING], axis[WAITING], side[WAITING], ray[WAITING];
     uint32_t next, n;
-} lr_waiting;
+} lr_queued;
 
 /* The rays of the lanes, as lr_ray and lr_cursor have them. */
-typedef struct lr_eight {
+typedef struct lr_packet8 {
     __m512d o[3], d[3], inv[3], t, t_max;
     __m256i c[3], axis, side, ray;
     __m256i cells; /* visited so far */
     __mmask8 up[3], still[3];
     __mmask8 alive, held; /* lanes whose ray goes on; lanes that have had one */
-} lr_eight;
+} lr_packet8;
 
-typedef struct lr_flock {
+typedef struct lr_packet {
     const lr_volume *v;
     const lr_cd_distances *f;
     const lr_rays *rays;
@@ -60,12 +60,12 @@ typedef struct lr_flock {
     const lr_hits *hits;
     lr_counters *counters;
     uint64_t first, next, end;
-    lr_waiting waiting;
-} lr_flock;
+    lr_queued waiting;
+} lr_packet;
 
 /* ---- rays come ------------------------------------------------------------- */
 
-static bool set_up(const lr_flock *k, uint64_t i, lr_ray *r)
+static bool set_up(const lr_packet *k, uint64_t i, lr_ray *r)
 {
     const lr_rays *rays = k->rays;
     const double o[3] = {rays->ox[i], rays->oy[i], rays->oz[i]};
@@ -74,10 +74,10 @@ static bool set_up(const lr_flock *k, uint64_t i, lr_ray *r)
 }
 
 /* Set up the next rays, as many as may wait. */
-static void prepare(lr_flock *k)
+static void prepare(lr_packet *k)
 {
     const lr_volume *v = k->v;
-    lr_waiting *w = &k->waiting;
+    lr_queued *w = &k->waiting;
     uint32_t n = 0;
     for (; k->next < k->end && n < WAITING; k->next++) {
         const uint64_t i = k->next;
@@ -110,7 +110,7 @@ static void prepare(lr_flock *k)
 }
 
 /* What is known of rays that have ended. */
-LR_INLINE void settle(const lr_flock *k, lr_eight *e)
+LR_INLINE void settle(const lr_packet *k, lr_packet8 *e)
 {
     const __mmask8 ended = e->held & (__mmask8)~e->alive;
     int32_t cells[LANES], ray[LANES];
@@ -128,9 +128,9 @@ LR_INLINE void settle(const lr_flock *k, lr_eight *e)
 }
 
 /* Give free lanes the rays that wait; alive is 0 where none is left. */
-LR_INLINE void refill(lr_flock *k, lr_eight *e)
+LR_INLINE void refill(lr_packet *k, lr_packet8 *e)
 {
-    lr_waiting *w = &k->waiting;
+    lr_queued *w = &k->waiting;
     settle(k, e);
     e->held = e->alive;
     while (e->alive != ALL) {
@@ -227,7 +227,7 @@ LR_INLINE __m512d values_of(const lr_volume *v, __m256i stored)
 }
 
 /* The corners of the lanes' cells, as lr_corners; *entry: the cells' own. */
-LR_INLINE void corners_of(const lr_volume *v, const lr_eight *e, __mmask8 m, __m512d s[8],
+LR_INLINE void corners_of(const lr_volume *v, const lr_packet8 *e, __mmask8 m, __m512d s[8],
                           __m256i *entry)
 {
     const __m256i one = all_of(1),
@@ -274,7 +274,7 @@ LR_INLINE __m512d scale_of(const lr_volume *v, const __m512d s[8])
 }
 
 /* Lanes whose field is not trusted in their cell. */
-LR_INLINE __mmask8 doubted(const lr_volume *v, const lr_eight *e, __mmask8 m, __m256i entry)
+LR_INLINE __mmask8 doubted(const lr_volume *v, const lr_packet8 *e, __mmask8 m, __m256i entry)
 {
     __m256i sub = _mm256_setzero_si256(), bit = _mm256_setzero_si256();
     for (int a = 0; a < 3; a++) {
@@ -285,14 +285,14 @@ LR_INLINE __mmask8 doubted(const lr_volume *v, const lr_eight *e, __mmask8 m, __
     const __m512i brick = _mm512_cvtepu32_epi64(_mm256_srli_epi32(entry, 8));
     const __m512i word = _mm512_mask_i64gather_epi64(
         _mm512_setzero_si512(), m,
-        _mm512_add_epi64(_mm512_slli_epi64(brick, 3), _mm512_cvtepu32_epi64(sub)), v->triangle_cells->doubt,
-        8);
+        _mm512_add_epi64(_mm512_slli_epi64(brick, 3), _mm512_cvtepu32_epi64(sub)),
+        v->triangle_cells->doubt, 8);
     return _mm512_mask_test_epi64_mask(m, _mm512_srlv_epi64(word, _mm512_cvtepu32_epi64(bit)),
                                        _mm512_set1_epi64(1));
 }
 
 /* The point at t in its cell, as lr_chord_points. */
-LR_INLINE __m512d point_in(const lr_eight *e, int a, __m512d t, __mmask8 at_face, __mmask8 upper)
+LR_INLINE __m512d point_in(const lr_packet8 *e, int a, __m512d t, __mmask8 at_face, __mmask8 upper)
 {
     const __m512d one = _mm512_set1_pd(1.0), zero = _mm512_setzero_pd();
     __m512d p =
@@ -310,7 +310,7 @@ LR_INLINE __m512d line(__m512d a, __m512d b, __m512d x)
 }
 
 /* Lanes of m whose ray surely goes through its cell without a hit. */
-LR_INLINE __mmask8 passes(const lr_volume *v, const lr_eight *e, __mmask8 m, __m512d t_out,
+LR_INLINE __mmask8 passes(const lr_volume *v, const lr_packet8 *e, __mmask8 m, __m512d t_out,
                           __m256i axis_out)
 {
     __m512d s[8], p[3], q[3];
@@ -363,7 +363,7 @@ LR_INLINE __mmask8 passes(const lr_volume *v, const lr_eight *e, __mmask8 m, __m
 }
 
 /* The hit test of ray i, which stands on u. */
-static bool test(lr_flock *k, const lr_ray *r, const lr_cursor *u, int *side, uint64_t i)
+static bool test(lr_packet *k, const lr_ray *r, const lr_cursor *u, int *side, uint64_t i)
 {
     lr_found found;
     uint64_t n_samples = 0;
@@ -387,7 +387,7 @@ typedef struct lr_spread {
     _Alignas(64) int32_t c[3][LANES], axis[LANES], side[LANES], ray[LANES];
 } lr_spread;
 
-static void spread(const lr_eight *e, lr_spread *s)
+static void spread(const lr_packet8 *e, lr_spread *s)
 {
     for (int a = 0; a < 3; a++) {
         _mm512_store_pd(s->o[a], e->o[a]);
@@ -403,7 +403,7 @@ static void spread(const lr_eight *e, lr_spread *s)
 }
 
 /* The hit tests of the lanes of m; those that are hit are no more alive. */
-static void test_lanes(lr_flock *k, lr_eight *e, __mmask8 m)
+static void test_lanes(lr_packet *k, lr_packet8 *e, __mmask8 m)
 {
     lr_spread s;
     lr_ray r;
@@ -439,7 +439,7 @@ typedef struct lr_ahead {
     __mmask8 surface, one; /* surface cells; boxes of one cell */
 } lr_ahead;
 
-LR_INLINE void look_ahead(const lr_flock *k, const lr_eight *e, lr_ahead *h)
+LR_INLINE void look_ahead(const lr_packet *k, const lr_packet8 *e, lr_ahead *h)
 {
     const lr_volume *v = k->v;
     const __m256i at =
@@ -470,7 +470,7 @@ LR_INLINE void look_ahead(const lr_flock *k, const lr_eight *e, lr_ahead *h)
 }
 
 /* The crossing by which each lane leaves its box, as lr_exit_t. */
-LR_INLINE __m512d exit_of(const lr_eight *e, const lr_ahead *h, __m256i *axis)
+LR_INLINE __m512d exit_of(const lr_packet8 *e, const lr_ahead *h, __m256i *axis)
 {
     __m512d t[3];
     for (int a = 0; a < 3; a++) {
@@ -486,7 +486,7 @@ LR_INLINE __m512d exit_of(const lr_eight *e, const lr_ahead *h, __m256i *axis)
 }
 
 /* Leave the boxes, as lr_exit and lr_step do. */
-LR_INLINE void leave_boxes(const lr_volume *v, lr_eight *e, const lr_ahead *h, __m512d t,
+LR_INLINE void leave_boxes(const lr_volume *v, lr_packet8 *e, const lr_ahead *h, __m512d t,
                            __m256i axis)
 {
     __mmask8 on = _mm512_mask_cmp_pd_mask(e->alive, t, e->t_max, _CMP_LE_OQ);
@@ -513,7 +513,7 @@ LR_INLINE void leave_boxes(const lr_volume *v, lr_eight *e, const lr_ahead *h, _
     e->alive = on;
 }
 
-LR_INLINE void count(lr_counters *c, lr_eight *e, const lr_ahead *h)
+LR_INLINE void count(lr_counters *c, lr_packet8 *e, const lr_ahead *h)
 {
     const __mmask8 jumps = e->alive & (__mmask8) ~(h->one | h->surface);
     c->cells += (uint64_t)__builtin_popcount(e->alive);
@@ -522,12 +522,12 @@ LR_INLINE void count(lr_counters *c, lr_eight *e, const lr_ahead *h)
     e->cells = _mm256_mask_add_epi32(e->cells, e->alive, e->cells, all_of(1));
 }
 
-void lr_cd_trace_eight(const lr_volume *v, const lr_cd_distances *f, const lr_rays *rays,
-                       uint64_t first, uint64_t end, const lr_trace_options *options,
-                       const lr_hits *hits, lr_counters *counters)
+void lr_cd_trace_packet8(const lr_volume *v, const lr_cd_distances *f, const lr_rays *rays,
+                         uint64_t first, uint64_t end, const lr_trace_options *options,
+                         const lr_hits *hits, lr_counters *counters)
 {
-    lr_flock k;
-    lr_eight e;
+    lr_packet k;
+    lr_packet8 e;
     k.v = v;
     k.f = f;
     k.rays = rays;

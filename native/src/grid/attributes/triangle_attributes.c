@@ -2,7 +2,7 @@
  * finished.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "grid/attributes/nearest_triangles.h"
+#include "grid/attributes/triangle_attributes.h"
 
 #include "base/error.h"
 #include "grid/access.h"
@@ -11,12 +11,12 @@
 
 uint64_t lr_face_nbytes(bool normals, bool sources, bool colors, bool uvs)
 {
-    const lr_facets *f = NULL;
+    const lr_triangle_attributes *f = NULL;
     return sizeof *f->corner + normals * sizeof *f->normal + sources * sizeof *f->source +
            colors * sizeof *f->color + uvs * sizeof *f->uv;
 }
 
-uint64_t lr_facets_nbytes(const lr_facets *f)
+uint64_t lr_triangle_attributes_nbytes(const lr_triangle_attributes *f)
 {
     if (f == NULL)
         return 0;
@@ -25,7 +25,7 @@ uint64_t lr_facets_nbytes(const lr_facets *f)
                                  f->uv != NULL);
 }
 
-void lr_facets_free(lr_facets *f)
+void lr_triangle_attributes_free(lr_triangle_attributes *f)
 {
     if (f == NULL)
         return;
@@ -38,10 +38,11 @@ void lr_facets_free(lr_facets *f)
     free(f);
 }
 
-lr_status lr_facets_new(uint32_t n, bool normals, bool sources, bool colors, bool uvs,
-                        uint32_t n_textures, lr_facets **faces, lr_error *error)
+lr_status lr_triangle_attributes_new(uint32_t n, bool normals, bool sources, bool colors, bool uvs,
+                                     uint32_t n_textures, lr_triangle_attributes **faces,
+                                     lr_error *error)
 {
-    lr_facets *f = calloc(1, sizeof *f);
+    lr_triangle_attributes *f = calloc(1, sizeof *f);
     if (f == NULL)
         return lr_fail_memory(error, sizeof *f, "the faces of a volume");
     f->n = n;
@@ -54,7 +55,7 @@ lr_status lr_facets_new(uint32_t n, bool normals, bool sources, bool colors, boo
     f->texture = calloc((size_t)n_textures + 1, sizeof *f->texture);
     if (f->corner == NULL || (normals && f->normal == NULL) || (sources && f->source == NULL) ||
         (colors && f->color == NULL) || (uvs && f->uv == NULL) || f->texture == NULL) {
-        lr_facets_free(f);
+        lr_triangle_attributes_free(f);
         return lr_fail_memory(error, n * lr_face_nbytes(normals, sources, colors, uvs),
                               "the faces of a volume");
     }
@@ -63,9 +64,10 @@ lr_status lr_facets_new(uint32_t n, bool normals, bool sources, bool colors, boo
 }
 
 /* A part's faces among those of the whole. */
-static void take(const lr_facets_part *p, const int32_t *texture_of, lr_facets *whole)
+static void take(const lr_triangle_attributes_part *p, const int32_t *texture_of,
+                 lr_triangle_attributes *whole)
 {
-    const lr_facets *own = p->faces;
+    const lr_triangle_attributes *own = p->faces;
     for (uint32_t f = 1; f < own->n; f++) {
         const uint32_t to = p->first_face + f;
         for (int c = 0; c < 3; c++)
@@ -86,7 +88,8 @@ static void take(const lr_facets_part *p, const int32_t *texture_of, lr_facets *
 }
 
 /* The textures of a part among those of the whole, whose number grows by new ones. */
-static void take_textures(const lr_facets *own, lr_facets *whole, int32_t *texture_of)
+static void take_textures(const lr_triangle_attributes *own, lr_triangle_attributes *whole,
+                          int32_t *texture_of)
 {
     for (uint32_t i = 0; i < own->n_textures; i++) {
         uint32_t at = 0;
@@ -98,13 +101,13 @@ static void take_textures(const lr_facets *own, lr_facets *whole, int32_t *textu
     }
 }
 
-lr_status lr_facets_join(lr_facets_part *parts, uint32_t n_parts, lr_facets **faces,
-                         lr_error *error)
+lr_status lr_triangle_attributes_join(lr_triangle_attributes_part *parts, uint32_t n_parts,
+                                      lr_triangle_attributes **faces, lr_error *error)
 {
     bool normals = false, sources = false, colors = false, uvs = false;
     uint64_t n = 1, n_textures = 0;
     for (uint32_t i = 0; i < n_parts; i++) {
-        const lr_facets *f = parts[i].faces;
+        const lr_triangle_attributes *f = parts[i].faces;
         if (f == NULL)
             continue;
         parts[i].first_face = (uint32_t)(n - 1);
@@ -118,8 +121,8 @@ lr_status lr_facets_join(lr_facets_part *parts, uint32_t n_parts, lr_facets **fa
     if (n > UINT32_MAX || n_textures > INT32_MAX)
         return lr_fail(error, LR_E_SIZE, "the volumes keep %llu faces, more than fit (2^32)",
                        (unsigned long long)n);
-    lr_status status = lr_facets_new((uint32_t)n, normals, sources, colors, uvs,
-                                     (uint32_t)n_textures, faces, error);
+    lr_status status = lr_triangle_attributes_new((uint32_t)n, normals, sources, colors, uvs,
+                                                  (uint32_t)n_textures, faces, error);
     int32_t *texture_of = malloc((n_textures + 1) * sizeof *texture_of);
     if (status == LR_OK && texture_of == NULL)
         status = lr_fail_memory(error, n_textures * sizeof *texture_of, "a list of textures");
@@ -161,28 +164,31 @@ lr_status lr_volume_carry(lr_volume *v, uint64_t n_bricks, lr_error *error)
                        LR_MAX_BRICKS);
     v->n_blocks = 1;
     v->block_of = calloc(v->capacity, 8 * sizeof *v->block_of);
-    v->named = malloc(n * lr_volume_block_nbytes());
-    if (v->block_of == NULL || v->named == NULL)
+    v->nearest_triangle = malloc(n * lr_volume_block_nbytes());
+    if (v->block_of == NULL || v->nearest_triangle == NULL)
         return lr_fail_memory(error, n * lr_volume_block_nbytes(), "the attributes of a volume");
     return LR_OK;
 }
 
 /* A sub-brick's numbers out of a brick's; whether there are any but 0. */
-static bool put_sub(uint32_t *to, const uint32_t *named, int s)
+static bool put_sub(uint32_t *to, const uint32_t *nearest_triangle, int s)
 {
     uint32_t any = 0;
-    named += 4 * (s & 1) + 32 * (s >> 1 & 1) + 256 * (s >> 2);
+    nearest_triangle += 4 * (s & 1) + 32 * (s >> 1 & 1) + 256 * (s >> 2);
     for (int i = 0; i < LR_BLOCK_SAMPLES; i++)
-        any |= to[i] = named[(i & 3) + 8 * (i >> 2 & 3) + 64 * (i >> 4)];
+        any |= to[i] = nearest_triangle[(i & 3) + 8 * (i >> 2 & 3) + 64 * (i >> 4)];
     return any != 0;
 }
 
-void lr_volume_name(lr_volume *v, uint32_t brick, const uint32_t *named, uint32_t *next_block)
+void lr_volume_set_nearest(lr_volume *v, uint32_t brick, const uint32_t *nearest_triangle,
+                           uint32_t *next_block)
 {
     for (int s = 0; s < 8; s++) {
         uint32_t *block = &v->block_of[8 * (size_t)brick + (size_t)s];
         *block = 0;
-        if (named != NULL && put_sub(v->named + (size_t)*next_block * LR_BLOCK_SAMPLES, named, s))
+        if (nearest_triangle != NULL &&
+            put_sub(v->nearest_triangle + (size_t)*next_block * LR_BLOCK_SAMPLES, nearest_triangle,
+                    s))
             *block = (*next_block)++;
     }
 }
@@ -193,8 +199,8 @@ void lr_volume_move_names(lr_volume *v, uint32_t brick)
         uint32_t *block = &v->block_of[8 * (size_t)brick + s];
         if (*block == 0)
             continue;
-        memmove(v->named + (size_t)v->n_blocks * LR_BLOCK_SAMPLES,
-                v->named + (size_t)*block * LR_BLOCK_SAMPLES, lr_volume_block_nbytes());
+        memmove(v->nearest_triangle + (size_t)v->n_blocks * LR_BLOCK_SAMPLES,
+                v->nearest_triangle + (size_t)*block * LR_BLOCK_SAMPLES, lr_volume_block_nbytes());
         *block = v->n_blocks++;
     }
 }
@@ -248,15 +254,15 @@ static void move_blocks(lr_volume *v, const uint8_t *needed, uint32_t *moved)
     for (uint32_t from = 1; from < v->n_blocks; from++) {
         moved[from] = needed[from] ? next++ : 0;
         if (needed[from] && moved[from] != from)
-            memcpy(v->named + (size_t)moved[from] * LR_BLOCK_SAMPLES,
-                   v->named + (size_t)from * LR_BLOCK_SAMPLES, lr_volume_block_nbytes());
+            memcpy(v->nearest_triangle + (size_t)moved[from] * LR_BLOCK_SAMPLES,
+                   v->nearest_triangle + (size_t)from * LR_BLOCK_SAMPLES, lr_volume_block_nbytes());
     }
     for (size_t i = 0; i < 8 * (size_t)v->n_bricks; i++)
         v->block_of[i] = moved[v->block_of[i]];
     v->n_blocks = next;
-    uint32_t *less = realloc(v->named, (size_t)next * lr_volume_block_nbytes());
+    uint32_t *less = realloc(v->nearest_triangle, (size_t)next * lr_volume_block_nbytes());
     if (less != NULL)
-        v->named = less;
+        v->nearest_triangle = less;
 }
 
 lr_status lr_volume_trim_blocks(lr_volume *v, const lr_watch *watch, lr_error *error)

@@ -18,7 +18,7 @@
 #define LR_OCTA_STEPS 65534.0 /* codes 1..65535 of a coordinate, so that 0 is free */
 
 /* Every array is NULL where no face needs it. */
-typedef struct lr_facets {
+typedef struct lr_triangle_attributes {
     uint32_t n;                 /* with face 0 */
     float (*corner)[3][3];      /* [n]: storage space */
     uint32_t (*normal)[3];      /* [n]: octahedral codes, outward as the mesh is wound */
@@ -27,28 +27,29 @@ typedef struct lr_facets {
     float (*uv)[3][2];          /* [n] */
     const lr_texture **texture; /* NULL: white, until it is bound */
     uint32_t n_textures;
-} lr_facets;
+} lr_triangle_attributes;
 
-void lr_facets_free(lr_facets *faces);
-uint64_t lr_facets_nbytes(const lr_facets *faces); /* NULL: 0 */
+void lr_triangle_attributes_free(lr_triangle_attributes *faces);
+uint64_t lr_triangle_attributes_nbytes(const lr_triangle_attributes *faces); /* NULL: 0 */
 /* Of one face. */
 uint64_t lr_face_nbytes(bool normals, bool sources, bool colors, bool uvs);
 
 /* Make room for n faces, the first of which is none, and so many textures. */
-lr_status lr_facets_new(uint32_t n, bool normals, bool sources, bool colors, bool uvs,
-                        uint32_t n_textures, lr_facets **faces, lr_error *error);
+lr_status lr_triangle_attributes_new(uint32_t n, bool normals, bool sources, bool colors, bool uvs,
+                                     uint32_t n_textures, lr_triangle_attributes **faces,
+                                     lr_error *error);
 
 /* The faces of a volume to be merged, or NULL, and where its storage starts in the whole's;
  * its face f becomes first_face + f. */
-typedef struct lr_facets_part {
-    const lr_facets *faces;
+typedef struct lr_triangle_attributes_part {
+    const lr_triangle_attributes *faces;
     int32_t shift[3];
     uint32_t first_face;
-} lr_facets_part;
+} lr_triangle_attributes_part;
 
 /* All of them; what a part lacks and another has is white, or no normal. */
-lr_status lr_facets_join(lr_facets_part *parts, uint32_t n_parts, lr_facets **faces,
-                         lr_error *error);
+lr_status lr_triangle_attributes_join(lr_triangle_attributes_part *parts, uint32_t n_parts,
+                                      lr_triangle_attributes **faces, lr_error *error);
 
 /* n need not be unit; 0 of nothing. */
 LR_INLINE uint32_t lr_normal_encode(const double n[3])
