@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The front door of LeapRay.
+"""The entry point of LeapRay.
 
     python3 build.py [--python 3.13|3.11|other] VERB ...
 

@@ -65,10 +65,10 @@ def render(
     threads = scene.settings.threads or cores()
     check(scene.settings)
     with ThreadPoolExecutor(threads, thread_name_prefix="leapray") as pool:
-        crew = Crew(pool, watch, stop, progress, meter)
-        planned = _plan(scene, Cache() if cache is None else cache, crew, threads, planner)
+        workers = WorkerPool(pool, watch, stop, progress, meter)
+        planned = _plan(scene, Cache() if cache is None else cache, workers, threads, planner)
         planned_at = time.perf_counter()
-        passes, counters, workspace_nbytes = _trace(scene, planned, crew, threads, on_tile)
+        passes, counters, workspace_nbytes = _trace(scene, planned, workers, threads, on_tile)
     ended = time.perf_counter()
     warnings = [*scene.warnings, *planned.warnings]
     pixels_nbytes = sum(p.nbytes for p in passes.values())
@@ -125,7 +125,7 @@ def check(settings: model.Settings) -> None:
     leapray.trace_options(hit_test=settings.hit_test, root=settings.root, normal=settings.normal)
 
 
-class Crew:
+class WorkerPool:
     """Workers, and the calling thread that listens to them and to its caller.
 
     progress is called again while nothing arrives, with `share`, which a worker
@@ -194,16 +194,18 @@ class Crew:
             raise leapray.Stopped("The render was cancelled.")
 
 
-def _plan(scene: model.Scene, cache: Cache, crew: Crew, threads: int, planner) -> plan.Plan:
-    crew.phase = "Voxelizing"
+def _plan(
+    scene: model.Scene, cache: Cache, workers: WorkerPool, threads: int, planner
+) -> plan.Plan:
+    workers.phase = "Voxelizing"
 
     def advance(share: float) -> None:
-        crew.share = max(crew.share, PLANNED * share)
+        workers.share = max(workers.share, PLANNED * share)
 
     def job(put: Callable) -> None:
-        put(plan.make(scene, cache, crew.watch, threads, advance, planner))
+        put(plan.make(scene, cache, workers.watch, threads, advance, planner))
 
-    (planned,) = crew.run([job])
+    (planned,) = workers.run([job])
     return planned
 
 
@@ -223,7 +225,7 @@ def _world(world: model.World, watch: leapray.Watch) -> model.World:
     return dataclasses.replace(world, image=texture)
 
 
-def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_tile):
+def _trace(scene: model.Scene, planned: plan.Plan, workers: WorkerPool, threads: int, on_tile):
     """The passes, the counters' totals and the bytes of all workspaces."""
     s = scene.settings
     placed = leapray.Scene(
@@ -232,7 +234,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
         planned.lights,
         scene.materials,
         planned.slots,
-        world=_world(scene.world, crew.watch),
+        world=_world(scene.world, workers.watch),
         film_transparent=scene.film_transparent,
         slot_objects=planned.slot_objects,
         mist=scene.mist,
@@ -241,7 +243,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
     sampling = {name: getattr(s, name) for name in leapray.SAMPLING}
     todo = collections.deque(tiles.split(scene.width, scene.height, s.tile_size))
     n_tiles = len(todo)
-    crew.phase, crew.share = f"Rendered 0/{n_tiles} Tiles", PLANNED
+    workers.phase, workers.share = f"Rendered 0/{n_tiles} Tiles", PLANNED
     side = min(s.tile_size, max(scene.width, scene.height))
     totals = [lr_counters() for _ in range(min(threads, len(todo)))]
     sizes = []
@@ -262,7 +264,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
                     options={"hit_test": s.hit_test, "root": s.root, "normal": s.normal},
                     passes=scene.passes,
                     workspace=workspace,
-                    watch=crew.watch,
+                    watch=workers.watch,
                     counters=counters,
                     **sampling,
                 )
@@ -273,14 +275,14 @@ def _trace(scene: model.Scene, planned: plan.Plan, crew: Crew, threads: int, on_
 
     passes: dict[str, np.ndarray] = {}
     done = 0
-    for count, (tile, parts) in enumerate(crew.run([worker(c) for c in totals]), 1):
+    for count, (tile, parts) in enumerate(workers.run([worker(c) for c in totals]), 1):
         tiles.paste(passes, tile, parts, (scene.height, scene.width))
         done += tile.width * tile.height
-        crew.phase = f"Rendered {count}/{n_tiles} Tiles"  # as Cycles says it: farms parse it
-        crew.share = PLANNED + (1 - PLANNED) * done / (scene.width * scene.height)
+        workers.phase = f"Rendered {count}/{n_tiles} Tiles"  # as Cycles says it: farms parse it
+        workers.share = PLANNED + (1 - PLANNED) * done / (scene.width * scene.height)
         if on_tile is not None:
             on_tile(*tile, parts)
-    crew.progress(1.0, crew.phase)
+    workers.progress(1.0, workers.phase)
     return passes, leapray.add_counters(totals), sum(sizes)
 
 

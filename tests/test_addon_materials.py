@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import leapray
 from addon import model
 from addon.blender.read import images, materials
-from addon.blender.read.warnings import Notes
+from addon.blender.read.warnings import Warnings
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def surface(made, output, shader):
 
 def understood(made):
     """The model of a material that gives no warning."""
-    notes = Notes()
+    notes = Warnings()
     got, _ = materials.read(made, notes)
     assert notes.sentences() == ()
     return got
@@ -70,7 +70,7 @@ def understood(made):
 
 def misunderstood(made):
     """The model of a material, and the one warning that it gives."""
-    notes = Notes()
+    notes = Warnings()
     got, _ = materials.read(made, notes)
     (sentence,) = notes.sentences()
     assert sentence.endswith(f"in '{made.name}'")
@@ -348,7 +348,7 @@ def test_an_images_pixels_are_linear_and_its_uvs_come_with_the_corners(scene):
     stored = np.round(pixels * 255) / 255
     want = np.where(stored < 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
     assert_allclose(material.image.pixels, np.round(pixels * 255))  # looked up as they are stored
-    assert_allclose(images.texels_of(texture.image, Notes()).linear(), want, atol=1e-6)
+    assert_allclose(images.texels_of(texture.image, Warnings()).linear(), want, atol=1e-6)
     assert (material.image.interpolation, material.image.extension) == ("closest", "mirror")
     corners = square.vertices[square.triangles][..., :2]
     assert_allclose(square.corner_uvs, corners / 2 + 0.5, atol=1e-6)

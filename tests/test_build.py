@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The front door: finds a Python, makes its environment once, survives kills, stays out of the way.
+"""The entry point: finds a Python, makes its environment once, survives kills, leaves no trace.
 
 A scratch project holds build.py and addon/process.py as they are, no pins, and
 stubs for what takes long: Blender's module, the command line behind the verbs,

@@ -12,7 +12,7 @@ from test_addon_materials import node
 import leapray
 from addon.blender import open_file
 from addon.blender.read import lights
-from addon.blender.read.warnings import Notes
+from addon.blender.read.warnings import Warnings
 
 WIDTH, HEIGHT = 9, 5
 ROWS = 24
@@ -57,7 +57,7 @@ def all_around(scene):
 
 
 def ours(scene):
-    notes = Notes()
+    notes = Warnings()
     world = lights.of_world(scene.world, notes)
     assert notes.sentences() == ()
     image = world.image

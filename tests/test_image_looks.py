@@ -12,7 +12,7 @@ from test_addon_materials import node
 
 import leapray
 from addon.blender.read import images, materials
-from addon.blender.read.warnings import Notes
+from addon.blender.read.warnings import Warnings
 
 SIDE = 8
 WIDTH, HEIGHT = 7, 5
@@ -81,7 +81,7 @@ def look(image, use="color", after=None, **settings):
 
 def ours(made):
     """(SIDE, SIDE, 3) of the material's texture, and the sentences it gives."""
-    notes = Notes()
+    notes = Warnings()
     read, texture = materials.read(made, notes)
     if read.image is None:
         return np.broadcast_to(read.lobes[0].color, (SIDE, SIDE, 3)), notes.sentences()

@@ -14,7 +14,7 @@ from test_node_values import ours
 
 from addon.blender import open_file
 from addon.blender.read import lights, materials
-from addon.blender.read.warnings import Notes
+from addon.blender.read.warnings import Warnings
 
 ORANGE = (0.9, 0.4, 0.1, 1.0)
 
@@ -252,7 +252,7 @@ def test_shaders_shine_as_in_cycles():
     made = list(shaders())
     got = []
     for each in made:
-        notes = Notes()
+        notes = Warnings()
         lobes = materials.read(each, notes)[0].lobes
         assert notes.sentences() == (), each.name
         shining = [lobe for lobe in lobes if lobe.kind == "emission"]
@@ -330,7 +330,7 @@ def test_chains_of_thousands_of_nodes():
     shader = long_chain(into, glow, "ShaderNodeAddShader", "Shader", 71)
     into.links.new(shader, output.inputs["Surface"])
     start = time.perf_counter()
-    got, _ = materials.read(made, Notes())
+    got, _ = materials.read(made, Warnings())
     assert np.allclose(got.lobes[0].color, ORANGE[:3], atol=1e-5)
     assert time.perf_counter() - start < 10
 
@@ -346,7 +346,7 @@ def test_branches_that_meet_again_are_walked_once():
     for _ in range(100):
         color = node(made, "Mix", A_Color=color, B_Color=color)
         color.data_type = "RGBA"
-    got, _ = materials.read(made, Notes())
+    got, _ = materials.read(made, Warnings())
     assert len(got.lobes) == 1
 
 
@@ -366,7 +366,7 @@ def test_a_material_with_no_number_is_black_and_named(name, value):
     shader = node(made, "BsdfPrincipled", Emission_Strength=1.0)
     made.node_tree.links.new(infinite.outputs[0], shader.inputs[name])
     surface(made, output, shader)
-    notes = Notes()
+    notes = Warnings()
     got, _ = materials.read(made, notes)
     if value == -math.inf or (value == math.inf and name in ("Roughness", "Alpha")):
         assert notes.sentences() == ()  # what is out of range is brought into it
@@ -410,7 +410,7 @@ def test_a_world_with_no_number_is_left_out_and_named():
     color.outputs[0].default_value = (math.nan, 1, 1, 1)
     nodes = scene.world.node_tree
     nodes.links.new(color.outputs[0], nodes.nodes["Background"].inputs["Color"])
-    notes = Notes()
+    notes = Warnings()
     assert lights.of_world(scene.world, notes).color == (0, 0, 0)
     assert notes.sentences() == ("Skipped 'World': its strength is not a finite number",)
 
@@ -425,7 +425,7 @@ def test_a_texture_times_no_number_is_named():
     product = node(made, "VectorMath", Vector=texture, Vector_001=huge)
     product.operation = "MULTIPLY"
     surface(made, output, node(made, "Emission", Color=product))
-    notes = Notes()
+    notes = Warnings()
     got, _ = materials.read(made, notes)
     assert got.lobes[0].color == (0, 0, 0) and not got.lobes[0].textured
     assert "'Odd' has a value that is no number" in notes.sentences()[0]

@@ -11,7 +11,7 @@ from stage import camera, one
 import leapray
 from addon.blender.read import lights, materials
 from addon.blender.read.node_values import NODES
-from addon.blender.read.warnings import Notes
+from addon.blender.read.warnings import Warnings
 
 TREES = 2000
 BATCH = 250
@@ -74,7 +74,7 @@ def test_random_trees_are_read(seed, floor):
     for _ in range(BATCH):
         made, nodes, tree = of_material(grower)
         tie(grower, tree, nodes)
-        notes = Notes()
+        notes = Warnings()
         material, _ = materials.read(made, notes)
         read.append(material)
         named += bool(notes.sentences())
@@ -106,9 +106,9 @@ def test_random_worlds_and_lights_are_read():
         tie(grower, tree, nodes)
         if k % 2:
             ob = put("Random", data)
-            lights.of_light(data, np.eye(4), [ob], "Random", Notes())
+            lights.of_light(data, np.eye(4), [ob], "Random", Warnings())
             continue
-        world = lights.of_world(data, Notes())
+        world = lights.of_world(data, Warnings())
         assert np.isfinite(world.color).all()
         if world.image is not None:
             sampled(world.image)

@@ -38,8 +38,8 @@ class Work:
     matrices: NDArray[np.float64]  # (n, 4, 4) of its instances
     shown: NDArray[np.bool_]  # (n,) whether the camera sees them
     with_ids: bool
-    outfit: mesh_colors.Outfit = field(default_factory=mesh_colors.Outfit)
-    carries: str = ""  # a digest of what the outfit takes from the mesh; "": nothing
+    color_set: mesh_colors.ColorSet = field(default_factory=mesh_colors.ColorSet)
+    carries: str = ""  # a digest of what the colour set takes from the mesh; "": nothing
     turn: float = sample_types.TURN  # of normals, that its materials do not show
     weights: probes.Weights | None = None
     measure: error_metric.Measure | None = None
@@ -97,7 +97,7 @@ class Levels:
         self.scene, self.settings = scene, scene.settings
         self.cache, self.watch, self.threads = cache, watch, threads
         self.shelf = disk_cache.Shelf(self.settings.cache_folder)
-        self.wardrobe = mesh_colors.Wardrobe(scene, cache, watch)
+        self.color_sets = mesh_colors.ColorSets(scene, cache, watch)
         self.budget = self.settings.memory_mb * MB
         self.seconds = {"voxelize": 0.0, "structure": 0.0, "plan": 0.0}
         self.warnings: list[str] = []
@@ -105,7 +105,7 @@ class Levels:
         self.peak = 0  # bytes, with scratch
         self.scratch = 0  # of the making of one volume, the most
 
-    def breathe(self) -> None:
+    def check_cancelled(self) -> None:
         if self.watch.stopped:
             raise leapray.Stopped("The planning was stopped.")
 
@@ -210,7 +210,7 @@ class Levels:
         if volume is None or not volume.info.has_colors:
             return volume
         try:
-            volume.bind(self.wardrobe.textures(work.outfit))
+            volume.bind(self.color_sets.textures(work.color_set))
         except leapray.LeapRayError:  # it was joined of parts with textures of their own
             return None
         return volume
@@ -247,7 +247,7 @@ class Levels:
         kernel: str,
     ) -> leapray.Volume:
         """One that shares the volume, kept for the next time as long as nothing else needs room."""
-        digests = objects.digest(mesh), mesh_colors.digest(mesh, work.outfit)
+        digests = objects.digest(mesh), mesh_colors.digest(mesh, work.color_set)
         s, own = self.settings, mesh.modelling
         key = "solid", *digests, voxel_size, work.with_ids, dtype, kernel, s.half_width
         part = self.cache.get((*key, own.kind))
@@ -301,7 +301,7 @@ class Levels:
         kind = work.measure.kind if work.measure else ""
         facets = work.own_normals and work.exact not in ("all", "every") and kind == "solid"
         smooth = work.own_normals or voxel_size < widest
-        return self.wardrobe.attributes(mesh, work.outfit, smooth, facets)
+        return self.color_sets.attributes(mesh, work.color_set, smooth, facets)
 
     def _kernel(self, mesh: model.Mesh, volume: leapray.Volume) -> tuple[str, float]:
         """The filter that the volume was made with, and its half width; 0: its own."""
@@ -322,7 +322,9 @@ class Levels:
     def _probes(self, work: Work) -> probes.Probes:
         key = "probes", work.digest
         drawn = self.cache.get(key)
-        return drawn or self.cache.put(key, probes.draw(work.mesh, self.breathe, self.watch))
+        return drawn or self.cache.put(
+            key, probes.draw(work.mesh, self.check_cancelled, self.watch)
+        )
 
     def enter(
         self, work: Work, voxel_size: float, room: float, volume_room: float = math.inf

@@ -3,7 +3,7 @@
 
 A volume keeps the triangles that its samples name, each with one source of its colour,
 so what it carries follows from the materials in the slots of the instance, its
-*outfit*: instances of a mesh whose outfits differ get volumes of their own, all others
+*colour set*: instances of a mesh whose colour sets differ get volumes of their own, all others
 share one. Colours are carried only for slots whose material asks for them, and a mesh
 none of whose materials do carries none. Images are looked up at the hit, by the
 triangle's own UVs.
@@ -37,15 +37,15 @@ SHOWS = 0.25  # of the area
 
 
 @dataclass(frozen=True)
-class Outfit:
-    """Where the colours of a mesh's slots come from. Equal outfits share a volume."""
+class ColorSet:
+    """Where the colours of a mesh's slots come from. Equal colour sets share a volume."""
 
     sources: tuple[int, ...] = ()  # per slot: WHITE, VERTEX or the number of an image; (): none
     images: tuple[str, ...] = ()  # digests
 
 
-class Wardrobe:
-    """The outfits of a scene, and their textures, kept over frames.
+class ColorSets:
+    """The colour sets of a scene, and their textures, kept over frames.
 
     cache: has get(key) and put(key, value), as cache.Cache.
     """
@@ -58,7 +58,7 @@ class Wardrobe:
         self._slots: dict[int, list[int]] = {}
         self._images: dict[str, model.Image] = {}
 
-    def outfit(self, mesh: model.Mesh, materials: tuple[int, ...]) -> Outfit:
+    def color_set(self, mesh: model.Mesh, materials: tuple[int, ...]) -> ColorSet:
         """Of an instance of the mesh with those materials in its slots."""
         sources: list[int] = []
         images: list[str] = []
@@ -73,8 +73,8 @@ class Wardrobe:
                 self.warnings.append(why)
             sources.append(source)
         if all(source == WHITE for source in sources):
-            return Outfit()
-        return Outfit(tuple(sources), tuple(images))
+            return ColorSet()
+        return ColorSet(tuple(sources), tuple(images))
 
     def _used_slots(self, mesh: model.Mesh) -> list[int]:
         if mesh.slots is None:
@@ -122,10 +122,10 @@ class Wardrobe:
             self._pixel_digests[id(pixels)] = name.digest()
         return self._pixel_digests[id(pixels)]
 
-    def textures(self, outfit: Outfit) -> tuple[leapray.Texture, ...]:
+    def textures(self, color_set: ColorSet) -> tuple[leapray.Texture, ...]:
         """Made once; raises Stopped."""
         made = []
-        for name in outfit.images:
+        for name in color_set.images:
             texture = self.cache.get(("texture", name))
             if texture is None:
                 image = self._images[name]
@@ -141,7 +141,7 @@ class Wardrobe:
         return tuple(made)
 
     def attributes(
-        self, mesh: model.Mesh, outfit: Outfit, smooth: bool, facets: bool = False
+        self, mesh: model.Mesh, color_set: ColorSet, smooth: bool, facets: bool = False
     ) -> leapray.Attributes | None:
         """What a volume of the mesh, or of a part of it, is to carry; None: nothing.
 
@@ -153,7 +153,7 @@ class Wardrobe:
             normals = np.empty((len(mesh.triangles), 3, 3), np.float32)
             for some in pieces(len(normals)):
                 normals[some] = unit(facet_normals(mesh, some))
-        sources = slot_sources(mesh, outfit)
+        sources = slot_sources(mesh, color_set)
         if sources is None and normals is None:
             return None
         wanted = set() if sources is None else set(np.unique(sources).tolist())
@@ -162,18 +162,18 @@ class Wardrobe:
             color_sources=sources,
             colors=mesh.corner_colors if wanted - {WHITE} else None,
             uvs=mesh.corner_uvs if wanted - {VERTEX, WHITE} else None,
-            textures=() if sources is None else self.textures(outfit),
+            textures=() if sources is None else self.textures(color_set),
         )
 
 
-def digest(mesh: model.Mesh, outfit: Outfit) -> str:
+def digest(mesh: model.Mesh, color_set: ColorSet) -> str:
     """A name for all that the mesh may carry; "" for nothing."""
     used = [mesh.corner_normals]
-    used.append(mesh.corner_colors if outfit.sources else None)
-    used.append(mesh.corner_uvs if outfit.images else None)
-    if not outfit.sources and mesh.corner_normals is None:
+    used.append(mesh.corner_colors if color_set.sources else None)
+    used.append(mesh.corner_uvs if color_set.images else None)
+    if not color_set.sources and mesh.corner_normals is None:
         return ""
-    name = hashlib.blake2b(repr(outfit).encode(), digest_size=16)
+    name = hashlib.blake2b(repr(color_set).encode(), digest_size=16)
     for array in used:
         if array is not None:
             name.update(np.ascontiguousarray(array).view(np.uint8))
@@ -182,7 +182,7 @@ def digest(mesh: model.Mesh, outfit: Outfit) -> str:
 
 
 def corners_digest(mesh: model.Mesh) -> str:
-    """A name for all that the mesh's corners hold, whether an outfit takes it or not."""
+    """A name for all that the mesh's corners hold, whether a colour set takes it or not."""
     name = hashlib.blake2b(digest_size=16)
     for key in CORNERS:
         array = getattr(mesh, key)
@@ -192,11 +192,11 @@ def corners_digest(mesh: model.Mesh) -> str:
     return name.hexdigest()
 
 
-def slot_sources(mesh: model.Mesh, outfit: Outfit) -> NDArray[np.int32] | None:
+def slot_sources(mesh: model.Mesh, color_set: ColorSet) -> NDArray[np.int32] | None:
     """For each triangle where its colour comes from; None where all are white."""
-    if not outfit.sources:
+    if not color_set.sources:
         return None
-    table = np.array(outfit.sources, np.int32)
+    table = np.array(color_set.sources, np.int32)
     slots = np.zeros(len(mesh.triangles), np.int64) if mesh.slots is None else mesh.slots
     sources = table[np.minimum(slots, len(table) - 1)]
     return None if (sources == WHITE).all() else sources

@@ -93,11 +93,11 @@ class Planner(Separation):
 
     def start(self, instances: list[model.Instance]) -> None:
         """Put every mesh on its coarsest level, or on the one that the settings ask for."""
-        by_mesh: dict[tuple[int, mesh_colors.Outfit], list[model.Instance]] = {}
+        by_mesh: dict[tuple[int, mesh_colors.ColorSet], list[model.Instance]] = {}
         for instance in instances:
-            by_mesh.setdefault(self._dressed(instance), []).append(instance)
-        for done, ((index, outfit), users) in enumerate(by_mesh.items()):
-            self.breathe()
+            by_mesh.setdefault(self._mesh_and_colors(instance), []).append(instance)
+        for done, ((index, color_set), users) in enumerate(by_mesh.items()):
+            self.check_cancelled()
             matrices = np.array([u.world_from_object for u in users], np.float64)
             shown = np.array([u.visible_camera for u in users])
             several = any(len(u.materials) > 1 for u in users)
@@ -117,14 +117,14 @@ class Planner(Separation):
                 )
             for part, (name, mesh) in enumerate(split):
                 ids = several and mesh.slots is not None
-                work = Work(index, part, users[0].name, mesh, name, matrices, shown, ids, outfit)
-                work.carries = mesh_colors.digest(mesh, outfit)
+                work = Work(index, part, users[0].name, mesh, name, matrices, shown, ids, color_set)
+                work.carries = mesh_colors.digest(mesh, color_set)
                 work.dtype = self._asked_type(mesh)
                 work.turn = sample_types.permitted_turn(self.scene.materials[m] for m in used)
                 work.exact = "sheets" if self.settings.exact == "auto" else self.settings.exact
                 self._start_one(work)
             self.advance(0.3 * (done + 1) / len(by_mesh))
-        self.warnings += self.wardrobe.warnings
+        self.warnings += self.color_sets.warnings
 
     def _check_room(self, mesh: model.Mesh, name: str) -> None:
         """Refuse a mesh that cannot even be looked at within the budget, before it is."""
@@ -138,10 +138,10 @@ class Planner(Separation):
             f"budget is {self.settings.memory_mb} MB."
         )
 
-    def _dressed(self, instance: model.Instance) -> tuple[int, mesh_colors.Outfit]:
+    def _mesh_and_colors(self, instance: model.Instance) -> tuple[int, mesh_colors.ColorSet]:
         """What instances share a volume by: the mesh, and where its colours come from."""
         mesh = self.scene.meshes[instance.mesh]
-        return instance.mesh, self.wardrobe.outfit(mesh, instance.materials)
+        return instance.mesh, self.color_sets.color_set(mesh, instance.materials)
 
     def _split(self, mesh: model.Mesh) -> tuple[list[tuple[str, model.Mesh]], bool]:
         """The parts of the mesh that get volumes of their own, and names of their contents.
@@ -387,16 +387,18 @@ class Planner(Separation):
         """What stops light, and how exactly it is modelled."""
         works = self._works()
         for instance in instances:
-            for work in works.get(self._dressed(instance), []) if instance.visible_shadow else ():
+            for work in (
+                works.get(self._mesh_and_colors(instance), []) if instance.visible_shadow else ()
+            ):
                 off = work.measure.step + work.measure.typical()
                 matrix = np.asarray(instance.world_from_object, np.float64)
                 scale = np.linalg.norm(matrix[:3, :3], 2)
                 yield light_planes.Surface(instance.name, work.mesh, matrix, off * scale)
 
-    def _works(self) -> dict[tuple[int, mesh_colors.Outfit], list[Work]]:
-        works: dict[tuple[int, mesh_colors.Outfit], list[Work]] = {}
+    def _works(self) -> dict[tuple[int, mesh_colors.ColorSet], list[Work]]:
+        works: dict[tuple[int, mesh_colors.ColorSet], list[Work]] = {}
         for work in self.works:
-            works.setdefault((work.index, work.outfit), []).append(work)
+            works.setdefault((work.index, work.color_set), []).append(work)
         return works
 
     def _place(self, instances: list[model.Instance]) -> tuple[list[leapray.Instance], list[int]]:
@@ -425,7 +427,7 @@ class Planner(Separation):
                     volume_index=index[id(work)],
                     error=work.measure.typical() * objects.scale(instance.world_from_object),
                 )
-                for work in works.get(self._dressed(instance), [])
+                for work in works.get(self._mesh_and_colors(instance), [])
             ]
         return placed, slots
 

@@ -61,11 +61,13 @@ def _facets(mesh: model.Mesh, chosen, longest: float) -> NDArray[np.float32]:
     return np.cross(b - a, c - a)
 
 
-def _areas(mesh: model.Mesh, longest: float, breathe: Callable[[], None]) -> NDArray[np.float64]:
+def _areas(
+    mesh: model.Mesh, longest: float, check_cancelled: Callable[[], None]
+) -> NDArray[np.float64]:
     """(m,) areas of the triangles."""
     areas = np.empty(len(mesh.triangles))
     for some in pieces(len(areas)):
-        breathe()
+        check_cancelled()
         areas[some] = np.linalg.norm(_facets(mesh, some, longest), axis=1)
     areas *= longest * longest / 2
     return areas
@@ -85,7 +87,7 @@ def _place_keys(places: NDArray[np.float32]) -> NDArray[np.uint64]:
 def creases(
     mesh: model.Mesh,
     longest: float,
-    breathe: Callable[[], None] = lambda: None,
+    check_cancelled: Callable[[], None] = lambda: None,
     watch: leapray.Watch | None = None,
 ) -> NDArray[np.uint32]:
     """(n, 2): the first two half-edges of every edge at which the mesh turns by more than an angle.
@@ -96,11 +98,11 @@ def creases(
     """
     about = CREASE_COSINE + LOOSE
     found, _ = leapray.mesh_edges(mesh.vertices, mesh.triangles, about, unit=longest, watch=watch)
-    breathe()
+    check_cancelled()
     keep = np.zeros(len(found), np.bool_)
     lower, higher = np.empty(len(found), np.uint64), np.empty(len(found), np.uint64)
     for some in pieces(len(found)):
-        breathe()
+        check_cancelled()
         first, second = found[some].T
         sides = (_facets(mesh, half // 3, longest) for half in (first, second))
         keep[some] = turns(*sides)
@@ -122,18 +124,18 @@ def _spread(length: NDArray[np.float64], n: int, random: np.random.Generator):
 
 def draw(
     mesh: model.Mesh,
-    breathe: Callable[[], None] = lambda: None,
+    check_cancelled: Callable[[], None] = lambda: None,
     watch: leapray.Watch | None = None,
 ) -> Probes:
     """Draw the probes of a mesh with finite vertices and at least one triangle that has an area.
 
-    breathe is called every few hundred milliseconds per million triangles; it may raise. watch
-    stops the calls into the core.
+    check_cancelled is called every few hundred milliseconds per million triangles; it may raise.
+    watch stops the calls into the core.
     """
     random = np.random.default_rng(SEED)
     vertices, triangles = mesh.vertices, mesh.triangles
     longest = float(np.ptp(vertices, axis=0).max())  # the unit of what follows: f32 overflows
-    area = _areas(mesh, longest, breathe)
+    area = _areas(mesh, longest, check_cancelled)
     whole = float(area.sum())
 
     chosen, u = _spread(area, N_SURFACE, random)
@@ -148,8 +150,8 @@ def draw(
         """Of some triangles, given by any of their half-edges."""
         return unit(_facets(mesh, some // 3, longest).astype(np.float64))
 
-    breathe()
-    edges = creases(mesh, longest, breathe, watch)
+    check_cancelled()
+    edges = creases(mesh, longest, check_cancelled, watch)
     at, crease_points, crease_length = _on_edges(mesh, edges[:, 0], random)
     first, second = edges[at].astype(np.int64).T
     return Probes(

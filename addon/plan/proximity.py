@@ -75,14 +75,14 @@ class _Boxes:
 
 
 def close_pairs(
-    bodies: Sequence[Body], camera: model.Camera, breathe: Callable[[], None] = lambda: None
+    bodies: Sequence[Body], camera: model.Camera, check_cancelled: Callable[[], None] = lambda: None
 ) -> list[tuple[int, int]]:
     """Pairs of bodies that come nearer to each other than REACH times their errors.
 
     Numbers of bodies, the lower one first; a body is a pair with itself where two of its
     instances are close. A pair is left out if both are in others, or have no error. Not more
-    than MOST_PAIRS pairs of instances are looked at, those nearest to the camera. breathe may
-    raise.
+    than MOST_PAIRS pairs of instances are looked at, those nearest to the camera. check_cancelled
+    may raise.
     """
     if not bodies:
         return []
@@ -94,7 +94,7 @@ def close_pairs(
         pair = tuple(sorted((int(boxes.body[one]), int(boxes.body[other]))))
         if done.issuperset(pair):
             continue
-        breathe()
+        check_cancelled()
         ways = (one, other), (other, one)
         if any(_touches(bodies, boxes, *way, camera) for way in ways):
             found.append(pair)

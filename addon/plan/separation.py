@@ -36,7 +36,7 @@ class Separation(Levels):
             for work in self.works
         ]
         why: dict[int, str] = {}
-        for pair in proximity.close_pairs(bodies, self.scene.camera, self.breathe):
+        for pair in proximity.close_pairs(bodies, self.scene.camera, self.check_cancelled):
             for n in pair:
                 if n not in why:
                     why[n] = self._keep_every_triangle(self.works[n]) if bodies[n].error else ""

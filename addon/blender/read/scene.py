@@ -22,7 +22,7 @@ from ...memory import Resident
 from .. import properties, result
 from . import lights, materials
 from .meshes import NO_FACES, read_mesh, read_object_mesh
-from .warnings import Notes
+from .warnings import Warnings
 
 VISIBILITIES = tuple(
     f"visible_{rays}" for rays in ("camera", "shadow", "diffuse", "glossy", "transmission")
@@ -74,7 +74,7 @@ def read(
     if width < 1 or height < 1:
         raise LeapRayError(f"The resolution is {width} x {height} pixels; it needs at least 1 x 1")
     border = render_border(scene.render, width, height)
-    notes = Notes()
+    notes = Warnings()
     film = _camera(camera or scene.camera, scene, width, height, border, notes)
     _note_scene(scene, notes)
     _note_passes(depsgraph.view_layer, notes)
@@ -192,7 +192,7 @@ def _exposure(scene) -> float:
 class _Objects:
     """Walks the depsgraph's instances once: meshes, their places, materials, lights."""
 
-    def __init__(self, depsgraph, notes: Notes, stop: Callable[[], bool]) -> None:
+    def __init__(self, depsgraph, notes: Warnings, stop: Callable[[], bool]) -> None:
         self.notes = notes
         self.meshes: list[model.Mesh] = []
         self.instances: list[model.Instance] = []
@@ -360,7 +360,7 @@ def _has_hair(ob) -> bool:
     )
 
 
-def _nothing_shown(depsgraph, notes: Notes) -> None:
+def _nothing_shown(depsgraph, notes: Warnings) -> None:
     """Raise LeapRayError, or where other view layers may show something, note the layer."""
     scene, layer = depsgraph.scene, depsgraph.view_layer
     others = [each for each in scene.view_layers if each.use and each.name != layer.name]
@@ -374,7 +374,7 @@ def _nothing_shown(depsgraph, notes: Notes) -> None:
 # ---- warnings ------------------------------------------------------------
 
 
-def _note_scene(scene, notes: Notes) -> None:
+def _note_scene(scene, notes: Warnings) -> None:
     if scene.render.use_motion_blur:
         notes.unsupported("Motion blur is", scene.name)
     if scene.render.use_multiview:
@@ -384,14 +384,14 @@ def _note_scene(scene, notes: Notes) -> None:
         notes.unsupported("Transparent glass before a transparent film is", scene.name)
 
 
-def _note_passes(view_layer, notes: Notes) -> None:
+def _note_passes(view_layer, notes: Warnings) -> None:
     asked = result.not_made(view_layer)
     if asked:
         what = f"asks for passes that LeapRay does not make: {', '.join(asked)}"
         notes.missing("View layer", view_layer.name, what)
 
 
-def _note_libraries(notes: Notes) -> None:
+def _note_libraries(notes: Warnings) -> None:
     """Libraries that are gone leave empty objects behind, which nobody would miss."""
     import bpy
 

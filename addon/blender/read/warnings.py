@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 
-class Notes:
+class Warnings:
     """Each method adds a name to a sentence; `sentences` gives them all."""
 
     SHOWN = 5  # names in one sentence

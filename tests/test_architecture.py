@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The house stays as it was drawn: arrows, rooms, names, licences, lengths.
+"""The architecture holds: dependencies, modules, names, licences, lengths.
 
 What is checked here is read from the source text, by Python's own parser or by
 line; nothing but the traversers' names comes from the running core.
@@ -25,7 +25,7 @@ import leapray
 from leapray import _abi, _lib
 
 ROOT = Path(__file__).resolve().parent.parent
-LONGEST = 600  # lines; a file past some 500 is usually two rooms
+LONGEST = 600  # lines; a file past some 500 usually has two purposes
 
 # Each layer imports from layers above it in this list, or from its own.
 LAYERS = {
@@ -140,14 +140,14 @@ def imports(name: str) -> frozenset[str]:
 
 def layer_of(name: str) -> int | None:
     top, _, rest = name.partition(".")
-    room = "study" if rest.startswith("study") else rest or "__init__"
+    module = "study" if rest.startswith("study") else rest or "__init__"
     for index, layer in enumerate(LAYERS[top]):
-        if room in layer.split():
+        if module in layer.split():
             return index
     return None
 
 
-# ---- arrows ----------------------------------------------------------------
+# ---- dependencies ----------------------------------------------------------------
 
 
 def test_every_module_has_its_layer():
@@ -174,7 +174,7 @@ def test_no_import_runs_in_a_circle():
         assert name not in path, " -> ".join((*path, name))
         if name not in done:
             for target in imports(name) & modules().keys() - {name}:
-                if not name.startswith(f"{target}."):  # a package imports its own rooms
+                if not name.startswith(f"{target}."):  # a package imports its own modules
                     visit(target, (*path, name))
             done.add(name)
 
@@ -196,18 +196,18 @@ def test_modules_without_blender_reach_none_of_it():
         todo += new
 
 
-def test_rooms_of_the_core_include_no_room_above_them():
-    rank = {room: index for index, layer in enumerate(C_LAYERS) for room in layer.split()}
+def test_modules_of_the_core_include_no_module_above_them():
+    rank = {module: index for index, layer in enumerate(C_LAYERS) for module in layer.split()}
     back = []
     for path in files("native/src/*.[ch]", "native/src/*.def"):
-        room = path.relative_to(ROOT / "native" / "src").parent.as_posix()
+        module = path.relative_to(ROOT / "native" / "src").parent.as_posix()
         for target in re.findall(r'^#include "([^"]+)"', path.read_text(), re.MULTILINE):
             if target == "leapray.h":
                 continue
             above = target.rpartition("/")[0]
-            assert room in rank and above in rank, f"name a layer for {room} and {above}"
-            beside = rank[above] == rank[room] and above != room
-            if rank[above] > rank[room] or (beside and not room.startswith("grid")):
+            assert module in rank and above in rank, f"name a layer for {module} and {above}"
+            beside = rank[above] == rank[module] and above != module
+            if rank[above] > rank[module] or (beside and not module.startswith("grid")):
                 back.append(f"{path.name} includes {target}")
     assert not back, back
 
@@ -290,7 +290,7 @@ def licences(path: Path) -> int:
     return sum(bool(re.search(r"SPDX-License-Identifier: GPL-3\.0-or-later\b", s)) for s in head)
 
 
-def test_no_file_is_longer_than_a_room():
+def test_no_file_is_too_long():
     generated = [ROOT / "native" / "leapray" / "_abi.py"]
     whole = [ROOT / "native" / "include" / "leapray.h"]  # the interface is one page by design
     lengths = {
