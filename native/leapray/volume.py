@@ -141,7 +141,8 @@ class Volume:
     def __repr__(self) -> str:
         info = self.info
         size = " x ".join(map(str, info.size))
-        triangles = f", {info.n_triangle_cells} of them triangle cells" * (info.n_triangle_cells > 0)
+        n = info.n_triangle_cells
+        triangles = f", {n} of them triangle cells" * (n > 0)
         return (
             f"<Volume of {size} samples, {info.dtype}, {info.kind}, "
             f"{info.n_surface_cells} surface cells{triangles}, {info.nbytes / 1e6:.3g} MB>"
