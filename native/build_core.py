@@ -16,6 +16,7 @@ import argparse
 import contextlib
 import hashlib
 import importlib.metadata
+import json
 import os
 import shlex
 import subprocess
@@ -195,7 +196,21 @@ def compile_stale(command: tuple[str, ...], units: list[Unit], stale: list[Unit]
     finally:
         beside.unlink(missing_ok=True)
     (OBJECTS / "library.key").write_text(library_key(units))
+    write_commands(command, units)
     return True
+
+
+def write_commands(command: tuple[str, ...], units: list[Unit]) -> None:
+    """compile_commands.json, by which editors and analysers know how each file is compiled."""
+    entries = [
+        {
+            "directory": str(NATIVE),
+            "file": str(unit.source),
+            "arguments": [*command, *TARGET, *FLAGS, "-c", str(unit.source)],
+        }
+        for unit in units
+    ]
+    (NATIVE / "compile_commands.json").write_text(json.dumps(entries, indent=1))
 
 
 def library_key(units: list[Unit]) -> str:

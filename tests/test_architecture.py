@@ -301,10 +301,18 @@ def test_no_file_is_too_long():
     assert not {name: n for name, n in lengths.items() if n > LONGEST}
 
 
-def test_ruff_finds_nothing():
-    command = [sys.executable, "-m", "ruff", "check", "--quiet", "."]
+@pytest.mark.parametrize("words", [("check", "--quiet"), ("format", "--check")], ids=" ".join)
+def test_ruff_finds_nothing(words):
+    command = [sys.executable, "-m", "ruff", *words, "."]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_clang_format_changes_nothing():
+    sources = files("native/*.[ch]", "tests/*.c", "addon/*.c")
+    command = [Path(sys.executable).with_name("clang-format"), "--dry-run", "-Werror", *sources]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr[:2000]
 
 
 # ---- the generated view of the header --------------------------------------

@@ -92,8 +92,8 @@ LR_API int32_t door_environment(const lr_world *world, int64_t n, const double (
 /* For each u a light, -1 for none, and its chance; then the chance of every light, of the world (if
  * it has any brightness) last. */
 LR_API int32_t door_lights(const lr_light *light, int64_t n_lights, double brightness,
-                          const double p[3], const double normal[3], int64_t n, const double *u,
-                          int64_t *light_index, double *chance, double *chance_of)
+                           const double p[3], const double normal[3], int64_t n, const double *u,
+                           int64_t *light_index, double *chance, double *chance_of)
 {
     lr_light_tree light_tree;
     const lr_environment environment = {.width = brightness > 0, .brightness = brightness};
@@ -108,8 +108,8 @@ LR_API int32_t door_lights(const lr_light *light, int64_t n_lights, double brigh
 }
 
 /* met[i][k]: how often the walk of ray i from o along d[i] comes to light k. */
-LR_API int32_t door_light_walk(const lr_light *light, int64_t n_lights, const double o[3], int64_t n,
-                              const double (*d)[3], double t_max, uint8_t *met)
+LR_API int32_t door_light_walk(const lr_light *light, int64_t n_lights, const double o[3],
+                               int64_t n, const double (*d)[3], double t_max, uint8_t *met)
 {
     lr_light_tree light_tree;
     const lr_environment environment = {.width = 0};

@@ -168,7 +168,7 @@ LR_INLINE lane_mask lanes_less(lanes a, lanes b)
 
 LR_INLINE lane_mask mask_and(lane_mask a, lane_mask b)
 {
-    LR_EACH(LR_OF(and)(a.of[i], b.of[i]));
+    LR_EACH(LR_OF (and)(a.of[i], b.of[i]));
 }
 
 LR_INLINE uint32_t mask_bits(lane_mask m)
@@ -181,7 +181,7 @@ LR_INLINE uint32_t mask_bits(lane_mask m)
 
 LR_INLINE lanes lanes_pick(lane_mask m, lanes a, lanes b)
 {
-    LR_EACH(LR_OF(or)(LR_OF(and)(m.of[i], a.of[i]), LR_OF(andnot)(m.of[i], b.of[i])));
+    LR_EACH(LR_OF(or)(LR_OF (and)(m.of[i], a.of[i]), LR_OF(andnot)(m.of[i], b.of[i])));
 }
 
 /* The largest of each four lanes that are four apart. */

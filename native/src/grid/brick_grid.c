@@ -57,7 +57,7 @@ lr_status lr_volume_reserve(lr_volume *v, uint64_t n_stored, lr_error *error)
     unsigned char *samples = realloc(v->samples, wanted * sample_nbytes);
     if (samples != NULL)
         v->samples = samples;
-    uint64_t(*cells)[8] = realloc(v->cells, wanted * sizeof *cells);
+    uint64_t (*cells)[8] = realloc(v->cells, wanted * sizeof *cells);
     if (cells != NULL)
         v->cells = cells;
     uint16_t *ids = NULL;

@@ -104,8 +104,10 @@ static void drop_constant(lr_volume *v, uint32_t *to)
     v->cells = pack(v->cells, sizeof *v->cells, to, n, next);
     v->block_of = pack(v->block_of, 8 * sizeof *v->block_of, to, n, next);
     if (v->triangle_cells != NULL) {
-        v->triangle_cells->doubt = pack(v->triangle_cells->doubt, sizeof *v->triangle_cells->doubt, to, n, next);
-        v->triangle_cells->first = pack(v->triangle_cells->first, sizeof *v->triangle_cells->first, to, n, next);
+        v->triangle_cells->doubt =
+            pack(v->triangle_cells->doubt, sizeof *v->triangle_cells->doubt, to, n, next);
+        v->triangle_cells->first =
+            pack(v->triangle_cells->first, sizeof *v->triangle_cells->first, to, n, next);
         v->triangle_cells->n_bricks = next;
     }
     if (v->objects != NULL)

@@ -229,7 +229,7 @@ LR_INLINE void set_gaps(batch *b)
             lanes gap = lanes_max(lanes_sub(lanes_abs(apart), reach), zero);
             lanes_store(square[i], lanes_mul(gap, gap));
         }
-        transpose((const float(*)[LR_LANES])square, b->gap[a]);
+        transpose((const float (*)[LR_LANES])square, b->gap[a]);
     }
 }
 
@@ -244,7 +244,7 @@ LR_INLINE void set_up(const lr_topology *mesh, const double centre[3], const uin
         if (!(fat >> l & 1))
             set_thin(mesh, centre, who[l], l, b);
     for (int a = 0; a < 4; a++)
-        transpose((const float(*)[LR_LANES])b->first[a], b->of[a]);
+        transpose((const float (*)[LR_LANES])b->first[a], b->of[a]);
     set_gaps(b);
 }
 

@@ -289,7 +289,7 @@ lr_status lr_mesh_edges(const lr_mesh *mesh, int32_t weld, double unit, double c
     if (status == LR_OK && weld)
         status = lr_topology_weld(&m, watch, error);
     if (status == LR_OK)
-        status = find(&m, unit, cosine, (uint32_t(*)[2])(void *)pairs, room, watch, n_pairs,
+        status = find(&m, unit, cosine, (uint32_t (*)[2])(void *)pairs, room, watch, n_pairs,
                       n_border, error);
     lr_topology_free(&m);
     return status;

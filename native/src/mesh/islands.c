@@ -125,7 +125,7 @@ static void measure(const lr_topology *m, const int32_t *island_of, island *isla
             continue;
         lr_cross_product(p[1], p[2], yz);
         here->volume += lr_dot(p[0], yz);
-        here->has_area = here->has_area || lr_normal_of((const double(*)[3])p, n_of);
+        here->has_area = here->has_area || lr_normal_of((const double (*)[3])p, n_of);
     }
     for (int32_t i = 0; i < n; i++)
         if (islands[i].kind != OPEN && islands[i].volume < 0.0)

@@ -16,7 +16,7 @@ static void edge_normal(const lr_topology *mesh, uint32_t half_edge, const doubl
     for (int i = 1; i < MOST_FACES && h != half_edge; i++, h = mesh->ring[h]) {
         double p[3][3], n[3];
         lr_triangle(mesh, h / 3, p);
-        lr_normal_of((const double(*)[3])p, n);
+        lr_normal_of((const double (*)[3])p, n);
         for (int a = 0; a < 3; a++)
             sum[a] += n[a];
     }
@@ -40,7 +40,7 @@ static void add_corner(const lr_topology *mesh, uint32_t t, int corner, double s
 {
     double p[3][3], n[3], u[3], v[3];
     lr_triangle(mesh, t, p);
-    if (!lr_cross_of((const double(*)[3])p, n))
+    if (!lr_cross_of((const double (*)[3])p, n))
         return;
     lr_sub(p[(corner + 1) % 3], p[corner], u);
     lr_sub(p[(corner + 2) % 3], p[corner], v);

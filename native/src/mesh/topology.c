@@ -98,7 +98,7 @@ static lr_status measure(lr_topology *m, const lr_watch *watch, lr_error *error)
             return lr_fail_stopped(error);
         double p[3][3], n[3];
         lr_triangle(m, t, p);
-        if (!lr_cross_of((const double(*)[3])p, n)) {
+        if (!lr_cross_of((const double (*)[3])p, n)) {
             m->n_flat++;
             continue;
         }
@@ -216,7 +216,7 @@ static bool mark_twin(lr_topology *m, uint32_t t, uint32_t first)
         return false;
     double p[3][3], n[3];
     lr_triangle(m, t, p);
-    if (m->twin[t] == t && lr_normal_of((const double(*)[3])p, n))
+    if (m->twin[t] == t && lr_normal_of((const double (*)[3])p, n))
         m->n_degenerate++; /* those without area are counted before */
     m->twin[t] = first;
     return true;
@@ -291,7 +291,7 @@ static double volume_of_twins(const lr_topology *m)
     for (uint64_t t = 0; m->twin != NULL && t < m->source.n_triangles; t++) {
         double p[3][3], n[3];
         lr_triangle(m, t, p);
-        if (lr_counts(m, t) || !lr_cross_of((const double(*)[3])p, n))
+        if (lr_counts(m, t) || !lr_cross_of((const double (*)[3])p, n))
             continue;
         lr_sub(p[0], from, p[0]);
         volume += lr_dot(p[0], n);

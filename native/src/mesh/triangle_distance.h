@@ -24,7 +24,7 @@ typedef struct lr_frame {
 /* Fill the rest from p; false where the triangle has no area. */
 LR_INLINE bool lr_frame_make(lr_frame *f)
 {
-    if (!lr_normal_of((const double(*)[3])f->p, f->n))
+    if (!lr_normal_of((const double (*)[3])f->p, f->n))
         return false;
     for (int e = 0; e < 3; e++) {
         lr_sub(f->p[(e + 1) % 3], f->p[e], f->u[e]);

@@ -104,7 +104,7 @@ static void add_triangle(const lr_topology *m, uint32_t t, extent *e)
 {
     double p[3][3], n[3];
     lr_triangle(m, t, p);
-    if (!lr_cross_of((const double(*)[3])p, n))
+    if (!lr_cross_of((const double (*)[3])p, n))
         return;
     double area = 0.5 * sqrt(lr_dot(n, n));
     e->area += area;

@@ -344,8 +344,8 @@ static bool touch(const lr_voxel_job *job, const int32_t first[3], const uint32_
         for (int c = 0; c < 3; c++)
             for (int a = 0; a < 3; a++)
                 p[c][a] -= first[a];
-        if (lr_normal_of((const double(*)[3])p, normal))
-            lr_touch_cells((const double(*)[3])p, brick->touched);
+        if (lr_normal_of((const double (*)[3])p, normal))
+            lr_touch_cells((const double (*)[3])p, brick->touched);
     }
     return true;
 }

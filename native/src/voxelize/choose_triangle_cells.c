@@ -335,7 +335,7 @@ static bool has_one_way(const work *w, const uint32_t *triangle, uint64_t n)
     bool known = false;
     for (uint64_t i = 0; i < n; i++) {
         lr_triangle(w->job->mesh, triangle[i], p);
-        if (!lr_normal_of((const double(*)[3])p, normal))
+        if (!lr_normal_of((const double (*)[3])p, normal))
             continue;
         if (known && lr_dot(first, normal) < ONE_WAY)
             return false;
@@ -355,8 +355,8 @@ static bool judge_triangle(work *w, uint32_t triangle)
         for (int a = 0; a < 3; a++)
             t.p[c][a] -= w->first[a];
     int32_t lo[3], hi[3];
-    if (!lr_normal_of((const double(*)[3])t.p, t.wound) ||
-        !lr_cell_range((const double(*)[3])t.p, LR_EXACT_NEAR, lo, hi))
+    if (!lr_normal_of((const double (*)[3])t.p, t.wound) ||
+        !lr_cell_range((const double (*)[3])t.p, LR_EXACT_NEAR, lo, hi))
         return true;
     for (int a = 0; a < 3; a++) {
         t.n[a] = t.wound[a] * mesh->side;
@@ -365,7 +365,7 @@ static bool judge_triangle(work *w, uint32_t triangle)
         t.ends[a] = !lr_edge_closed(mesh, 3 * triangle + (uint32_t)a);
     }
     lr_separator s[LR_SEPARATORS];
-    lr_separators_make((const double(*)[3])t.p, s);
+    lr_separators_make((const double (*)[3])t.p, s);
     int32_t c[3];
     for (c[2] = lo[2]; c[2] <= hi[2]; c[2]++)
         for (c[1] = lo[1]; c[1] <= hi[1]; c[1]++)

@@ -278,7 +278,7 @@ static bool gather(const lr_topology *mesh, const int32_t first[3], const uint32
             misses = (p[a] <= voxel[a] && q[a] <= voxel[a] && r[a] <= voxel[a]) ||
                      (p[a] > voxel[a] + 1 && q[a] > voxel[a] + 1 && r[a] > voxel[a] + 1);
         }
-        if (misses || !lr_piece_plane((const double(*)[3])in.p, piece))
+        if (misses || !lr_piece_plane((const double (*)[3])in.p, piece))
             continue;
         cut_slab(&in, 2, voxel[2], &out);
         cut_slab(&out, 1, voxel[1], &in);

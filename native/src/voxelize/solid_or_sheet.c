@@ -31,7 +31,7 @@ static double area_of(const lr_topology *m, uint64_t t)
 {
     double p[3][3], n[3];
     lr_triangle(m, t, p);
-    return lr_counts(m, t) && lr_cross_of((const double(*)[3])p, n) ? sqrt(lr_dot(n, n)) : 0.0;
+    return lr_counts(m, t) && lr_cross_of((const double (*)[3])p, n) ? sqrt(lr_dot(n, n)) : 0.0;
 }
 
 static bool looks_solid(const lr_winding *w, uint64_t t, uint32_t probe)
@@ -39,7 +39,7 @@ static bool looks_solid(const lr_winding *w, uint64_t t, uint32_t probe)
     double p[3][3], n[3], at[2][3], inside[2];
     double u = uniform(3 * probe), v = uniform(3 * probe + 1);
     lr_triangle(w->mesh, t, p);
-    lr_normal_of((const double(*)[3])p, n);
+    lr_normal_of((const double (*)[3])p, n);
     if (u + v > 1.0) {
         u = 1.0 - u;
         v = 1.0 - v;

@@ -137,7 +137,7 @@ static void set_planes(reach *r, double band)
 static uint32_t box_of(const binning *b, uint64_t t, reach *r)
 {
     double cross[3];
-    const double(*p)[3] = (const double(*)[3])r->frame.p;
+    const double (*p)[3] = (const double (*)[3])r->frame.p;
     lr_triangle(b->mesh, t, r->frame.p);
     if ((!b->all && !lr_counts(b->mesh, t)) || (b->mesh->n_flat > 0 && !lr_cross_of(p, cross)))
         return NOWHERE;

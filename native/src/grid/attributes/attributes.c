@@ -159,7 +159,7 @@ uint32_t lr_volume_shares(const lr_volume *v, const int32_t c[3], const double p
             for (int k = 0; k < 3; k++)
                 a[b][k] = v->faces->corner[share[i].face][b][k] - q[k];
         share[n] = share[i];
-        n += place((const double(*)[3])a, geometric != NULL ? inward : NULL, &share[n], &height[n],
+        n += place((const double (*)[3])a, geometric != NULL ? inward : NULL, &share[n], &height[n],
                    &beside[n]);
     }
     return settle(share, height, beside, n);
@@ -174,7 +174,7 @@ static uint32_t own_share(const lr_volume *v, const int32_t c[3], const double p
     for (int b = 0; b < 3; b++)
         for (int k = 0; k < 3; k++)
             a[b][k] = v->faces->corner[share->face][b][k] - (c[k] + p[k]);
-    return place((const double(*)[3])a, NULL, share, &height, &beside);
+    return place((const double (*)[3])a, NULL, share, &height, &beside);
 }
 
 static uint32_t shares_at(const lr_volume *v, const int32_t c[3], const double p[3], int32_t id,

@@ -11,7 +11,7 @@
 
 enum {
     VISIBILITY_ALL = LR_VISIBLE_CAMERA | LR_VISIBLE_SHADOW | LR_VISIBLE_DIFFUSE |
-                     LR_VISIBLE_GLOSSY | LR_VISIBLE_TRANSMISSION
+    LR_VISIBLE_GLOSSY | LR_VISIBLE_TRANSMISSION
 };
 
 /* Boxes are grown by this share of a cell. Rays are taken into an instance's
