@@ -35,7 +35,8 @@ class Session:
         self.window, self.run, self.path = window, window.run, scene
         self.run(f"bpy.ops.wm.open_mainfile(filepath={window.blender.inside(scene)!r})")
         self.run("import threading; bpy.context.scene.render.engine = 'LEAPRAY'")
-        self.engine = "import sys; engine = sys.modules['bl_ext.user_default.leapray.blender.engine']; "
+        module = "bl_ext.user_default.leapray.blender.engine"
+        self.engine = f"import sys; engine = sys.modules['{module}']; "
         self.forget()
 
     def forget(self) -> None:

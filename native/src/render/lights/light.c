@@ -6,7 +6,7 @@
  * are seen, discs by their area. Area lights: area_light.c.
  *
  * Source: the lights of Blender's manual; their units and fading were measured in
- * Cycles (tests/test_shading_cycles.py).
+ * Cycles (tests/addon/test_shading_cycles.py).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/lights/light.h"

@@ -90,7 +90,8 @@ def crossing() -> Mesh:
 
 
 def rendered(names: str) -> dict:
-    paths = [HERE, HERE.parent, HERE.parent / "native"]
+    root = HERE.parents[1]
+    paths = [HERE, HERE.parent, root, root / "native"]
     code = f"import sys; sys.path[:0] = {[str(p) for p in paths]!r}\n{RENDER}"
     run = subprocess.run([sys.executable, "-c", code, names], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from blender_scenes import fresh
 from cycles_values import emitter, middles, picture
-from test_addon_materials import node
+from test_materials import node
 
 import leapray
 from addon.blender.read import images, materials

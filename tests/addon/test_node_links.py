@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from blender_scenes import combined, fresh, light, mesh, nodes_of, plane, put, read
 from cycles_values import picture, values
-from test_addon_materials import misunderstood, node, surface, tree
+from test_materials import misunderstood, node, surface, tree
 from test_node_values import ours
 
 from addon.blender import open_file

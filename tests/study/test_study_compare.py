@@ -17,7 +17,7 @@ pytest.importorskip("matplotlib")
 
 import leapray
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.slow
 
 

@@ -20,7 +20,7 @@ import leapray
 from addon import cli
 from addon.blender import open_file, result
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ import blender_scenes
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "blend_samples" / "sphere.blend"
 SIGNS = {"voxelizing": b"Voxelizing", "tracing": b"Rendered "}  # on the line that shows progress
 PHASES = (*SIGNS, "writing")

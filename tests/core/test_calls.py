@@ -19,7 +19,7 @@ import stage
 
 import leapray
 
-CALLS = Path(__file__).with_name("hostile_calls.py")
+CALLS = Path(__file__).parents[1] / "hostile_calls.py"
 
 
 def test_random_calls_end_by_a_result_or_a_sentence():

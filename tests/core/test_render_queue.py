@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 if __name__ == "__main__":  # the child
-    sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent / "native")]
+    sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[2] / "native")]
 
 from stage import at, ball, camera, one
 

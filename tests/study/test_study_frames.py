@@ -15,7 +15,7 @@ from addon.blender import open_file  # noqa: E402
 from addon.study import compare, frames, kept  # noqa: E402
 from leapray import LeapRayError  # noqa: E402
 
-SAMPLES = Path(__file__).resolve().parent.parent / "blend_samples"
+SAMPLES = Path(__file__).resolve().parents[2] / "blend_samples"
 
 
 def opened(name, percentage=10):

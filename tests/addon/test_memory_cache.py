@@ -10,7 +10,7 @@ from blender_scenes import diffuse, exr, fresh, light, mesh, nodes_of, plane, pu
 
 from addon.blender import engine, open_file
 
-SAMPLES = Path(__file__).parents[1] / "blend_samples"
+SAMPLES = Path(__file__).parents[2] / "blend_samples"
 N_FRAMES = 10
 
 

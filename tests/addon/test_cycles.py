@@ -13,7 +13,7 @@ import pytest
 from blender_scenes import combined, diffuse, fresh, light, mesh, nodes_of, plane, put
 from numpy.testing import assert_allclose
 from test_addon_lights import environment
-from test_addon_materials import node, surface, tree
+from test_materials import node, surface, tree
 
 from addon.blender import open_file
 

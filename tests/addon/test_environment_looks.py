@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pytest
 from blender_scenes import combined, fresh, nodes_of, plane, put
-from test_addon_materials import node
+from test_materials import node
 
 import leapray
 from addon.blender import open_file

@@ -17,7 +17,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 FIRST = 27  # seed of the few that are always rendered
 PATIENCE = 120.0  # seconds for a scene, on a busy machine
 DIFFERENT = 0.005  # of the pixels: specks of surfaces that lie in each other

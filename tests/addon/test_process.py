@@ -18,7 +18,7 @@ from blender_scenes import fresh, light, mesh, put
 
 from addon import process
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 VARIABLES = dict(os.environ, PYTHONPATH=f"{ROOT}{os.pathsep}{ROOT / 'native'}")
 SAMPLES = 60000  # takes minutes
 
