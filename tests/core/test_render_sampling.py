@@ -246,12 +246,13 @@ def test_what_is_wrong_with_sampling_is_said_in_a_sentence(still):
         "filter's width .* it is 0": dict(filter_width=0.0),
         "noise threshold .* -1": dict(noise_threshold=-1.0),
         "clamps .* -2": dict(clamp_direct=-2.0),
+        "within 16777216 pixels of the origin": dict(x=-(1 << 31)),
         "unknown pixel filter 'mitchell'": dict(pixel_filter="mitchell"),
         "sampling is min_samples, .* not luck": dict(luck=1),
     }
     for sentence, change in cases.items():
         with pytest.raises(leapray.LeapRayError, match=sentence):
-            still.render_tile(0, 0, 4, 4, **change)
+            still.render_tile(**{"x": 0, "y": 0, "width": 4, "height": 4, **change})
 
 
 @pytest.mark.parametrize("traverser", [t.name for t in leapray.traversers() if t.exact])

@@ -142,7 +142,6 @@ def test_no_ray_gets_out_of_a_solid_or_hits_where_it_is(name):
     restarts, seed = 0, 0
     while restarts < RESTARTS / len(SHAPES):
         done, out, stuck = walk(name, seed)
-        assert done > RAYS  # walks end nowhere
         restarts, seed = restarts + done, seed + 1
         assert not out, out
         assert not stuck, stuck

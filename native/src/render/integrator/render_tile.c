@@ -34,7 +34,7 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
         return lr_fail(error, LR_E_ARGUMENT,
                        "a tile's sides must be 1 to %d pixels, they are %d and %d", SIDE_MAX,
                        tile->width, tile->height);
-    if (abs(tile->x) > PLACE_MAX || abs(tile->y) > PLACE_MAX)
+    if (lr_min_i(tile->x, tile->y) < -PLACE_MAX || lr_max_i(tile->x, tile->y) > PLACE_MAX)
         return lr_fail(error, LR_E_ARGUMENT,
                        "a tile must lie within %d pixels of the origin, it lies at (%d, %d)",
                        PLACE_MAX, tile->x, tile->y);
