@@ -1,4 +1,4 @@
-/* What every room of the core shares.
+/* What all modules of the core share.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_BASE_BASE_H
@@ -15,6 +15,7 @@
 #include "leapray.h"
 
 #define LR_INLINE static inline __attribute__((always_inline))
+#define LR_PI     3.14159265358979323846
 
 LR_INLINE int32_t lr_min_i(int32_t a, int32_t b)
 {

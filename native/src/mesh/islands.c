@@ -10,6 +10,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/pages.h"
+#include "base/union_find.h"
 #include "mesh/topology.h"
 
 enum {
@@ -39,19 +40,10 @@ typedef struct layers {
     double margin;
 } layers;
 
-static uint32_t root_of(uint32_t *parent, uint32_t v)
-{
-    while (parent[v] != v) {
-        parent[v] = parent[parent[v]];
-        v = parent[v];
-    }
-    return v;
-}
-
 static void join(uint32_t *parent, uint32_t a, uint32_t b)
 {
-    a = root_of(parent, a);
-    b = root_of(parent, b);
+    a = lr_root_of(parent, sizeof *parent, a);
+    b = lr_root_of(parent, sizeof *parent, b);
     if (a < b)
         parent[b] = a;
     else
@@ -78,7 +70,7 @@ static bool find_islands(const lr_topology *m, uint32_t *parent, int32_t *number
         join(parent, t, m->twin[t]);
     *n = 0;
     for (uint32_t t = 0; t < n_triangles; t++) {
-        uint32_t root = root_of(parent, t);
+        uint32_t root = lr_root_of(parent, sizeof *parent, t);
         if (number[root] < 0)
             number[root] = (*n)++;
         island_of[t] = number[root];

@@ -31,8 +31,8 @@ static double angle_of(double y, double x)
     double a = q * (0.99997726 +
                     s * (-0.33262347 +
                          s * (0.19354346 + s * (-0.11643287 + s * (0.05265332 - s * 0.0117212)))));
-    a = y > far ? 1.57079632679 - a : a;
-    return x < 0.0 ? 3.14159265359 - a : a;
+    a = y > far ? 0.5 * LR_PI - a : a;
+    return x < 0.0 ? LR_PI - a : a;
 }
 
 /* Add the unit normal of a triangle, weighted by its angle at a corner. */

@@ -23,7 +23,6 @@ enum {
 
 #define FAR  2.0
 #define FINE 6.25 /* squared: from five times the radius on, a sixth of the error */
-#define PI   3.14159265358979323846
 
 /* ---- order ------------------------------------------------------------- */
 
@@ -231,15 +230,16 @@ LR_INLINE double share_of(const lr_topology *m, uint32_t t, const double at[3], 
                    lr_dot(p[1], p[2]) * length[0] + lr_dot(p[2], p[0]) * length[1];
     for (int e = 0; gradient != NULL && e < 3; e++) {
         const int next = (e + 1) % 3;
-        add_edge(p[e], length[e], p[next], length[next], -1.0 / (4.0 * PI), gradient);
+        add_edge(p[e], length[e], p[next], length[next], -1.0 / (4.0 * LR_PI), gradient);
     }
-    return above == 0.0 ? 0.0 : atan2(above, below) / (2.0 * PI);
+    return above == 0.0 ? 0.0 : atan2(above, below) / (2.0 * LR_PI);
 }
 
 LR_INLINE double dipole(const lr_winding_node *node, const double to[3], double d2,
                         double *gradient)
 {
-    const double d = sqrt(d2), scale = 1.0 / (4.0 * PI * d2 * d), along = lr_dot(node->normal, to);
+    const double d = sqrt(d2), scale = 1.0 / (4.0 * LR_PI * d2 * d),
+                 along = lr_dot(node->normal, to);
     for (int a = 0; gradient != NULL && a < 3; a++)
         gradient[a] += scale * (3.0 * along / d2 * to[a] - node->normal[a]);
     return scale * along;

@@ -8,6 +8,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/pages.h"
+#include "base/union_find.h"
 #include "voxelize/component_sides.h"
 
 /* More than rounding of distances and their 16 bits, less than what would matter. */
@@ -136,18 +137,11 @@ lr_status lr_labels_run(lr_labels *labels, const lr_voxel_job *job, const lr_bin
 
 /* ---- across bricks ----------------------------------------------------- */
 
-static uint32_t root_of(lr_component *c, uint32_t i)
-{
-    for (; c[i].parent != i; i = c[i].parent)
-        c[i].parent = c[c[i].parent].parent;
-    return i;
-}
-
 /* The lower root stays and takes the farther sample. */
 static void connect(lr_component *c, uint32_t a, uint32_t b)
 {
-    a = root_of(c, a);
-    b = root_of(c, b);
+    a = lr_root_of(&c->parent, sizeof *c, a);
+    b = lr_root_of(&c->parent, sizeof *c, b);
     if (a == b)
         return;
     uint32_t to = a < b ? a : b, from = a < b ? b : a;
@@ -271,7 +265,8 @@ bool lr_labels_ask(lr_labels *l, const lr_voxel_job *job, const lr_bins *bins,
 void lr_labels_spread(lr_labels *l)
 {
     for (uint32_t i = 0; i < l->n; i++)
-        l->component[i].inside = l->component[root_of(l->component, i)].inside;
+        l->component[i].inside =
+            l->component[lr_root_of(&l->component->parent, sizeof *l->component, i)].inside;
 }
 
 void lr_labels_free(lr_labels *l, const lr_bins *bins)

@@ -14,6 +14,8 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/solid_or_sheet.h"
 
+#include "base/union_find.h"
+
 enum { PROBES = 500, POLL = 1 << 14 };
 
 #define OFFSET      0.02 /* of a probe from the surface, voxels */
@@ -83,13 +85,6 @@ typedef struct rim {
     double lo[3], hi[3];
 } rim;
 
-static uint32_t root_of(rim *rims, uint32_t r)
-{
-    for (; rims[r].parent != r; r = rims[r].parent)
-        rims[r].parent = rims[rims[r].parent].parent;
-    return r;
-}
-
 static uint32_t rim_at(const lr_topology *m, uint32_t t, int corner, uint32_t *number, rim *rims,
                        uint32_t *n)
 {
@@ -102,7 +97,7 @@ static uint32_t rim_at(const lr_topology *m, uint32_t t, int corner, uint32_t *n
         memcpy(rims[*n].hi, p, sizeof p);
         number[v] = ++*n;
     }
-    return root_of(rims, number[v] - 1);
+    return lr_root_of(&rims->parent, sizeof *rims, number[v] - 1);
 }
 
 static void join(rim *rims, uint32_t from, uint32_t to)

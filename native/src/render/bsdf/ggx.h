@@ -15,8 +15,6 @@
 
 #include "base/base.h"
 
-#define LR_PI 3.141592653589793
-
 /* Density of the normals h (unit). */
 LR_INLINE double lr_ggx_d(double alpha, const double h[3])
 {

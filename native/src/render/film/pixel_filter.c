@@ -7,14 +7,12 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/film/pixel_filter.h"
 
-static const double TWO_PI = 6.283185307179586;
-
 /* Integral of the window over 0..x, as a share of that over 0..1. */
 static double integral(double x)
 {
-    const double a = TWO_PI * x;
+    const double a = (2 * LR_PI) * x;
     return x - (0.48829 * sin(a) - 0.14128 / 2 * sin(2 * a) + 0.01168 / 3 * sin(3 * a)) /
-                   (0.35875 * TWO_PI);
+                   (0.35875 * (2 * LR_PI));
 }
 
 static double inverse(double share)

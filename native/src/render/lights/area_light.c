@@ -21,10 +21,8 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/lights/area_light.h"
 
-static const double PI = 3.141592653589793;
-
 /* Spreads from here on are as good as pi: slats that let everything through. */
-static const double SPREAD_FULL = 3.141592653589793 - 2e-6;
+static const double SPREAD_FULL = LR_PI - 2e-6;
 /* Half a spread below which tan(h) - h loses digits, and h^3 / 3 is as good to 1e-8. */
 static const double SPREAD_THIN = 1e-4;
 
@@ -60,13 +58,13 @@ static bool shine(const lr_light *light, const double d[3], double color[3])
 static double area_of(const lr_light *light)
 {
     const double *u = light->axis_u, *v = light->axis_v;
-    return sqrt(lr_dot(u, u) * lr_dot(v, v)) * (light->shape == LR_LIGHT_ROUND ? PI / 4 : 1);
+    return sqrt(lr_dot(u, u) * lr_dot(v, v)) * (light->shape == LR_LIGHT_ROUND ? LR_PI / 4 : 1);
 }
 
 double lr_area_light_intensity(const lr_light *light)
 {
     const double *n = light->direction, against[3] = {-n[0], -n[1], -n[2]};
-    return area_of(light) * (light->angle > 0 ? let_out(light, against) : PI);
+    return area_of(light) * (light->angle > 0 ? let_out(light, against) : LR_PI);
 }
 
 /* ---- what is seen ----------------------------------------------------------- */
@@ -117,7 +115,7 @@ static void see_box(lr_light_part *r)
     const double n2 = tilt(r->y[1], r->z), n3 = -tilt(r->x[0], r->z);
     r->b0 = n0;
     r->b1 = n2;
-    r->k = 2 * PI - acos(-n2 * n3) - acos(-n3 * n0);
+    r->k = 2 * LR_PI - acos(-n2 * n3) - acos(-n3 * n0);
     r->angle = acos(-n0 * n1) + acos(-n1 * n2) - r->k;
     r->kind = r->angle > ANGLE_MIN ? LR_PART_BOX : LR_PART_FLAT_BOX;
 }
@@ -161,7 +159,7 @@ static bool see_part(const lr_light *light, const double p[3], lr_light_part *r)
     const bool narrow = !is_full(light);
     if (narrow && !cut_to_disc(light, r))
         return false;
-    const double whole = area_of(light), disc = narrow ? PI * r->radius * r->radius : INFINITY;
+    const double whole = area_of(light), disc = narrow ? LR_PI * r->radius * r->radius : INFINITY;
     const double box = (r->hi[0] - r->lo[0]) * (r->hi[1] - r->lo[1]);
     if (light->shape == LR_LIGHT_FULL || box < fmin(whole, disc)) {
         see_box(r);
@@ -213,7 +211,7 @@ static double draw_in_ellipse(const lr_light *light, const lr_light_part *r, con
                               double to[3])
 {
     const bool disc = r->kind == LR_PART_DISC;
-    const double off = sqrt(u[0]), angle = 2 * PI * u[1];
+    const double off = sqrt(u[0]), angle = 2 * LR_PI * u[1];
     const double half[2] = {disc ? r->radius : 0.5 * r->length[0],
                             disc ? r->radius : 0.5 * r->length[1]};
     const double x = (disc ? r->foot[0] : 0) + half[0] * off * cos(angle);
@@ -250,7 +248,7 @@ static bool sample_beam(const lr_light *light, const double p[3], lr_light_ray *
     lr_light_part r;
     lr_light wide = *light;
     double to[3];
-    wide.angle = PI;
+    wide.angle = LR_PI;
     if (!see_part(&wide, p, &r))
         return false;
     ray->delta = true;
@@ -258,7 +256,7 @@ static bool sample_beam(const lr_light *light, const double p[3], lr_light_ray *
     ray->distance = end_of(light, r.height, r.height);
     for (int a = 0; a < 3; a++) {
         ray->direction[a] = -light->direction[a];
-        ray->color[a] = PI * light->color[a];
+        ray->color[a] = LR_PI * light->color[a];
         to[a] = r.height * ray->direction[a];
     }
     return holds(&r, light->shape, to);

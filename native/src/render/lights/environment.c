@@ -13,8 +13,6 @@
 #include "base/error.h"
 #include "grid/attributes/texture.h"
 
-static const double PI = 3.141592653589793;
-
 /* Where a program may make light between looks, a texel is chosen at least so often, in
  * parts of the mean. */
 static const double LEAST = 0x1p-4;
@@ -51,8 +49,8 @@ static void texel_of(const lr_environment *e, const double d[3], double *x, doub
 {
     const double *m = e->image_from_world;
     const double q[3] = {lr_dot(m, d), lr_dot(m + 3, d), lr_dot(m + 6, d)};
-    *x = (0.5 - atan2(q[1], q[0]) / (2 * PI)) * e->width;
-    *y = (0.5 + atan2(q[2], hypot(q[0], q[1])) / PI) * e->height;
+    *x = (0.5 - atan2(q[1], q[0]) / (2 * LR_PI)) * e->width;
+    *y = (0.5 + atan2(q[2], hypot(q[0], q[1])) / LR_PI) * e->height;
 }
 
 static void look(const lr_environment *e, double x, double y, double rgb[3])
@@ -97,7 +95,7 @@ static double inside_texel(const lr_environment *e, int32_t x, int32_t y)
 /* Solid angle of a texel in that row over the step of its longitude. */
 static double height_of(const lr_environment *e, int32_t y)
 {
-    return sin(PI * ((y + 1.0) / e->height - 0.5)) - sin(PI * ((double)y / e->height - 0.5));
+    return sin(LR_PI * ((y + 1.0) / e->height - 0.5)) - sin(LR_PI * ((double)y / e->height - 0.5));
 }
 
 /* Turn sums[0..n] into shares of the last; even ones where that is 0. Returns it. */
@@ -185,7 +183,7 @@ static double density(const lr_environment *e, int32_t x, int32_t y)
 {
     const float *columns = e->columns + (size_t)y * ((size_t)e->width + 1);
     const double p = ((double)e->rows[y + 1] - e->rows[y]) * ((double)columns[x + 1] - columns[x]);
-    return p * e->width / (2 * PI * height_of(e, y));
+    return p * e->width / (2 * LR_PI * height_of(e, y));
 }
 
 bool lr_environment_sample(const lr_environment *e, const double u[2], double d[3], double rgb[3],
@@ -199,15 +197,15 @@ bool lr_environment_sample(const lr_environment *e, const double u[2], double d[
     *pdf = density(e, x, y);
     if (!(*pdf > 0))
         return false;
-    const double longitude = 2 * PI * (0.5 - (x + tx) / e->width);
+    const double longitude = 2 * LR_PI * (0.5 - (x + tx) / e->width);
     const double z =
-        lr_clamp(sin(PI * ((double)y / e->height - 0.5)) + ty * height_of(e, y), -1, 1);
+        lr_clamp(sin(LR_PI * ((double)y / e->height - 0.5)) + ty * height_of(e, y), -1, 1);
     const double r = sqrt(1 - z * z);
     const double q[3] = {r * cos(longitude), r * sin(longitude), z};
     const double *m = e->image_from_world;
     for (int a = 0; a < 3; a++)
         d[a] = m[a] * q[0] + m[a + 3] * q[1] + m[a + 6] * q[2];
-    look(e, x + tx, (0.5 + asin(z) / PI) * e->height, rgb);
+    look(e, x + tx, (0.5 + asin(z) / LR_PI) * e->height, rgb);
     return true;
 }
 

@@ -14,8 +14,6 @@
 #include "base/error.h"
 #include "render/lights/area_light.h"
 
-static const double PI = 3.141592653589793;
-
 lr_status lr_light_check(const lr_light *light, uint64_t i, lr_error *error)
 {
     const unsigned long long k = i;
@@ -44,7 +42,7 @@ lr_status lr_light_check(const lr_light *light, uint64_t i, lr_error *error)
         return lr_fail(error, LR_E_ARGUMENT,
                        "light %llu must have a finite radius of 0 or more, it has %g", k,
                        light->radius);
-    if (!(light->angle >= 0 && light->angle <= PI * (1 + 1e-6)))
+    if (!(light->angle >= 0 && light->angle <= LR_PI * (1 + 1e-6)))
         return lr_fail(error, LR_E_ARGUMENT, "light %llu must have an angle of 0 to pi, it has %g",
                        k, light->angle);
     if (!(light->blend >= 0 && light->blend <= 1))
@@ -105,7 +103,7 @@ static double sun_cap(const lr_light *light)
 static double sun_scale(const lr_light *light)
 {
     const double s = sin(0.5 * light->angle);
-    return 1 / (PI * s * s);
+    return 1 / (LR_PI * s * s);
 }
 
 double lr_light_intensity(const lr_light *light)
@@ -134,7 +132,7 @@ static void sample_cap(const double n[3], double height, const double u[2], doub
     double s[3], t[3];
     basis(n, s, t);
     const double low = u[0] * height, r = sqrt(fmax(low * (2 - low), 0));
-    const double x = r * cos(2 * PI * u[1]), y = r * sin(2 * PI * u[1]);
+    const double x = r * cos(2 * LR_PI * u[1]), y = r * sin(2 * LR_PI * u[1]);
     for (int a = 0; a < 3; a++)
         d[a] = x * s[a] + y * t[a] + (1 - low) * n[a];
 }
@@ -197,7 +195,7 @@ static bool sample_bulb(const lr_light *light, const double p[3], const double u
     if (light->shape == LR_LIGHT_FULL) {
         const double cap = sphere_cap(r, square);
         sample_cap(n, cap, u, ray->direction);
-        ray->pdf = 1 / (2 * PI * cap);
+        ray->pdf = 1 / (2 * LR_PI * cap);
         ray->distance = meet_sphere(to, r, ray->direction);
         if (ray->distance < 0) /* by rounding, at the rim */
             ray->distance = distance;
@@ -205,13 +203,13 @@ static bool sample_bulb(const lr_light *light, const double p[3], const double u
         double s[3], t[3], q[3];
         basis(n, s, t);
         const double off = r * sqrt(u[0]);
-        const double x = off * cos(2 * PI * u[1]), y = off * sin(2 * PI * u[1]);
+        const double x = off * cos(2 * LR_PI * u[1]), y = off * sin(2 * LR_PI * u[1]);
         for (int a = 0; a < 3; a++)
             q[a] = light->position[a] + x * s[a] + y * t[a];
-        if (!aim(p, q, n, PI * r * r, ray))
+        if (!aim(p, q, n, LR_PI * r * r, ray))
             return false;
     }
-    return shine(light, ray->direction, 1 / (PI * r * r), ray->color);
+    return shine(light, ray->direction, 1 / (LR_PI * r * r), ray->color);
 }
 
 bool lr_light_sample(const lr_light *light, const double p[3], const double u[2], lr_light_ray *ray)
@@ -229,7 +227,7 @@ bool lr_light_sample(const lr_light *light, const double p[3], const double u[2]
         return shine(light, ray->direction, 1, ray->color);
     }
     sample_cap(light->direction, sun_cap(light), u, ray->direction);
-    ray->pdf = 1 / (2 * PI * sun_cap(light));
+    ray->pdf = 1 / (2 * LR_PI * sun_cap(light));
     return shine(light, ray->direction, sun_scale(light), ray->color);
 }
 
@@ -246,7 +244,7 @@ static bool hit_sun(const lr_light *light, const double d[3], double t_max, doub
     if (light->angle == 0 || t_max < INFINITY || 0.5 * lr_dot(off, off) > cap)
         return false;
     *t = INFINITY;
-    *pdf = 1 / (2 * PI * cap);
+    *pdf = 1 / (2 * LR_PI * cap);
     return shine(light, d, sun_scale(light), color);
 }
 
@@ -262,15 +260,15 @@ static bool hit_bulb(const lr_light *light, const double o[3], const double d[3]
         return false;
     if (light->shape == LR_LIGHT_FULL) {
         *t = meet_sphere(to, r, d);
-        *pdf = 1 / (2 * PI * sphere_cap(r, square));
+        *pdf = 1 / (2 * LR_PI * sphere_cap(r, square));
     } else {
         const double cosine = lr_dot(to, d) / sqrt(square);
         *t = sqrt(square) / cosine;
         if (!(cosine > 0) || *t * *t - square > r * r)
             return false;
-        *pdf = *t * *t / (PI * r * r * cosine);
+        *pdf = *t * *t / (LR_PI * r * r * cosine);
     }
-    return *t > 0 && shine(light, d, 1 / (PI * r * r), color);
+    return *t > 0 && shine(light, d, 1 / (LR_PI * r * r), color);
 }
 
 bool lr_light_hit(const lr_light *light, const double o[3], const double d[3], double t_max,

@@ -19,8 +19,6 @@
 #include "base/error.h"
 #include "render/lights/light.h"
 
-static const double PI = 3.141592653589793;
-
 enum {
     BINS = 12,
     HALVED = 60 /* levels after which lights are halved by number: 32 more suffice */
@@ -84,7 +82,7 @@ static void unite_cones(const lr_light_node *a, const lr_light_node *b, double a
     const double wider = fmax(of_a, of_b), narrower = fmin(of_a, of_b);
     memcpy(axis, wide->axis, 3 * sizeof *axis);
     *cos_facing = wide->cos_facing;
-    if (fmin(apart + narrower, PI) <= wider)
+    if (fmin(apart + narrower, LR_PI) <= wider)
         return;
     const double angle = 0.5 * (of_a + apart + of_b);
     const lr_light_node *other = wide == a ? b : a;
@@ -94,7 +92,7 @@ static void unite_cones(const lr_light_node *a, const lr_light_node *b, double a
         side[k] = other->axis[k] - along * wide->axis[k];
     const double length = sqrt(lr_dot(side, side));
     *cos_facing = -1;
-    if (angle >= PI || !(length > 0))
+    if (angle >= LR_PI || !(length > 0))
         return;
     const double turn = angle - wider;
     *cos_facing = cos(angle);
@@ -130,11 +128,11 @@ static double cost_of(const lr_light_node *node)
     const double x = node->hi[0] - node->lo[0], y = node->hi[1] - node->lo[1];
     const double z = node->hi[2] - node->lo[2];
     const double facing = acos(lr_clamp(node->cos_facing, -1, 1));
-    const double reach = fmin(facing + acos(node->cos_shining), PI);
+    const double reach = fmin(facing + acos(node->cos_shining), LR_PI);
     const double s = sin(facing);
     const double directions =
-        2 * PI * (1 - cos(facing)) +
-        0.5 * PI * (2 * reach * s - cos(facing - 2 * reach) - 2 * facing * s + cos(facing));
+        2 * LR_PI * (1 - cos(facing)) +
+        0.5 * LR_PI * (2 * reach * s - cos(facing - 2 * reach) - 2 * facing * s + cos(facing));
     return node->power * directions * (x * x + y * y + z * z);
 }
 
@@ -230,7 +228,7 @@ lr_status lr_light_tree_make(const lr_light *lights, uint64_t n_lights,
 {
     *light_tree = (lr_light_tree){.lights = lights, .n_lights = n_lights};
     light_tree->n = n_lights + (environment->width > 0);
-    light_tree->world = PI * environment->brightness;
+    light_tree->world = LR_PI * environment->brightness;
     if (n_lights >= LR_LIGHT_LEAF / 2)
         return lr_fail(error, LR_E_SIZE, "a scene holds up to %u lights, there are %llu",
                        LR_LIGHT_LEAF / 2 - 1, (unsigned long long)n_lights);
