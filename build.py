@@ -442,11 +442,8 @@ def see_that_blender_loads(environment):
         [sys.executable, "-c", "import bpy"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     )
     if probe.returncode:
-        import importlib.util
-
-        module = importlib.util.find_spec("bpy")
         listing = subprocess.run(
-            ["ldd", module.origin], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            ["ldd", blender_module()], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )
         lines = listing.stdout.decode().splitlines()
         missing = sorted({line.split()[0] for line in lines if line.endswith("not found")})
@@ -459,6 +456,16 @@ def see_that_blender_loads(environment):
         )
     with contextlib.suppress(OSError):  # where nothing can be written it is tried each time
         environment.blender_loads.touch()
+
+
+def blender_module():
+    """The file of Blender's module."""
+    import importlib.util
+
+    module = importlib.util.find_spec("bpy")
+    if module is None or module.origin is None:
+        raise Refusal("Blender's module is not installed")
+    return module.origin
 
 
 def test(words):
@@ -487,9 +494,7 @@ def make_extension():
     wheels that do not fit without a word, so the contents are looked at too.
     """
     wheel = make_wheel()
-    import importlib.util
-
-    blender = Path(importlib.util.find_spec("bpy").origin).parent
+    blender = Path(blender_module()).parent
     (tool,) = blender.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py")
     with tempfile.TemporaryDirectory() as folder:
         source, made = Path(folder, "leapray"), Path(folder, "made")

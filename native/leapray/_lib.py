@@ -12,7 +12,7 @@ import ctypes
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 from . import _abi
 
@@ -30,8 +30,13 @@ class Stopped(LeapRayError):
 class OutOfMemory(LeapRayError):
     """The system, or the budget, has no room for what was asked."""
 
+    nbytes: int | None = None  # that are needed, where that is known
 
-EXCEPTIONS = {_abi.LR_E_STOPPED: Stopped, _abi.LR_E_MEMORY: OutOfMemory}
+
+EXCEPTIONS: dict[int, type[LeapRayError]] = {
+    _abi.LR_E_STOPPED: Stopped,
+    _abi.LR_E_MEMORY: OutOfMemory,
+}
 
 
 def load(path: Path) -> ctypes.CDLL:
@@ -69,6 +74,18 @@ def check(status: int, error: _abi.lr_error) -> None:
         raise EXCEPTIONS.get(status, LeapRayError)(sentence)
 
 
+class CancelToken(Protocol):
+    """What a C call reads to end early: a Watch, or what shares the stop word of one."""
+
+    @property
+    def pointer(self) -> Any:
+        """To an lr_watch, for C."""
+
+    @property
+    def stop(self) -> Callable[[], None]:
+        """Sets the stop word."""
+
+
 class Watch:
     """A stop word and a progress word that C calls read and write; usable from any thread."""
 
@@ -92,7 +109,7 @@ class Watch:
         return self._progress.value
 
 
-def call(function, *arguments, watch: Watch | None = None, outputs: tuple = ()) -> None:
+def call(function, *arguments, watch: CancelToken | None = None, outputs: tuple = ()) -> None:
     """Call function(*arguments, watch, &outputs..., error), raise what it reports, hear Ctrl-C.
 
     On the main thread the call runs in a worker: KeyboardInterrupt sets the
@@ -104,7 +121,7 @@ def call(function, *arguments, watch: Watch | None = None, outputs: tuple = ()) 
     check(apart(lambda: function(*arguments, *tail), watch), error)
 
 
-def apart(work: Callable[[], T], watch: Watch) -> T:
+def apart(work: Callable[[], T], watch: CancelToken) -> T:
     """work() on a thread of its own where this is the main one, which alone hears Ctrl-C.
 
     KeyboardInterrupt sets the stop word and is raised again once work has ended: what work

@@ -15,7 +15,7 @@ from ._lib import LeapRayError, OutOfMemory
 
 T = TypeVar("T")
 
-SAMPLE_TYPES = {
+SAMPLE_TYPES: dict[str, tuple[int, np.dtype]] = {
     "u8": (_abi.LR_U8, np.dtype(np.uint8)),
     "u16": (_abi.LR_U16, np.dtype(np.uint16)),
     "f32": (_abi.LR_F32, np.dtype(np.float32)),

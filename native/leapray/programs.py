@@ -80,7 +80,7 @@ class Program:
 
     def __init__(
         self,
-        instructions: Sequence[tuple[int, int, int, int, int]],
+        instructions: Sequence[tuple[int, ...]],  # (n, 5)
         constants: Sequence[float],
         tables: Sequence[Table],
         outputs: Sequence[int],

@@ -7,6 +7,7 @@ import ctypes
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,7 +40,7 @@ MEMBERS["Ambient Occlusion"] = "ao"
 USUAL_PASSES = ("Combined", "Depth", "Normal", "Position", "Object Index")
 
 # How a tile is sampled, as of lr_tile; branches 0: few samples split, many choose.
-SAMPLING = {
+SAMPLING: dict[str, float | str] = {
     "min_samples": 0,
     "noise_threshold": 0.0,
     "pixel_filter": "box",
@@ -232,7 +233,7 @@ class Scene:
         }
         desc = _abi.lr_scene_desc()
         desc.camera = camera_struct(camera)
-        types = dict(_abi.lr_scene_desc._fields_)
+        types = _field_types(_abi.lr_scene_desc)
         for name, table in tables.items():
             setattr(desc, name, ctypes.cast(table.ctypes.data, types[name]))
             setattr(desc, f"n_{name}", len(table))
@@ -323,7 +324,7 @@ def _tile(samples: int, sampling: Mapping[str, float | str]) -> _abi.lr_tile:
         raise LeapRayError(f"sampling is {', '.join(SAMPLING)}, not {', '.join(sorted(unknown))}")
     tile = _abi.lr_tile()
     _assign(tile, samples=samples)
-    values = {**SAMPLING, **sampling}
+    values: dict[str, Any] = {**SAMPLING, **sampling}
     tile.filter = choice(PIXEL_FILTERS, values.pop("pixel_filter"), "pixel filter")
     values["branches"] = values["branches"] or branches_for(samples)
     _assign(tile, **values)
@@ -332,9 +333,14 @@ def _tile(samples: int, sampling: Mapping[str, float | str]) -> _abi.lr_tile:
 
 def _assign(struct: ctypes.Structure, **values: float) -> None:
     """Set numbers of a structure. Raises LeapRayError where one does not fit."""
-    types = dict(struct._fields_)
+    types = _field_types(type(struct))
     for name, value in values.items():
         setattr(struct, name, numbers(value, types[name], name).item())
+
+
+def _field_types(struct: type[ctypes.Structure]) -> dict[str, Any]:
+    """The ctypes type of every field."""
+    return {name: c_type for name, c_type, *_ in struct._fields_}
 
 
 def branches_for(samples: int) -> int:

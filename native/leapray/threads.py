@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TypeVar
 
-from ._lib import LeapRayError, Watch, apart
+from ._lib import CancelToken, LeapRayError, apart
 
 T = TypeVar("T")
 
@@ -25,7 +25,7 @@ def check_threads(threads: int) -> None:
 
 
 def run_parts(
-    part: Callable[[int, int], T], n: int, size: int, threads: int, watch: Watch
+    part: Callable[[int, int], T], n: int, size: int, threads: int, watch: CancelToken
 ) -> list[T]:
     """part(first, last) over 0..n in steps of size, in order of the result; threads 0: all cores.
 
@@ -38,9 +38,10 @@ def run_parts(
             try:
                 jobs = [pool.submit(part, i, min(i + size, n)) for i in range(0, n, size)]
                 wait(jobs, return_when=FIRST_EXCEPTION)
-                failed = [job for job in jobs if job.done() and job.exception() is not None]
+                raised = [job.exception() for job in jobs if job.done()]
+                failed = [error for error in raised if error is not None]
                 if failed:
-                    raise failed[0].exception()
+                    raise failed[0]
                 return [job.result() for job in jobs]
             except BaseException:
                 watch.stop()
@@ -51,7 +52,7 @@ def run_parts(
 
 
 def run_steps(
-    part: Callable[[int, int], object], counts: list[int], threads: int, watch: Watch
+    part: Callable[[int, int], object], counts: list[int], threads: int, watch: CancelToken
 ) -> None:
     """part(step, index) for every index below counts[step], one step after the other.
 

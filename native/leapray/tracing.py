@@ -80,17 +80,22 @@ def traversers() -> list[Traverser]:
     for index in range(lib.lr_traverser_count()):
         entry, error = _abi.lr_traverser(), _abi.lr_error()
         check(lib.lr_traverser_get(index, ctypes.byref(entry), ctypes.byref(error)), error)
-        words = [getattr(entry, key).decode() for key in ("name", "label", "source", "about")]
+        name, label, source, about = (
+            getattr(entry, key).decode() for key in ("name", "label", "source", "about")
+        )
         options = tuple(_option(text) for text in entry.options.decode().split())
         found.append(
             Traverser(
                 index,
-                *words,
+                name,
+                label,
+                source,
+                about,
                 exact=bool(entry.flags & _abi.LR_TRAVERSER_EXACT),
                 default=bool(entry.flags & _abi.LR_TRAVERSER_DEFAULT),
                 uneven=bool(entry.flags & _abi.LR_TRAVERSER_UNEVEN),
                 options=options,
-                template=words[-1],
+                template=about,
             )
         )
     return [_choose(entry, tuple(o.choices[0] for o in entry.options)) for entry in found]
@@ -338,7 +343,7 @@ def distance(
     if marked.ndim != 3 or marked.size == 0:
         raise LeapRayError(f"cells must have the shape (nz, ny, nx); it is {marked.shape}")
     number = choice(METRICS, metric, "metric")
-    dist = np.empty(marked.shape, np.float32 if metric == "euclid" else np.uint8)
+    dist: NDArray = np.empty(marked.shape, np.float32 if metric == "euclid" else np.uint8)
     asked = pointer(marked, ctypes.c_uint8), *marked.shape[::-1], number
     target = ctypes.c_void_p(dist.ctypes.data)
     if threads == 1 or (threads == 0 and (cores() == 1 or marked.size < WORTH_THREADS)):

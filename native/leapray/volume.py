@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import NORMALS, SAMPLE_TYPES, choice, empty, matrix, pointer, triple
+from .attributes import Texture
 
 BRICK = 8  # samples along a brick
 
@@ -60,6 +61,8 @@ class Volume:
     Outside the lattice all samples are 0.
     Raises LeapRayError for anything else, OutOfMemory where there is no room.
     """
+
+    textures: tuple[Texture, ...]
 
     def __init__(
         self,
@@ -134,7 +137,7 @@ class Volume:
     def _adopt(self, handle, mesh_info, planes=None) -> None:
         self.handle = handle
         self.mesh_info = mesh_info  # of the mesh it was voxelized from, else None
-        self.textures: tuple = ()
+        self.textures = ()
         weakref.finalize(self, lib.lr_volume_free, handle)
         self.info = self._read_info(planes)
 

@@ -234,7 +234,7 @@ def mesh_layers(
         pointer(points), len(points), pointer(corners, ctypes.c_int32), len(corners), None
     )
     layer, count = np.empty(max(len(corners), 1), np.int32), ctypes.c_int32()
-    outputs = (ctypes.c_int32.from_buffer(layer), count)
+    outputs = (ctypes.c_int32.from_buffer(layer.data), count)
     call(lib.lr_mesh_layers, ctypes.byref(mesh), float(margin), watch=watch, outputs=outputs)
     return layer
 
