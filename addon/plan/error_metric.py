@@ -205,6 +205,7 @@ def measure(
     normals = None if sheet else probes.surface_normals * (-1.0 if mesh.inverted else 1.0)
     own, beside = None, None
     if info.n_objects:
+        assert ids is not None
         own, beside = ids[probes.surface_triangles], ids[probes.crease_triangles]
     rise = (rise or _rise(volume)) * (gain or 1.0)
     at = voxel_size, rise
@@ -361,6 +362,7 @@ def color_seen(measure: Measure, weights: Weights) -> float:
     footprints is measured by column k. A pixel that holds several voxels averages
     their errors.
     """
+    assert measure.color is not None
     ratio = measure.voxel_size / weights.surface_footprint
     last = measure.color.shape[1] - 1
     k = np.clip(np.log2(np.maximum(ratio, 1.0)), 0.0, last)

@@ -43,7 +43,7 @@ class Work:
     turn: float = sample_types.TURN  # of normals, that its materials do not show
     weights: probes.Weights | None = None
     measure: error_metric.Measure | None = None
-    error_metric: error_metric.Errors | None = None
+    errors: error_metric.Errors = field(init=False, repr=False, compare=False)  # as seen
     structure: leapray.Structure | None = None
     stuck: str = ""  # why it is no finer, where it should be
     exact: str = "sheets"  # whose cells keep their triangles, see leapray.voxelize
@@ -53,6 +53,18 @@ class Work:
     keys: list[tuple] = field(default_factory=list)  # under which the cache holds its level
 
     @property
+    def measured(self) -> error_metric.Measure:
+        """What was measured on its level, once it has entered one."""
+        assert self.measure is not None
+        return self.measure
+
+    @property
+    def built(self) -> leapray.Structure:
+        """The structure of its level, once that is complete."""
+        assert self.structure is not None
+        return self.structure
+
+    @property
     def fixed(self) -> bool:
         """Whether the object says how fine the volume is."""
         return self.mesh.modelling.resolution > 0
@@ -60,8 +72,8 @@ class Work:
     def needs(self, pixel_error: float) -> tuple[float, float, float, float]:
         """How many times too coarse the surface is, its colours, edges, normals; 1: good."""
         e = self.errors
-        others = e.of_color(), e.of_edges(), e.of_normals()
-        return tuple(max(x, 1.0) for x in (e.of_surface(pixel_error), *others))
+        surface, color = max(e.of_surface(pixel_error), 1.0), max(e.of_color(), 1.0)
+        return surface, color, max(e.of_edges(), 1.0), max(e.of_normals(), 1.0)
 
     def turned_only(self, pixel_error: float) -> bool:
         """Whether all that is not good enough are shading normals."""
@@ -111,7 +123,7 @@ class Levels:
 
     def _key(self, work: Work, what: str, voxel_size: float, dtype: str) -> tuple:
         s = self.settings
-        made = what, work.digest, voxel_size, work.with_ids, work.carries, dtype
+        made: tuple = what, work.digest, voxel_size, work.with_ids, work.carries, dtype
         made = *made, self._filter(work.mesh), s.half_width, work.exact
         made = *made, work.own_normals, work.mesh.modelling.kind
         return made if what == "volume" else (*made, s.traverser)
@@ -357,7 +369,7 @@ class Levels:
     def refused(self, work: Work, levels: int, volume_room: float) -> str:
         """Refine by so many levels, within the budget; why that cannot be, or ""."""
         try:
-            size = work.measure.voxel_size / 2**levels
+            size = work.measured.voxel_size / 2**levels
             self.enter(work, size, self.budget - self.held(), volume_room)
         except leapray.Stopped:
             raise
@@ -417,7 +429,7 @@ class Levels:
         narrow = error_metric.measure(volume, *known, gain)
         if not self._enough(work, dataclasses.replace(narrow, turn=0.0)):
             return measure
-        whose = None if whose is None else ids[at.surface_triangles]
+        whose = None if whose is None else whose[at.surface_triangles]
         turn = sample_types.turn(volume, at.surface, voxel_size, gain, whose)
         if turn > work.turn:
             return measure
@@ -429,6 +441,7 @@ class Levels:
             return None
         at, size = self._probes(work), volume.info.object_from_index[0, 0]
         attributes = self._attributes(work, work.mesh, size)
+        assert attributes is not None
         where = at.surface, at.surface_triangles, at.surface_weights
         return mesh_colors.color_errors(volume, work.mesh, attributes, *where, size)
 
@@ -439,7 +452,7 @@ class Levels:
         """
 
         def fineness(work: Work) -> tuple[float, int]:
-            return -work.measure.voxel_size, error_metric.ONES[work.measure.dtype]
+            return -work.measured.voxel_size, error_metric.ONES[work.measured.dtype]
 
         finest: dict[tuple, Work] = {}
         sharing = [work for work in self.works if not (work.fixed or self.settings.resolution)]
@@ -449,20 +462,20 @@ class Levels:
             if fineness(best) > fineness(work):
                 self.drop(work)
                 work.measure, work.structure = best.measure, best.structure
-                work.errors = error_metric.seen(best.measure, work.weights)
+                work.errors = self._seen(work, best.measured)
 
     def complete(self, work: Work) -> None:
         """Let the work have its structure, or that of a finer level at hand."""
         if work.structure is None and not self.take_finer(work):
-            others = self.held() - work.measure.nbytes
-            size, types = work.measure.voxel_size, (work.measure.dtype,)
+            others = self.held() - work.measured.nbytes
+            size, types = work.measured.voxel_size, (work.measured.dtype,)
             work.structure = self.structure(work, size, types, self.budget - others)
 
     def take_finer(self, work: Work) -> bool:
         """Take an earlier frame's volume that is finer than asked for, where there is room."""
-        room = self.budget - self.held() + work.measure.nbytes
-        size, types = work.measure.voxel_size, self._types(work)
-        levels = [(size, work.measure.dtype)]
+        room = self.budget - self.held() + work.measured.nbytes
+        size, types = work.measured.voxel_size, self._types(work)
+        levels = [(size, work.measured.dtype)]
         levels += [(size / 2**n, dtype) for n in range(1, FINER) for dtype in types]
         for level in levels:
             measure = self.cache.peek(self._key(work, "measure", *level))
@@ -471,14 +484,14 @@ class Levels:
                 for what in ("measure", *KEPT):
                     self.cache.get(self._key(work, what, *level))  # is used
                 work.measure, work.structure = measure, structure
-                work.errors = error_metric.seen(measure, work.weights)
+                work.errors = self._seen(work, measure)
                 return True
         return False
 
     def keep_on_disk(self) -> None:
         """Put the volumes into the folder, where there is one."""
         for work in self.works:
-            key = self._key(work, "volume", work.measure.voxel_size, work.measure.dtype)
-            self.shelf.keep_volume(key, work.structure.volume, self.watch)
+            key = self._key(work, "volume", work.measured.voxel_size, work.measured.dtype)
+            self.shelf.keep_volume(key, work.built.volume, self.watch)
         if self.shelf.trouble:
             self.warnings.append(self.shelf.trouble)

@@ -98,13 +98,13 @@ def _heights(light: model.Light, surface: Surface, reach: float) -> NDArray[np.f
     across = offset @ sides.T / square  # the light: -0.5 .. 0.5
     triangles = surface.mesh.triangles
     beside = np.zeros(len(triangles), bool)
-    for values, lowest, highest in (
+    for values, low, high in (
         (across[:, 0], -0.5, 0.5),
         (across[:, 1], -0.5, 0.5),
         (height, -reach, reach),
     ):
         corners = values[triangles]
-        beside |= (corners.max(axis=1) < lowest) | (corners.min(axis=1) > highest)
+        beside |= (corners.max(axis=1) < low) | (corners.min(axis=1) > high)
     chosen = triangles[~beside]
     flat, heights = across[chosen], height[chosen]
     lowest, highest = _range_over_light(flat, heights)

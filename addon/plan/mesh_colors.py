@@ -21,6 +21,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +63,7 @@ class ColorSets:
         """Of an instance of the mesh with those materials in its slots."""
         sources: list[int] = []
         images: list[str] = []
-        used = self._used_slots(mesh)
-        used = {min(slot, len(materials) - 1) for slot in used}
+        used = {min(slot, len(materials) - 1) for slot in self._used_slots(mesh)}
         for slot, number in enumerate(materials):
             if slot not in used:
                 sources.append(WHITE)
@@ -94,7 +94,7 @@ class ColorSets:
                 return WHITE, f"{who} has no vertex colours {material.attribute!r}: white instead."
             if material.image is None:
                 return VERTEX, ""
-        elif material.image is None or not material.image.pixels.size:
+        elif material.image is None or not _has_pixels(material.image):
             return WHITE, f"{who} has a texture without an image: white instead."
         elif mesh.corner_uvs is None:
             return WHITE, f"{who} has no UVs {material.attribute!r}: white instead."
@@ -118,7 +118,7 @@ class ColorSets:
             return b""
         if id(pixels) not in self._pixel_digests:
             name = hashlib.blake2b(repr((pixels.shape, pixels.dtype)).encode(), digest_size=16)
-            name.update(np.ascontiguousarray(pixels).view(np.uint8))
+            name.update(np.ascontiguousarray(pixels).view(np.uint8).data)
             self._pixel_digests[id(pixels)] = name.digest()
         return self._pixel_digests[id(pixels)]
 
@@ -166,6 +166,10 @@ class ColorSets:
         )
 
 
+def _has_pixels(image: model.Image) -> bool:
+    return image.pixels is not None and image.pixels.size > 0
+
+
 def digest(mesh: model.Mesh, color_set: ColorSet) -> str:
     """A name for all that the mesh may carry; "" for nothing."""
     used = [mesh.corner_normals]
@@ -176,7 +180,7 @@ def digest(mesh: model.Mesh, color_set: ColorSet) -> str:
     name = hashlib.blake2b(repr(color_set).encode(), digest_size=16)
     for array in used:
         if array is not None:
-            name.update(np.ascontiguousarray(array).view(np.uint8))
+            name.update(np.ascontiguousarray(array).view(np.uint8).data)
         name.update(b"|")
     return name.hexdigest()
 
@@ -188,7 +192,7 @@ def corners_digest(mesh: model.Mesh) -> str:
         array = getattr(mesh, key)
         if array is not None:
             name.update(key.encode())
-            name.update(np.ascontiguousarray(array).view(np.uint8))
+            name.update(np.ascontiguousarray(array).view(np.uint8).data)
     return name.hexdigest()
 
 
@@ -236,8 +240,11 @@ def unit(vectors: NDArray) -> NDArray:
 # ---- what a mesh's corners carry when it changes -------------------------------
 
 
-def only(mesh: model.Mesh, chosen: NDArray[np.bool_] | slice) -> dict[str, NDArray[np.float32]]:
-    """The corners' attributes of the chosen triangles, by their names in model.Mesh."""
+def only(mesh: model.Mesh, chosen: NDArray[np.bool_] | slice) -> dict[str, Any]:
+    """The corners' attributes of the chosen triangles, by their names in model.Mesh.
+
+    Any, for the names are keywords of dataclasses.replace, which takes other types, too.
+    """
     arrays = {name: getattr(mesh, name) for name in CORNERS}
     return {name: array[chosen] for name, array in arrays.items() if array is not None}
 
@@ -327,10 +334,12 @@ def true_colors(
     width: float,
 ) -> NDArray[np.float64]:
     """(n, 3) linear RGB at points of the mesh, textures averaged over width in object space."""
+    assert attributes.color_sources is not None
     sources = attributes.color_sources[triangles]
     colors = np.ones((len(triangles), 3))
     painted = sources == VERTEX
     if painted.any():
+        assert attributes.colors is not None
         corners = attributes.colors[triangles[painted]]
         colors[painted] = np.einsum("nk,nkc->nc", weights[painted], corners)
     for number, texture in enumerate(attributes.textures):
@@ -338,11 +347,13 @@ def true_colors(
         if not chosen.any():
             continue
         if texture.of_corners:
+            assert attributes.colors is not None and texture.program is not None
             corners = attributes.colors[triangles[chosen]]
             rgba = np.ones((len(corners), 4))
             rgba[:, :3] = np.einsum("nk,nkc->nc", weights[chosen], corners)
             colors[chosen] = np.nan_to_num(texture.program.run(rgba))
             continue
+        assert attributes.uvs is not None
         corners = attributes.uvs[triangles[chosen]].astype(np.float64)
         uv = np.einsum("nk,nkc->nc", weights[chosen], corners)
         p = mesh.vertices[mesh.triangles[triangles[chosen]]].astype(np.float64)

@@ -28,7 +28,7 @@ def digest(mesh: model.Mesh) -> str:
     name = hashlib.blake2b(digest_size=16)
     for array in (mesh.vertices, mesh.triangles, mesh.slots, mesh.solids):
         if array is not None:
-            name.update(np.ascontiguousarray(array).view(np.uint8))
+            name.update(np.ascontiguousarray(array).view(np.uint8).data)
         name.update(b"|")
     return name.hexdigest()
 

@@ -192,7 +192,7 @@ class Planner(Separation):
                 work.dtype = "u8"
                 self.enter(work, size, room)
         except leapray.OutOfMemory as error:
-            needs = self.held() + (getattr(error, "nbytes", None) or 0)
+            needs = self.held() + (error.nbytes or 0)
             raise self._too_large(work.name, needs) from error
         except leapray.Stopped:
             raise
@@ -218,7 +218,8 @@ class Planner(Separation):
 
         def ticket(n: int) -> tuple[float, float, float, float, int]:
             """What sorts first is refined first: surfaces, colours, edges, normals."""
-            return *(-need for need in self.works[n].needs(bar)), n
+            surface, color, edges, normals = self.works[n].needs(bar)
+            return -surface, -color, -edges, -normals, n
 
         queue = [ticket(n) for n, work in enumerate(self.works) if not (work.stuck or work.fixed)]
         heapq.heapify(queue)
@@ -241,7 +242,7 @@ class Planner(Separation):
         before = work.errors.surface
         if work.dtype or not before or work.errors.steps < sample_types.PART * before:
             return False
-        measure, work.dtype = work.measure, "f32"
+        measure, work.dtype = work.measured, "f32"
         if self.refused(work, 0, volume_room):
             work.dtype = ""
             return False
@@ -258,7 +259,7 @@ class Planner(Separation):
         It costs less than halving the voxels, but for meshes whose triangles are smaller
         than these: there every cell would keep some.
         """
-        m, e = work.measure, work.errors
+        m, e = work.measured, work.errors
         flat = work.mesh.corner_normals is None
         turned = work.turned_only(self.settings.pixel_error) and (flat or work.own_normals)
         if not self._may_keep_triangles(work) or self._crowds(work):
@@ -283,18 +284,18 @@ class Planner(Separation):
 
         Of thin things the samples may find no cell at all: then the area tells how many.
         """
-        cells = self._probes(work).area / work.measure.voxel_size**2
-        return len(work.mesh.triangles) > error_metric.CROWD / 4 * max(work.measure.n_cells, cells)
+        cells = self._probes(work).area / work.measured.voxel_size**2
+        return len(work.mesh.triangles) > error_metric.CROWD / 4 * max(work.measured.n_cells, cells)
 
     def _may_keep_triangles(self, work: Work) -> bool:
         """Whether it is a solid whose cells do not, but could if that helps."""
         automatic = work.exact == "sheets" and self.settings.exact == "auto"
-        return automatic and work.measure.kind == "solid" and work.mesh.solids is None
+        return automatic and work.measured.kind == "solid" and work.mesh.solids is None
 
     def _try(self, work: Work, **changes) -> bool:
         """Make the level anew, changed so; keep that if it fits and helps."""
         before = {name: getattr(work, name) for name in changes}
-        size, needed = work.measure.voxel_size, work.needs(self.settings.pixel_error)
+        size, needed = work.measured.voxel_size, work.needs(self.settings.pixel_error)
         volume_room = self._volume_room(work)
         vars(work).update(changes)
         if self.refused(work, 0, volume_room):
@@ -344,15 +345,15 @@ class Planner(Separation):
     def sharpen(self) -> None:
         """Spend a little memory on edges and steps that are good enough, the cheapest first."""
         left = self.budget * SHARP_SHARE
-        for work in sorted(self.works, key=lambda w: w.measure.nbytes):
-            before = work.measure.volume_nbytes
+        for work in sorted(self.works, key=lambda w: w.measured.nbytes):
+            before = work.measured.volume_nbytes
             if work.errors.surface > STEPS_SEEN * self.settings.pixel_error:
                 self._widen(work, left + before)
             wanted = 0 if work.stuck or work.fixed else math.ceil(math.log2(work.errors.softness()))
             for levels in range(wanted, 0, -1):
                 if not self.refused(work, levels, left + before):
                     break
-            left -= work.measure.volume_nbytes - before
+            left -= work.measured.volume_nbytes - before
 
     def finish(self, instances: list[model.Instance]) -> Plan:
         """Make what is still missing, and put the instances together."""
@@ -375,9 +376,9 @@ class Planner(Separation):
             warnings=self.warnings
             + [s for w in self.works if (s := self._complaint(w))]
             + [s for w in self.works if (s := _crowded(w))]
-            + list(dict.fromkeys(_doubt(w) for w in self.works if w.measure.doubtful)),
-            volume_nbytes=sum(w.measure.volume_nbytes for w in self.works),
-            structure_nbytes=sum(w.measure.structure_nbytes for w in self.works),
+            + list(dict.fromkeys(_doubt(w) for w in self.works if w.measured.doubtful)),
+            volume_nbytes=sum(w.measured.volume_nbytes for w in self.works),
+            structure_nbytes=sum(w.measured.structure_nbytes for w in self.works),
             scratch_nbytes=self.scratch,
             peak_nbytes=self.peak,
             seconds=self.seconds,
@@ -390,10 +391,10 @@ class Planner(Separation):
             for work in (
                 works.get(self._mesh_and_colors(instance), []) if instance.visible_shadow else ()
             ):
-                off = work.measure.step + work.measure.typical()
+                off = work.measured.step + work.measured.typical()
                 matrix = np.asarray(instance.world_from_object, np.float64)
                 scale = np.linalg.norm(matrix[:3, :3], 2)
-                yield light_planes.Surface(instance.name, work.mesh, matrix, off * scale)
+                yield light_planes.Surface(instance.name, work.mesh, matrix, float(off * scale))
 
     def _works(self) -> dict[tuple[int, mesh_colors.ColorSet], list[Work]]:
         works: dict[tuple[int, mesh_colors.ColorSet], list[Work]] = {}
@@ -413,7 +414,7 @@ class Planner(Separation):
                 slots.extend(instance.materials)
             placed += [
                 leapray.Instance(
-                    work.structure,
+                    work.built,
                     instance.world_from_object,
                     first_material=first[instance.materials],
                     n_materials=len(instance.materials),
@@ -425,7 +426,7 @@ class Planner(Separation):
                     visible_transmission=instance.visible_transmission,
                     holdout=instance.holdout,
                     volume_index=index[id(work)],
-                    error=work.measure.typical() * objects.scale(instance.world_from_object),
+                    error=work.measured.typical() * objects.scale(instance.world_from_object),
                 )
                 for work in works.get(self._mesh_and_colors(instance), [])
             ]
@@ -434,7 +435,7 @@ class Planner(Separation):
     # -- what is said about it
 
     def _row(self, work: Work) -> dict[str, object]:
-        m, e = work.measure, work.errors
+        m, e = work.measured, work.errors
         return {
             "name": work.name,
             "mesh": work.mesh.name,
@@ -459,9 +460,9 @@ class Planner(Separation):
             "volume_nbytes": m.volume_nbytes,
             "structure_nbytes": m.structure_nbytes,
             "instances": len(work.matrices),
-            "objects": max(work.structure.volume.info.n_objects, 1),
-            "samples_shared": work.structure.volume.info.n_shared,
-            "samples_dropped": work.structure.volume.info.n_dropped,
+            "objects": max(work.built.volume.info.n_objects, 1),
+            "samples_shared": work.built.volume.info.n_shared,
+            "samples_dropped": work.built.volume.info.n_dropped,
             "stuck": work.stuck,
         }
 
@@ -476,14 +477,14 @@ class Planner(Separation):
 def _doubt(work: Work) -> str:
     """The sentence on a kind that the user may not have meant."""
     return (
-        f"{work.name!r} is taken for a {work.measure.kind}, since "
-        f"{work.structure.volume.mesh_info.why}; the object's settings can say otherwise."
+        f"{work.name!r} is taken for a {work.measured.kind}, since "
+        f"{work.built.volume.mesh_info.why}; the object's settings can say otherwise."
     )
 
 
 def _crowded(work: Work) -> str:
     """The sentence on samples that would have to hold more than two objects, or ""."""
-    lost = work.structure.volume.info.n_dropped
+    lost = work.built.volume.info.n_dropped
     if not lost:
         return ""
     return (

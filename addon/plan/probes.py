@@ -104,8 +104,8 @@ def creases(
     for some in pieces(len(found)):
         check_cancelled()
         first, second = found[some].T
-        sides = (_facets(mesh, half // 3, longest) for half in (first, second))
-        keep[some] = turns(*sides)
+        one, other = (_facets(mesh, half // 3, longest) for half in (first, second))
+        keep[some] = turns(one, other)
         ends = [_place_keys(mesh.vertices[v]) for v in _end_vertices(mesh, first)]
         lower[some], higher[some] = np.minimum(*ends), np.maximum(*ends)
     order = np.lexsort((higher[keep], lower[keep]))
@@ -240,8 +240,8 @@ def look(camera: model.Camera, points: Points, width: int, height: int):
     Returns ((n,) world units, (n, 3)). Points outside the image count UNSEEN
     pixels, by their distance to the camera whatever the direction.
     """
-    pixel = min(np.linalg.norm(camera.dx), np.linalg.norm(camera.dy))
-    pixel = pixel or 1.0  # one point fills the film: any model of it will do
+    # Where one point fills the film, any model of it will do.
+    pixel = min(np.linalg.norm(camera.dx), np.linalg.norm(camera.dy)) or 1.0
     v = points - camera.eye
     depth = v @ camera.forward
     perspective = camera.projection == "perspective"

@@ -91,7 +91,8 @@ def close_pairs(
     found: list[tuple[int, int]] = []
     done = {n for n, body in enumerate(bodies) if body.error == 0}
     for one, other in _candidates(boxes, count, errors, camera):
-        pair = tuple(sorted((int(boxes.body[one]), int(boxes.body[other]))))
+        first, second = sorted((int(boxes.body[one]), int(boxes.body[other])))
+        pair = first, second
         if done.issuperset(pair):
             continue
         check_cancelled()

@@ -51,13 +51,13 @@ class Separation(Levels):
         """Of the work's level, or one known to have no errors: to see what is near."""
         perfect = dataclasses.replace(work, exact="every", own_normals=True)
         for n in range(MOST_FINER if work.structure is None else -1, -1, -1):
-            size = work.measure.voxel_size / 2**n
+            size = work.measured.voxel_size / 2**n
             measure = self._known(perfect, size)
             if measure is not None:
-                room = self.budget - self.held() + work.measure.nbytes
+                room = self.budget - self.held() + work.measured.nbytes
                 return self.structure(perfect, size, (measure.dtype,), room)
         self.complete(work)
-        return work.structure
+        return work.built
 
     def _keep_every_triangle(self, work: Work) -> str:
         """Let all cells keep their triangles, so that there is no error; why not, or ""."""
@@ -70,7 +70,7 @@ class Separation(Levels):
             work.exact, work.own_normals = before
         room = max(self.budget * SHARE, TRIANGLE_NBYTES * len(work.mesh.triangles))
         for _ in range(0 if why or work.fixed or self.settings.resolution else MOST_FINER):
-            crowded = work.measure.crowd > error_metric.CROWD
+            crowded = work.measured.crowd > error_metric.CROWD
             if not crowded or self.refused(work, 1, room):
                 break
         work.stuck = stuck
@@ -79,5 +79,5 @@ class Separation(Levels):
 
 def _error(work: Work) -> float:
     """The quantile of the volume's errors, in object space; 0 where that is but rounding."""
-    error = work.measure.typical()
-    return error if error > NO_ERROR * work.measure.voxel_size else 0.0
+    error = work.measured.typical()
+    return error if error > NO_ERROR * work.measured.voxel_size else 0.0
