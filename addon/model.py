@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -240,5 +241,5 @@ class Frame:
     """A rendered frame: the passes, rows from below, and how they came about."""
 
     passes: dict[str, NDArray[np.float32]]  # "Combined" (h, w, 4), "Depth" (h, w, 1), ...
-    report: dict[str, object] = field(default_factory=dict)  # becomes the JSON beside the picture
+    report: dict[str, Any] = field(default_factory=dict)  # becomes the JSON beside the picture
     warnings: list[str] = field(default_factory=list)

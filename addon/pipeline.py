@@ -13,10 +13,11 @@ import dataclasses
 import platform
 import queue
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -222,19 +223,20 @@ def _world(world: model.World, watch: leapray.Watch) -> model.World:
         points_only=True,
         watch=watch,
     )
-    return dataclasses.replace(world, image=texture)
+    return dataclasses.replace(world, image=cast(Any, texture))
 
 
 def _trace(scene: model.Scene, planned: plan.Plan, workers: WorkerPool, threads: int, on_tile):
     """The passes, the counters' totals and the bytes of all workspaces."""
     s = scene.settings
+    # The core takes what has attributes of the same names as its own classes.
     placed = leapray.Scene(
-        scene.camera,
+        cast(leapray.Camera, scene.camera),
         planned.instances,
-        planned.lights,
-        scene.materials,
+        cast(Sequence[leapray.Light], planned.lights),
+        cast(Sequence[leapray.Material], scene.materials),
         planned.slots,
-        world=_world(scene.world, workers.watch),
+        world=cast(leapray.World, _world(scene.world, workers.watch)),
         film_transparent=scene.film_transparent,
         slot_objects=planned.slot_objects,
         mist=scene.mist,

@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NoReturn
 
-SENTENCES = {
+SENTENCES: dict[int, str] = {
     signal.SIGINT: "interrupted",
     signal.SIGTERM: "terminated",
     signal.SIGHUP: "ended, for its terminal was closed",
@@ -82,9 +82,8 @@ def end_by_signal(number: int = 0) -> NoReturn:
 def _remove_folder_of_blender() -> None:
     """Remove Blender's temporary folder, as it would itself."""
     modules = (sys.modules.get(name) for name in ("bpy", "_bpy"))  # the second is there sooner
-    folder = next(
-        (Path(module.app.tempdir) for module in modules if hasattr(module, "app")), Path()
-    )
+    apps = (getattr(module, "app", None) for module in modules)
+    folder = next((Path(app.tempdir) for app in apps if app is not None), Path())
     if folder.name.startswith("blender_"):  # else it is the system's own
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import bpy
 
 from . import ui_report
@@ -26,6 +28,8 @@ SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # objects that have a mes
 
 
 class _Panel:
+    if TYPE_CHECKING:
+        layout: Any  # of bpy.types.Panel
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
 
@@ -362,7 +366,7 @@ CLASSES = (
 )
 
 
-def shared_panels() -> list[type]:
+def shared_panels() -> list[Any]:
     """Blender's panels that LeapRay joins."""
     return [
         panel

@@ -9,6 +9,7 @@ panel of it.
 from __future__ import annotations
 
 import textwrap
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -101,6 +102,10 @@ class RENDER_PT_leapray_last(bpy.types.Panel):
 
 class _Warned:
     """A panel of the warnings of the last render that name what the tab shows."""
+
+    if TYPE_CHECKING:
+        bl_context: str
+        layout: Any  # of bpy.types.Panel
 
     bl_label = "Not as Cycles Renders It"
     bl_space_type = "PROPERTIES"

@@ -82,7 +82,8 @@ class Shelf:
         except (leapray.Stopped, leapray.OutOfMemory):
             raise
         except (leapray.LeapRayError, *WRONG):
-            return self._remove(key, ".vdb")
+            self._remove(key, ".vdb")
+            return None
         volume.mesh_info = mesh_info
         return volume
 
@@ -99,8 +100,9 @@ class Shelf:
             "packed": packed.size,
             "mesh": volume.mesh_info and dataclasses.asdict(volume.mesh_info),
         }
+        data = zlib.compress(packed.data, 1)
         try:
-            volume_files.write(volume, path, behind=_sealed(key, head, zlib.compress(packed, 1)))
+            volume_files.write(volume, path, behind=_sealed(key, head, data))
         except leapray.LeapRayError as error:
             self._give_up(error)
 
@@ -114,7 +116,8 @@ class Shelf:
         try:
             return _record(*found, kind)
         except WRONG:
-            return self._remove(key, ".measure")
+            self._remove(key, ".measure")
+            return None
 
     def keep_record(self, key: Hashable, value: Any) -> None:
         """Put a dataclass of numbers, strings and arrays of float32 or bool there."""
@@ -157,7 +160,8 @@ class Shelf:
                     return head, data
             except (ValueError, KeyError, TypeError):
                 pass
-        return self._remove(key, suffix)
+        self._remove(key, suffix)
+        return None
 
     def _remove(self, key: Hashable, suffix: str) -> None:
         """So that it is made anew; where that may not be, it stays unread."""

@@ -268,7 +268,10 @@ def _boxes(origins: NDArray[np.int32]) -> list[tuple[tuple, tuple]]:
         def across(box, axis=axis):
             return tuple(corner[a] for corner in box for a in range(3) if a != axis)
 
-        boxes.sort(key=lambda box, axis=axis: (across(box), box[0][axis]))
+        def order(box, axis=axis):
+            return across(box), box[0][axis]
+
+        boxes.sort(key=order)
         joined: list[tuple[tuple, tuple]] = []
         for box in boxes:
             last = joined[-1] if joined else None
@@ -312,7 +315,7 @@ def _like(grid, origin: tuple, block: NDArray, dtype, out) -> NDArray | None:
     return values.T.astype(out)
 
 
-def _write_whole(path: Path, fill: Callable[[Path], None]) -> None:
+def _write_whole(path: Path, fill: Callable[[Path], object]) -> None:
     if not path.parent.is_dir():
         raise LeapRayError(f"there is no folder {path.parent} to write {path.name} into")
     beside = path.with_name(f".{path.name}.{secrets.token_hex(6)}.partial")

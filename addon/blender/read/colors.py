@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from leapray import Value, operate
 
-Triple = tuple[Value, Value, Value]
+from .links import Triple, triple
 
 
 def _choose(condition: Value, yes: Value, no: Value) -> Value:
@@ -67,8 +67,8 @@ def rgb_from_hsv(hsv: Triple) -> Triple:
     made: Triple = (value, p, q)
     for number, candidate in reversed(list(enumerate(sectors))):
         here = operate("compare", sector, float(number), 0.0)
-        made = tuple(_choose(here, a, b) for a, b in zip(candidate, made, strict=True))
-    return tuple(_choose(saturation, each, value) for each in made)
+        made = triple(_choose(here, a, b) for a, b in zip(candidate, made, strict=True))
+    return triple(_choose(saturation, each, value) for each in made)
 
 
 def hsl_from_rgb(color: Triple) -> Triple:
@@ -100,7 +100,7 @@ def rgb_from_hsl(hsl: Triple) -> Triple:
     for each in pure:
         clamped = operate("minimum", operate("maximum", each, 0.0), 1.0)
         made.append(operate("multiply_add", operate("subtract", clamped, 0.5), chroma, light))
-    return tuple(made)
+    return triple(made)
 
 
 def _same(color: Triple) -> Triple:
@@ -198,7 +198,7 @@ _CHANNELS: dict[str, Callable[[Value, Value, Value], Value]] = {
 def blend(mode: str, a: Triple, b: Triple, share: Value) -> Triple | None:
     """b on a by a share; None for a mode that is not known."""
     if mode in _CHANNELS:
-        return tuple(_CHANNELS[mode](x, y, share) for x, y in zip(a, b, strict=True))
+        return triple(_CHANNELS[mode](x, y, share) for x, y in zip(a, b, strict=True))
     if mode not in ("HUE", "SATURATION", "VALUE", "COLOR"):
         return None
     h, s, v = hsv_from_rgb(a)
@@ -209,9 +209,9 @@ def blend(mode: str, a: Triple, b: Triple, share: Value) -> Triple | None:
         made, counts = rgb_from_hsv((h, _lerp(s, other_s, share), v)), s
     else:
         made = rgb_from_hsv((other_h, s if mode == "HUE" else other_s, v))
-        made = tuple(_lerp(x, y, share) for x, y in zip(a, made, strict=True))
+        made = triple(_lerp(x, y, share) for x, y in zip(a, made, strict=True))
         counts = other_s
-    return tuple(_choose(counts, x, y) for x, y in zip(made, a, strict=True))
+    return triple(_choose(counts, x, y) for x, y in zip(made, a, strict=True))
 
 
 # ---- black bodies --------------------------------------------------------------

@@ -16,7 +16,7 @@ import os
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,12 +58,14 @@ class Texels:
     def look(self, *, straight: bool) -> tuple[Value, Value, Value, Value]:
         """Linear colour and alpha of what is looked up. straight: divided by alpha, as colours
         are where a node's alpha is used too."""
-        *colors, alpha = INPUTS
+        alpha = INPUTS[3]
+        colors: list[Value] = list(INPUTS[:3])
         if straight and self.means_cover:
             colors = [operate("select", alpha, operate("divide", c, alpha), c) for c in colors]
         if self.coded:
             colors = [operate("from_srgb", c) for c in colors]
-        return (*colors, alpha)
+        red, green, blue = colors
+        return red, green, blue, alpha
 
     def linear(self) -> NDArray[np.float32]:
         """(height, width, 3) of the texels themselves."""
@@ -71,7 +73,8 @@ class Texels:
         if colors.dtype == np.uint8:
             table = np.arange(256, dtype=np.float32) / 255
             return (from_srgb(table) if self.coded else table)[colors]
-        return from_srgb(colors) if self.coded else colors
+        floats = cast(NDArray[np.float32], colors)
+        return from_srgb(floats) if self.coded else floats
 
 
 def texels_of(image, notes) -> Texels | None:

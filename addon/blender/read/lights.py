@@ -14,14 +14,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from leapray import Step, numbers_of
+from leapray import Step, Value, numbers_of
 
 from ... import model
-from .images import MISSING
+from .images import MISSING, Texels
 from .links import Triple, Values, own_values, tree_of
 from .node_values import each
 from .nodes import Folder, Place, Unfolded, output_of, source, title
@@ -50,7 +51,7 @@ def of_light(light, matrix: NDArray[np.float64], shown: list, name: str, notes):
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     axes = matrix[:3, :3] / np.where(lengths > 0, lengths, 1.0)
     sun = kind == "sun"
-    more: dict[str, object] = {"angle": light.angle} if sun else {}
+    more: dict[str, Any] = {"angle": light.angle} if sun else {}
     if kind == "area":
         u, v = _sides(light, matrix)
         area = np.linalg.norm(u) * np.linalg.norm(v)  # though it is sheared, as Cycles takes it
@@ -76,7 +77,9 @@ def of_light(light, matrix: NDArray[np.float64], shown: list, name: str, notes):
                 notes.unsupported("Spot lights with uneven scales are", name)
     elif not light.normalize and light.angle > 0:  # energy is then the disk's radiance
         color *= np.pi * np.sin(min(light.angle, np.pi) / 2) ** 2
-    seen = {f"visible_{ray}": all(getattr(o, f"visible_{ray}") for o in shown) for ray in RAYS}
+    seen: dict[str, Any] = {
+        f"visible_{ray}": all(getattr(o, f"visible_{ray}") for o in shown) for ray in RAYS
+    }
     if not color.any() or not any(seen.values()):
         return None
     found = model.Light(
@@ -101,7 +104,7 @@ def _finite(light: model.Light) -> bool:
     numbers = (light.radius, light.angle, light.blend, *light.color, *light.position)
     more = (*light.direction, *light.axis_u, *light.axis_v)
     with np.errstate(over="ignore"):
-        return bool(np.isfinite(np.float32((*numbers, *more))).all())
+        return bool(np.isfinite(np.array((*numbers, *more), np.float32)).all())
 
 
 def _sides(light, matrix: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
@@ -110,7 +113,7 @@ def _sides(light, matrix: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
     return matrix[:3, 0] * light.size, matrix[:3, 1] * across
 
 
-def _tuple(values: NDArray) -> tuple[float, float, float]:
+def _tuple(values: NDArray | Triple) -> tuple[float, float, float]:
     return tuple(np.asarray(values, np.float64).tolist())
 
 
@@ -142,7 +145,7 @@ def of_world(world, notes) -> model.World:
     if world is None:
         return model.World()
     flags = getattr(world, "cycles_visibility", None)  # where Blender has Cycles
-    seen = {f"visible_{ray}": getattr(flags, ray, True) for ray in RAYS}
+    seen: dict[str, Any] = {f"visible_{ray}": getattr(flags, ray, True) for ray in RAYS}
     seen["max_bounces"] = getattr(getattr(world, "cycles", None), "max_bounces", UNLIMITED)
     output = output_of(world)
     if output is None:
@@ -159,6 +162,7 @@ def of_world(world, notes) -> model.World:
         return _checked(model.World(_tuple(radiance), **seen), world.name, notes)
     if not np.isfinite(numbers_of(radiance)).all():
         return _checked(model.World((np.inf,) * 3, **seen), world.name, notes)
+    assert sky.texels is not None  # on which the radiance depends
     return model.World(
         (1.0, 1.0, 1.0),
         image=look_up(sky.node, sky.texels, radiance, "repeat"),
@@ -170,7 +174,7 @@ def of_world(world, notes) -> model.World:
 def _checked(world: model.World, name: str, notes) -> model.World:
     """The world, if its numbers are finite; black, and noted, where its color is not."""
     with np.errstate(over="ignore"):
-        if not np.isfinite(np.float32(world.color)).all():
+        if not np.isfinite(np.array(world.color, np.float32)).all():
             notes.skipped("its strength is not a finite number", name)
             return dataclasses.replace(world, color=(0.0, 0.0, 0.0))
     return world
@@ -193,8 +197,8 @@ class _Emitters:
             total = each("multiply_add", self._of(out), weight, total)
         return total
 
-    def _factor(self, out: Place) -> Values:
-        return self._value(out.input("Fac"))
+    def _factor(self, out: Place) -> Value:
+        return cast(Value, self._value(out.input("Fac")))
 
     def source(self, place: Place) -> Place | None:
         try:
@@ -230,7 +234,8 @@ class _Sky:
 
     def __init__(self, notes) -> None:
         self.notes, self.rotation = notes, np.eye(3)
-        self.node, self.texels = None, None
+        self.node: Any = None
+        self.texels: Texels | None = None
         self._seen: tuple | None = None
         self._look: Triple = (0.0, 0.0, 0.0)
 

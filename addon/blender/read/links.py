@@ -8,7 +8,8 @@ numbers, or steps that depend on a texture; a colour or vector is a tuple of thr
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,12 @@ Triple = tuple[Value, Value, Value]
 Values = Value | Triple
 
 
+def triple(parts: Iterable[Value]) -> Triple:
+    """A tuple of just three."""
+    first, second, third = parts
+    return first, second, third
+
+
 class Unfolded(Exception):
     """A node whose value is not the same everywhere; its words name it."""
 
@@ -31,7 +38,7 @@ class Unfolded(Exception):
 class Place(NamedTuple):
     """A socket, and the group nodes around its node, the outermost first."""
 
-    socket: object
+    socket: Any  # bpy.types.NodeSocket
     groups: tuple = ()
 
     @property
@@ -218,7 +225,7 @@ def own_values(place: Place) -> Values:
     kind = place.socket.type
     held = getattr(place.socket, "default_value", None)
     if kind in TRIPLES:
-        return zero(kind) if held is None else tuple(map(float, tuple(held)[:3]))
+        return zero(kind) if held is None else cast(Triple, tuple(map(float, tuple(held)[:3])))
     return float(held) if isinstance(held, int | float) else 0.0
 
 
@@ -236,6 +243,7 @@ def convert(values: Values, kind: str, wanted: str) -> Values:
     if isinstance(values, tuple) and wanted not in TRIPLES:
         values = luminance(values) if kind == "RGBA" else average(values)
     if wanted in WHOLE and kind not in WHOLE:
+        assert not isinstance(values, tuple)
         return operate("trunc", values)
     if wanted in TRIPLES and not isinstance(values, tuple):
         return (values, values, values)

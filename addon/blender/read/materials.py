@@ -12,6 +12,7 @@ no number is black, and named.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +64,7 @@ def read(material, notes, images: dict | None = None) -> tuple[model.Material, T
 
 def _is_sound(material: model.Material) -> bool:
     """Whether all its numbers are such, as f32 holds them."""
-    numbers = [material.absorption]
+    numbers: list[model.Color | float] = [material.absorption]
     for lobe in material.lobes:
         numbers += [lobe.color, lobe.weight, lobe.roughness, lobe.ior, lobe.metallic]
         numbers += [lobe.specular, lobe.specular_tint, lobe.transmission, lobe.alpha]
@@ -132,7 +133,8 @@ class _Reader:
         """The shaders that an output node's input adds up, and their weights."""
         if socket is None:
             return []
-        return flattened(Place(socket), self._source, lambda out: self._number(out, "Fac"))
+        found = flattened(Place(socket), self._source, lambda out: self._number(out, "Fac"))
+        return cast(list[tuple[Place, float]], found)
 
     # -- shaders
 
@@ -276,7 +278,7 @@ class _Reader:
     def _roughness(self, out: Place) -> float:
         return _within(self._number(out, "Roughness"), 0.0, 1.0)
 
-    def _color(self, out: Place, name: str) -> dict[str, object]:
+    def _color(self, out: Place, name: str) -> dict[str, Any]:
         """color and textured of a lobe."""
         place = out.input(name)
         return self._told(lambda folder: folder.values(place), own_value(place).tolist())
@@ -285,9 +287,10 @@ class _Reader:
         """The same of values that a folder gives, else_ where it cannot."""
         leaves = Leaves(self.notes, self.images)
         try:
-            color = values(Folder(leaves.values))
+            color = cast(Triple, values(Folder(leaves.values)))
             if leaves.node is None or not any(isinstance(part, Step) for part in color):
-                return {"color": tuple(np.maximum(color, 0.0).tolist())}
+                numbers = cast(model.Color, color)
+                return {"color": tuple(np.maximum(numbers, 0.0).tolist())}
             if not np.isfinite(numbers_of(color)).all():
                 return {"color": (np.nan,) * 3}
             self._bake(leaves, color)

@@ -8,7 +8,7 @@ the values of inputs by `yield folder.at(place)`, and returns that of the output
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from typing import Any
+from typing import Any, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from leapray import Step, Table, Value, operate
 
 from .colors import MODES, blackbody, blend, hsv_from_rgb, rgb_from_hsv
-from .links import Place, Triple, Unfolded, Values, luminance, own_values, title, zero
+from .links import Place, Triple, Unfolded, Values, luminance, own_values, title, triple, zero
 
 RAMP = 257  # entries of a ramp's or curve's table, as in Cycles
 
@@ -41,10 +41,18 @@ def _ask_first(folder, out: Place, n: int) -> Generator[Any, Values, list]:
 def each(name: str, *values: Values) -> Triple:
     """An operation on each part of vectors, and on numbers that all of them share."""
     parts = [v if isinstance(v, tuple) else (v, v, v) for v in values]
-    return tuple(operate(name, *row) for row in zip(*parts, strict=True))
+    return triple(operate(name, *row) for row in zip(*parts, strict=True))
 
 
-def clamp(value: Values, low: Values = 0.0, high: Values = 1.0) -> Values:
+@overload
+def clamp(value: Triple, low: Values = 0.0, high: Values = 1.0) -> Triple: ...
+
+
+@overload
+def clamp(value: Value, low: Value = 0.0, high: Value = 1.0) -> Value: ...
+
+
+def clamp(value: Values, low: Any = 0.0, high: Any = 1.0) -> Values:
     if isinstance(value, tuple):
         return each("minimum", each("maximum", value, low), high)
     return operate("minimum", operate("maximum", value, low), high)
@@ -57,7 +65,7 @@ def _dot(a: Triple, b: Triple) -> Value:
 
 def _lerp(a: Values, b: Values, share: Values) -> Values:
     """a where share is 0, b where it is 1."""
-    operation = each if isinstance(a, tuple) else operate
+    operation: Callable[..., Any] = each if isinstance(a, tuple) else operate
     rest = operation("subtract", 1.0, share)
     return operation("multiply_add", b, share, operation("multiply", a, rest))
 
@@ -143,18 +151,17 @@ def _map_range(folder, out: Place) -> Asking:
     words = "From Min", "From Max", "To Min", "To Max"
     names = [f"{name.replace(' ', '_')}_FLOAT3" for name in words] if vector else words
     inputs = yield from ask(folder, out, "Vector" if vector else "Value", *names)
-    steps = 0.0
+    steps: Values = 0.0
     if node.interpolation_type == "STEPPED":
         steps = yield folder.at(out.input("Steps_FLOAT3" if vector else "Steps"))
+    parts = (*inputs, steps)
     if not vector:
-        return _mapped(
-            node, *inputs, steps, of_empty=None if folder.by_blender(out, *inputs, steps) else 0.0
-        )
-    rows = zip(*(v if isinstance(v, tuple) else (v, v, v) for v in (*inputs, steps)), strict=True)
-    return tuple(_mapped(node, *row, of_empty=None) for row in rows)
+        return _mapped(node, *parts, of_empty=None if folder.by_blender(out, *parts) else 0.0)
+    rows = zip(*(v if isinstance(v, tuple) else (v, v, v) for v in parts), strict=True)
+    return triple(_mapped(node, *row, of_empty=None) for row in rows)
 
 
-def _mapped(node, value, from_min, from_max, to_min, to_max, steps, of_empty) -> Value:
+def _mapped(node, value, from_min, from_max, to_min, to_max, steps, *, of_empty) -> Value:
     """One number of Map Range. of_empty: its value where the range is empty; None: that at
     the range's start."""
     kind = node.interpolation_type
@@ -244,9 +251,10 @@ def _length(a: Triple) -> Value:
 def _vector_math(folder, out: Place) -> Asking:
     node = out.node
     a, b, c, scale = yield from ask(folder, out, "Vector", "Vector_001", "Vector_002", "Scale")
+    values: Values
     if node.operation == "POWER":
         poles = _has_poles() or folder.by_blender(out, a, b)
-        values = tuple(_power(x, y, poles=poles) for x, y in zip(a, b, strict=True))
+        values = triple(_power(x, y, poles=poles) for x, y in zip(a, b, strict=True))
     elif node.operation in _VECTOR:
         values = _VECTOR[node.operation](a, b, c, scale)
     else:
@@ -277,8 +285,8 @@ def _mix(folder, out: Place) -> Asking:
     if kind is None:
         raise Unfolded(f"{title(node)} ({node.data_type.capitalize()})")
     several = kind == "Vector" and node.factor_mode == "NON_UNIFORM"
-    factor = "Factor_Vector" if several else "Factor_Float"
-    factor, a, b = yield from ask(folder, out, factor, f"A_{kind}", f"B_{kind}")
+    name = "Factor_Vector" if several else "Factor_Float"
+    factor, a, b = yield from ask(folder, out, name, f"A_{kind}", f"B_{kind}")
     if node.clamp_factor:
         factor = clamp(factor)
     if kind != "Color":
@@ -348,12 +356,12 @@ def _ramp(folder, out: Place) -> Asking:
     ramp = out.node.color_ramp
     if folder.by_blender(out, x):
         values = tuple(map(float, ramp.evaluate(x)))
-        return values[:3] if out.socket.type == "RGBA" else values[3]
+        return cast(Triple, values[:3]) if out.socket.type == "RGBA" else values[3]
     table = np.array([ramp.evaluate(at) for at in np.linspace(0.0, 1.0, RAMP)])
     kind = "constant" if ramp.interpolation == "CONSTANT" else "linear"
     if out.socket.type != "RGBA":
         return Table(table[:, 3], kind).at(x)
-    return tuple(Table(table[:, c], kind).at(x) for c in range(3))
+    return triple(Table(table[:, c], kind).at(x) for c in range(3))
 
 
 def _curve_table(node, curves: list[int]) -> tuple[NDArray[np.float64], float, float]:
@@ -389,7 +397,7 @@ def _curves(folder, out: Place) -> Asking:
     factor, color = yield from _ask_first(folder, out, 2)
     of_all = [3] if node.bl_idname == "ShaderNodeRGBCurve" else []
     exact = folder.by_blender(out, factor, color)
-    made = tuple(_curved(node, [*of_all, c], color[c], exact) for c in range(3))
+    made = triple(_curved(node, [*of_all, c], color[c], exact) for c in range(3))
     return _lerp(color, made, factor)
 
 

@@ -7,6 +7,7 @@ No recursion: trees may be thousands of nodes deep, and share branches.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,12 +61,12 @@ class Folder:
 
     def color(self, out: Place) -> Triple:
         """The value of an output as a colour. Raises Unfolded."""
-        return convert(self._run(self._of_output(out)), out.socket.type, "RGBA")
+        return cast(Triple, convert(self._run(self._of_output(out)), out.socket.type, "RGBA"))
 
     def _run(self, asking: Asking) -> Values:
         self._under_way.clear()
         stack = [asking]
-        result: Values | None = None
+        result: Any = None  # which a generator starts by
         while stack:
             try:
                 stack.append(stack[-1].send(result))

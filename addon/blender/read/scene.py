@@ -111,14 +111,14 @@ def render_border(render, width: int, height: int) -> Border:
     """The render border in whole pixels, cut as Blender cuts it; the frame where there is none."""
     if not render.use_border:
         return Border(0, 0, width, height)
-    frame = np.float32([width, height, width, height])
+    frame = np.array([width, height, width, height], np.float32)
     edges = [
         render.border_min_x,
         render.border_min_y,
         render.border_max_x,
         render.border_max_y,
     ]
-    x0, y0, x1, y1 = (np.float32(edges) * frame).astype(int).tolist()
+    x0, y0, x1, y1 = (np.array(edges, np.float32) * frame).astype(int).tolist()
     if x1 <= x0 or y1 <= y0:
         raise LeapRayError("The render border holds no pixel")
     return Border(x0, y0, x1 - x0, y1 - y0)

@@ -92,7 +92,7 @@ def _after_what_they_use(first: Place, parts: _Parts) -> list[Place]:
             under_way.discard(out)
             stack.pop()
         elif following[0] in under_way:
-            parts.known[out] = [each for each in parts.of(out) if each[0] != following[0]]
+            parts.known[out] = [each for each in parts.of(out) or [] if each[0] != following[0]]
         elif following[0] not in seen:
             seen.add(following[0])
             under_way.add(following[0])

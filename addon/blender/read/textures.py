@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,10 +51,9 @@ class Texture:
         """Whether a mesh would carry the same for it."""
         names = ("source", "layer", "coordinates", "key")
         same = all(getattr(self, name) == getattr(other, name) for name in names)
-        matrices = (self.matrix, other.matrix)
-        if any(matrix is None for matrix in matrices):
-            return same and matrices[0] is matrices[1]
-        return same and bool((matrices[0] == matrices[1]).all())
+        if self.matrix is None or other.matrix is None:
+            return same and self.matrix is other.matrix
+        return same and bool((self.matrix == other.matrix).all())
 
 
 class Leaves:
@@ -64,7 +64,8 @@ class Leaves:
 
     def __init__(self, notes, images: dict) -> None:
         self.notes, self.images = notes, images
-        self.node, self.texels = None, None
+        self.node: Any = None
+        self.texels: Texels | None = None
         self._groups: tuple = ()
         self._look: tuple = ()
 
