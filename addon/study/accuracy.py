@@ -247,7 +247,9 @@ def means(rows: list[Row]) -> list[Point]:
     return [
         Point(
             setting,
-            *(geometric(found, key) for key in ("mrays", "hit_99", "normal_mean")),
+            geometric(found, "mrays"),
+            geometric(found, "hit_99"),
+            geometric(found, "normal_mean"),
             float(np.mean([row.silhouette for row in found])),
         )
         for setting, found in by_setting.items()

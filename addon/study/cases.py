@@ -29,7 +29,7 @@ class Case:
 def blobs(rng) -> NDArray:
     """Spheres with a soft border."""
     size = (33, 36, 40)
-    grid = np.stack(np.indices(size), axis=-1)
+    grid = np.stack(list(np.indices(size)), axis=-1)
     field = np.zeros(size)
     for _ in range(9):
         off = np.linalg.norm(grid - rng.random(3) * size, axis=-1) - rng.uniform(1, 6)
@@ -82,7 +82,7 @@ def full(rng) -> NDArray:
     return np.ones((20, 20, 20), np.float32)
 
 
-def dyadic(origins, directions):
+def dyadic(origins, directions) -> tuple[NDArray, NDArray]:
     """Rays that the oracle takes: origins in multiples of 2^-16, whole directions."""
     fine = 2.0**oracle.SHIFT
     return np.round(np.asarray(origins) * fine) / fine, np.round(directions)

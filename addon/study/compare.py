@@ -15,6 +15,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import flip_evaluator
 import numpy as np
@@ -27,11 +28,14 @@ from ..store import files
 from . import charts, metrics, report
 from .folder import result_folder
 
+if TYPE_CHECKING:
+    from . import frames
+
 PIXELS_PER_DEGREE = 67  # FLIP's own viewing distance
 LEAST_PIXELS = 64  # objects that fewer pixels show are listed, and left out of the worst
 LIT = 1e-4  # of white: what is darker in the first sample is not lit
 FLIP, GLASS_FLIP = 0.03, 0.06  # asked of the mean, without and with refraction
-Json = dict[str, object]
+Json = dict[str, Any]
 
 
 def main(args: argparse.Namespace) -> int:
@@ -113,7 +117,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     if not black:
         scene.world = own_world
     cycles: dict[int, Json] = {}
-    images = {}
+    images: dict[str, frames.Frame] = {}
     step(f"Cycles, reference, {reference_samples} samples")
     own_references = getattr(args, "references", None)
     reference = kept.reference(scene, path, reference_samples, own_references, plain, black)
@@ -128,7 +132,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
         cycles[count] = {"seconds": frame.seconds, **light.of(frame)}
         images["cycles"] = frame if count == samples else images.get("cycles", frame)
     ours: dict[int, Json] = {}
-    done = {}
+    done: dict[int, frames.Frame] = {}
     for count in sorted(curve):
         step(f"LeapRay, {count} samples")
         frame = frames.render_leapray(scene, path, count, chosen[0].spec)
@@ -138,7 +142,8 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     runs: dict[str, Json] = {}
     for each in chosen:
         step(f"LeapRay, {samples} samples, {each.spec}")
-        frame = done.pop(samples, None) or frames.render_leapray(scene, path, samples, each.spec)
+        known = done.pop(samples, None)
+        frame = known or frames.render_leapray(scene, path, samples, each.spec)
         images.setdefault("leapray", frame)
         runs[each.spec] = {
             "label": each.label,
@@ -196,10 +201,10 @@ def is_black(world) -> bool:
 class Geometry:
     """Two renders' geometry passes; `lit` is where LeapRay's one sample under black is seen."""
 
-    subject: object  # frames.Subject
-    want: object  # frames.Frame
-    got: object
-    lit: object = None
+    subject: frames.Subject
+    want: frames.Frame
+    got: frames.Frame
+    lit: frames.Frame | None = None
 
     def __post_init__(self) -> None:
         self.index, self.other = self.want.index, self.got.index
@@ -242,7 +247,7 @@ class Geometry:
         """Per object: pixels lit in one image only, and how far from a shadow's edge in Cycles."""
         steps = metrics.steps_to_other(2 * self.index + self.is_lit)
         differ = self.agree & (self.is_lit != self.other_lit)
-        told = {}
+        told: dict[str, Json] = {}
         for k in np.unique(self.index[self.agree]):
             here = differ & (self.index == k)
             told[self.subject.names[int(k)]] = {
@@ -297,7 +302,7 @@ def is_lit(frame, white: float) -> metrics.Mask:
 class Light:
     """Errors against the reference; rims are those of Cycles' and LeapRay's first samples."""
 
-    subject: object  # frames.Subject
+    subject: frames.Subject
     geometry: Geometry
     reference: NDArray[np.float32]  # (height, width, 3) linear
 
@@ -358,11 +363,11 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
         }
         if not found:
             return "nothing", None
-        name = max(found, key=found.get)
+        name = max(found, key=found.__getitem__)
         return name, found[name]
 
     def bar(what: str, value: float | None, limit: float, where: str = "") -> Json:
-        known = {"what": what, "value": value, "limit": limit}
+        known: Json = {"what": what, "value": value, "limit": limit}
         holds = None if value is None else bool(abs(value) <= limit)
         return known | {"holds": holds} | ({"where": where} if where else {})
 
@@ -379,7 +384,7 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
         where, value = worst(of, which)
         geometry_bars.append(bar(what, value, limit, where))
     turned = {name: share for name, share in shape["normals_turned"].items() if name in seen}
-    where = max(turned, key=turned.get, default="nothing")
+    where = max(turned, key=turned.__getitem__, default="nothing")
     what = f"normals more than {metrics.TURNED:g} degrees off, share of pixels but edges"
     geometry_bars.append(bar(what, turned.get(where), 0.01, where))
     light_bars = [

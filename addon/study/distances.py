@@ -58,7 +58,7 @@ def by_scipy(cells: NDArray[np.bool_], metric: str) -> Callable[[], NDArray] | N
     """None for chamfer 3-4-5, which it has not; its Euclid is not the peer: edt is faster."""
     kind = {"chessboard": "chessboard", "cityblock": "taxicab"}.get(metric)
     free = ~cells
-    return kind and (lambda: ndimage.distance_transform_cdt(free, kind))
+    return None if kind is None else lambda: ndimage.distance_transform_cdt(free, kind)
 
 
 def by_edt(cells: NDArray[np.bool_], metric: str) -> Callable[[], NDArray] | None:
@@ -77,8 +77,8 @@ def measure(size: int, rounds: int) -> list[Distance]:
     rows = []
     for field, cells in fields(size).items():
         for metric in leapray.METRICS:
-            ways = {by: peer(cells, metric) for by, peer in PEERS.items()}
-            ways = {by: run for by, run in ways.items() if run}
+            peers = {by: peer(cells, metric) for by, peer in PEERS.items()}
+            ways = {by: run for by, run in peers.items() if run}
             own, *others = (run() for run in ways.values())
             for by, other in zip(list(ways)[1:], others, strict=True):
                 capped = other if metric == "euclid" else np.minimum(other, 255)

@@ -68,7 +68,12 @@ def main(args: argparse.Namespace) -> int:
         say("pixels are skipped")
         solids = [closed(solid, views, image) for solid in SOLIDS]
         told = {"rays": rays, "size": size, "views": views, "image": image}
-        tables = {"first_cells": claims, "roots": roots, "skips": skipped, "closed": solids}
+        tables: dict[str, list] = {
+            "first_cells": claims,
+            "roots": roots,
+            "skips": skipped,
+            "closed": solids,
+        }
         told = write_figures(folder, "exact", told, **tables)
         draw(folder, claims, size)
         write_page(folder, told, claims, roots, skipped, solids)
@@ -111,7 +116,7 @@ def random_volume(rng: np.random.Generator, kind: int) -> NDArray:
     if kind == 1:
         return (rng.random(size) < rng.choice([0.003, 0.02, 0.2])) * np.uint8(255)
     if kind == 2:
-        return (np.indices(size).sum(axis=0) % rng.integers(2, 9) == 0) * np.uint8(255)
+        return (np.indices(tuple(size)).sum(axis=0) % rng.integers(2, 9) == 0) * np.uint8(255)
     samples = np.zeros(size, np.uint8)
     samples[tuple(rng.integers(0, size))] = 255
     return samples
@@ -281,7 +286,7 @@ def closed(solid: Solid, views: int, image: int) -> Closed:
 
     jobs = itertools.product(directions(views), range(0, image, ROWS))
     with ThreadPoolExecutor(cores()) as pool:
-        must, gone, off = sum(pool.map(rows_of, jobs))
+        must, gone, off = sum(pool.map(rows_of, jobs), np.zeros(3, np.int64))
     say(f"the {solid.name} is seen from {views} directions")
     took = time.perf_counter() - began
     return Closed(solid.name, views, views * image**2, int(must), int(gone), int(off), took)

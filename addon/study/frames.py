@@ -15,6 +15,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast
 
 import bpy
 import numpy as np
@@ -368,7 +369,7 @@ def read(path: Path) -> dict[str, NDArray[np.float32]]:
         for layer in layers:
             found = [planes.get(f"{layer}.{channel}") for channel in channels]
             if all(plane is not None for plane in found):
-                stacked = np.stack(found, axis=-1)
+                stacked = np.stack(cast(list[NDArray], found), axis=-1)
                 passes[name] = np.ascontiguousarray(
                     stacked[..., 0] if stacked.shape[-1] == 1 else stacked
                 )

@@ -8,6 +8,7 @@ are the eight around a pixel; distances between pixels are counted in king's ste
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +108,7 @@ def percentiles(values: NDArray[np.floating]) -> dict[str, float | int | None]:
     return known
 
 
-def index_mismatch(want: NDArray, got: NDArray, apart: Mask | None = None) -> dict[str, object]:
+def index_mismatch(want: NDArray, got: NDArray, apart: Mask | None = None) -> dict[str, Any]:
     """How the object indices differ.
 
     share_of_edges is the number of pixels that differ by the number of edge pixels of want;
@@ -180,7 +181,7 @@ def turned_share(angle: NDArray[np.floating], mask: Mask) -> float:
     return float((angle[mask] > TURNED).mean()) if mask.any() else 0.0
 
 
-def on_lines(view: View, starts: NDArray, ends: NDArray, shape: tuple[int, int]) -> NDArray:
+def on_lines(view: View, starts: NDArray, ends: NDArray, shape: tuple[int, ...]) -> NDArray:
     """Line segments (n, 3) on the film: (m, 3) of column, row, depth, half a pixel apart at most.
 
     Rows count from below; what lies behind the camera or outside the image is left out.

@@ -38,7 +38,7 @@ def judge(wanted, origins, directions, hit, cells, planes=None):
     claims = np.ascontiguousarray(cells, np.int32)
     hits = np.ascontiguousarray(hit, np.uint8)
     o, d = np.ascontiguousarray(o), np.ascontiguousarray(d)
-    tables = [None] * 3 if planes is None else [_whole(axis) for axis in planes]
+    tables: list = [None] * 3 if planes is None else [_whole(axis) for axis in planes]
     assert planes is None or [len(axis) for axis in tables] == list(size + 1)
     places = [None if axis is None else pointer(axis) for axis in tables]
 
@@ -92,8 +92,8 @@ class Bench:
         verdict = self.verdict.copy()
         other = np.flatnonzero(~same)
         if len(other):
-            rays = (part[other] for part in self.rays)
-            verdict[other], _ = judge(self.wanted, *rays, hit[other], cells[other])
+            origins, directions = (part[other] for part in self.rays)
+            verdict[other], _ = judge(self.wanted, origins, directions, hit[other], cells[other])
         return verdict, self.pierced
 
 

@@ -22,6 +22,7 @@ import time
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -293,7 +294,7 @@ def draw_survey(folder: Path, rows: list[Row], image: int) -> None:
     """Figure 2 of the survey: its methods alone, through parallel rays, in steps and in time."""
     shown = {entry.spec for entry in compared() if of_survey(entry)}
     views = [camera for camera in dict.fromkeys(row.camera for row in rows) if camera in PARALLEL]
-    size = {"rows": 2, "columns": len(views), "width": 6.0, "height": 3.6}
+    size: dict[str, Any] = {"rows": 2, "columns": len(views), "width": 6.0, "height": 3.6}
     with charts.chart(folder / "survey", **size) as (figure, axes):
         for (y, x), axis in np.ndenumerate(axes):
             found = series([row for row in rows if row.traverser in shown], views[x])
@@ -385,7 +386,7 @@ def findings(rows: list[Row]) -> list[str]:
 
             last = {spec: value(spec, ends[1]) for spec in (single, tree, cubes, chessboard)}
             close = value(cubes, ends[1]) / value(chamfer, ends[1])
-            worst = max((tree, cubes, chessboard), key=last.get)
+            worst = max((tree, cubes, chessboard), key=last.__getitem__)
             said.append(
                 f"{camera.capitalize()} camera, {unit}, N = {ends[0]} to {ends[1]}: single steps "
                 f"{way(single)}; the octree's {way(tree)}; cubes' {way(cubes)}; spheres' by "

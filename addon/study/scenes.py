@@ -64,14 +64,15 @@ def looked_at(
     mesh: model.Mesh, eye: tuple, target: tuple, width: int, height: int, angle: float = 0.6
 ) -> model.Scene:
     """One mesh before a perspective camera; angle: of the film's width, in radians."""
-    eye, target = np.array(eye, float), np.array(target, float)
-    forward = (target - eye) / np.linalg.norm(target - eye)
+    start, end = np.array(eye, float), np.array(target, float)
+    forward = (end - start) / np.linalg.norm(end - start)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     up = np.cross(right, forward)
     pixel = 2 * np.tan(angle / 2) / width
     corner = forward - pixel * (width / 2 * right + height / 2 * up)
-    camera = model.Camera("perspective", eye, forward, corner, pixel * right, pixel * up, 1e-3, 1e6)
+    film = corner, pixel * right, pixel * up
+    camera = model.Camera("perspective", start, forward, *film, 1e-3, 1e6)
     return numbered(
         model.Scene(
             meshes=(mesh,),
@@ -253,16 +254,19 @@ def difference(scene: model.Scene, want: Truth, passes: dict[str, NDArray]) -> D
         for k in np.unique(want.index[agree])
         if np.count_nonzero(want.index == k) >= LEAST_PIXELS
     }
-    worst = max(by_object, key=by_object.get, default=0)
+    worst = max(by_object, key=by_object.__getitem__, default=0)
     told = metrics.index_mismatch(want.index, index)
     values = error[agree]
     at = np.percentile(values, (50, 99, 100)) if values.size else (0.0, 0.0, 0.0)
+    error_50, error_99, error_max = map(float, at)
     angle = metrics.angle(want.shading, passes["Normal"])
     normal_99 = float(np.percentile(angle[agree], 99)) if values.size else 0.0
     return Difference(
         error,
         index != want.index,
-        *map(float, at),
+        error_50,
+        error_99,
+        error_max,
         names.get(worst, ""),
         by_object.get(worst, 0.0),
         normal_99,

@@ -56,8 +56,9 @@ def measure(counts, directions: NDArray, size: int, image: int) -> list[Skip]:
         for forward in directions:
             seen = camera(forward, size, image)
             x, y = np.meshgrid(np.arange(image) + 0.5, np.arange(image) + 0.5)
-            film = x[..., None] * seen.dx + y[..., None] * seen.dy
-            origins = (seen.eye + seen.corner + film).reshape(-1, 3)
+            dx, dy, eye, corner = map(np.asarray, (seen.dx, seen.dy, seen.eye, seen.corner))
+            film = x[..., None] * dx + y[..., None] * dy
+            origins = (eye + corner + film).reshape(-1, 3)
             rays = origins, np.broadcast_to(forward, origins.shape)
             began = time.perf_counter()
             want = leapray.trace(structure, *rays, mode="binary", threads=0, count=False)

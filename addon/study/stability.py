@@ -14,6 +14,7 @@ import argparse
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,7 +111,7 @@ def judge_tunnels(side: int) -> list[Claim]:
     return rows
 
 
-def claim(case: str, entry, hits, pierced: int, faults, shape) -> Claim:
+def claim(case: str, entry, hits, pierced: int, faults: tuple[int, int, int], shape) -> Claim:
     return Claim(
         case,
         entry.spec,
@@ -178,7 +179,7 @@ def table_chart(path: Path, title: str, methods_: list[str], shares: dict) -> No
     """A row per method, a column per case; what is 0 stays white."""
     cases = list(dict.fromkeys(case for _, case in shares))
     table = np.array([[100 * shares[name, case] for case in cases] for name in methods_])
-    size = {"width": 13.5, "height": 2.4 + 0.26 * len(methods_)}
+    size: dict[str, Any] = {"width": 13.5, "height": 2.4 + 0.26 * len(methods_)}
     with charts.chart(path, **size) as (_, axes):
         axis = axes[0, 0]
         shown = np.where(table > 0, np.log10(np.maximum(table, 1e-3)) + 3, np.nan)

@@ -17,8 +17,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -132,7 +135,7 @@ def cost_of(volume, entry, pairs, origins, directions, rounds) -> list[Cost]:
     def run(rays=origins, **settings):
         return leapray.trace(structure, rays, directions, normal="central", **settings)
 
-    jobs = [
+    jobs: list[Callable[[], object]] = [
         lambda: run(away, mode="binary", count=False),
         lambda: run(mode="binary", count=False),
     ]
@@ -141,11 +144,8 @@ def cost_of(volume, entry, pairs, origins, directions, rounds) -> list[Cost]:
         hits = run(hit_test=test, root=root)
         ends = np.where(np.isfinite(hits.t), hits.t * (1 - BEFORE), np.inf)
         full.append((test, root, hits))
-        settings = {"hit_test": test, "root": root, "count": False}
-        jobs += [
-            lambda ends=ends, settings=settings: run(t_max=ends, **settings),
-            lambda settings=settings: run(**settings),
-        ]
+        settings: dict[str, Any] = {"hit_test": test, "root": root, "count": False}
+        jobs += [partial(run, t_max=ends, **settings), partial(run, **settings)]
     taken = np.median(methods.seconds(jobs, rounds), axis=0) / len(origins) * 1e9
     taken = np.maximum(taken - taken[0], 0.0)
     short = {(test, root): taken[2 + 2 * k] for k, (test, root, _) in enumerate(full)}
@@ -294,7 +294,7 @@ def draw(folder: Path, costs: list[Cost], errors: list[Error]) -> None:
         for name in dict.fromkeys(row.label for row in costs)
     ]
     count = len(few) // len(tests)
-    size = {"columns": len(tests), "width": 5.2, "height": 1.3 + 0.24 * count}
+    size: dict[str, Any] = {"columns": len(tests), "width": 5.2, "height": 1.3 + 0.24 * count}
     with charts.chart(folder / "traversers", **size) as (_, axes):
         for axis, test in zip(axes[0], tests, strict=True):
             part = [row for row in few if row.hit_test == test]
