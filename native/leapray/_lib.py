@@ -28,7 +28,10 @@ class Stopped(LeapRayError):
 
 
 class OutOfMemory(LeapRayError):
-    """The system, or the budget, has no room for what was asked."""
+    """The system, or the budget, has no room for what was asked.
+
+    Where `voxelize` refuses for its budget, the attribute nbytes is the estimate.
+    """
 
     nbytes: int | None = None  # that are needed, where that is known
 
@@ -101,6 +104,7 @@ class Watch:
 
     @property
     def stopped(self) -> bool:
+        """Whether `stop` was called."""
         return bool(self._stop.value)
 
     @property

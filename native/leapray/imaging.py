@@ -30,6 +30,7 @@ class Clearance:
 
     metric: one of METRICS; "euclid" knows the largest radii. Raises LeapRayError for
     another, Stopped when watch was told to stop.
+    Attributes: volume; metric; nbytes, without the volume.
     """
 
     def __init__(

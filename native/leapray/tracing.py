@@ -158,7 +158,10 @@ def traverser(spec: str | None = None) -> Traverser:
 
 
 class Structure:
-    """What a traverser needs beside the volume, which it keeps alive."""
+    """What a traverser needs beside the volume, which it keeps alive; `build` makes it.
+
+    Attributes: volume; traverser, with its options; nbytes, without the volume.
+    """
 
     def __init__(self, volume: Volume, entry: Traverser, handle) -> None:
         self.volume = volume

@@ -60,6 +60,8 @@ class Volume:
     rectilinear volume is for traversers with `uneven` set; scenes do not take it.
     Outside the lattice all samples are 0.
     Raises LeapRayError for anything else, OutOfMemory where there is no room.
+    Attributes: info, a VolumeInfo; mesh_info, the MeshInfo of a voxelized volume, else None;
+    textures, those that its surface looks up.
     """
 
     textures: tuple[Texture, ...]

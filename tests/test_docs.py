@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The pages in docs/ say what the code does: they are what their scripts make of it."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import leapray
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+sys.path.insert(0, str(DOCS))
+
+import make_library  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def library() -> str:
+    return make_library.PAGE.read_text(encoding="utf-8")
+
+
+# ---- the library ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", leapray.__all__)
+def test_every_public_name_is_documented(name, library):
+    constant = make_library.is_constant(name)
+    text = make_library.CONSTANTS[name] if constant else inspect.getdoc(getattr(leapray, name))
+    assert text, f"{name} needs a docstring"
+    heading = re.search(rf"^### {re.escape(name)}\n(.*?)(?=^##|\Z)", library, re.M | re.S)
+    assert heading, f"{name} is not on the page"
+    assert text.splitlines()[0] in heading[1].replace("\\", "")
+
+
+def public_members() -> list[tuple[type, str]]:
+    classes = [getattr(leapray, name) for name in leapray.__all__]
+    return [
+        (cls, member)
+        for cls in classes
+        if inspect.isclass(cls)
+        for member in make_library.documented_members(cls)
+    ]
+
+
+@pytest.mark.parametrize(("cls", "member"), public_members())
+def test_every_public_method_is_documented(cls, member, library):
+    text = inspect.getdoc(getattr(cls, member))
+    assert text, f"{cls.__name__}.{member} needs a docstring"
+    assert f"\n#### {cls.__name__}.{member}\n" in library
+    assert make_library.text_of(getattr(cls, member)) in library
+
+
+def test_no_docstring_is_one_that_python_made_itself():
+    for name in leapray.__all__:
+        thing = getattr(leapray, name)
+        if inspect.isclass(thing):
+            assert not (thing.__doc__ or "").startswith(f"{name}("), name
+
+
+def test_the_page_of_the_library_is_what_its_script_makes(library):
+    assert make_library.page() == library, "run docs/make_library.py"
+
+
+def test_the_worked_example_prints_what_the_page_says(library):
+    code, output = re.search(r"```python\n(.*?)```.*?\n```\n(.*?)```", library, re.S).groups()
+    assert code == make_library.EXAMPLE.read_text(encoding="utf-8")
+    assert output == make_library.run_example()
+    assert "solid of" in output  # the mesh is closed
+    assert " t 1.55 and inf" in f" {output}".replace("\n", " ")  # the ring is hit, the hole is not
+
+
+# ---- links ---------------------------------------------------------------------
+
+
+def pages() -> list[Path]:
+    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
+
+
+@pytest.mark.parametrize("path", pages(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_link_leads_somewhere(path):
+    text = path.read_text(encoding="utf-8")
+    prose = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose):
+        if re.match(r"\w+:", target):
+            continue
+        file, _, anchor = target.partition("#")
+        there = (path.parent / file) if file else path
+        assert there.exists(), f"{path.name} links to {target}"
+        if anchor and there.suffix == ".md":
+            links = make_library.anchors(there.read_text(encoding="utf-8"))
+            assert f"#{anchor}" in links.values(), f"{path.name} links to {target}"
+
+
+@pytest.mark.parametrize("path", sorted(DOCS.rglob("*.svg")), ids=lambda path: path.name)
+def test_pictures_are_small(path):
+    assert path.stat().st_size < 40_000
