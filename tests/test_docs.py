@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 sys.path.insert(0, str(DOCS))
 
+import make_architecture  # noqa: E402
 import make_library  # noqa: E402
 
 
@@ -72,6 +73,30 @@ def test_the_worked_example_prints_what_the_page_says(library):
     assert output == make_library.run_example()
     assert "solid of" in output  # the mesh is closed
     assert " t 1.55 and inf" in f" {output}".replace("\n", " ")  # the ring is hit, the hole is not
+
+
+# ---- the architecture ----------------------------------------------------------
+
+
+def test_the_page_and_the_pictures_of_the_architecture_are_current():
+    for path, made in make_architecture.outputs().items():
+        assert path.read_text(encoding="utf-8") == made, f"{path.name}: run make_architecture.py"
+
+
+def test_every_module_is_on_the_page_of_the_architecture():
+    text = make_architecture.PAGE.read_text(encoding="utf-8")
+    for path in (ROOT / "addon").rglob("*.py"):
+        if path.name != "__init__.py":
+            assert f"| `{path.relative_to(ROOT / 'addon').as_posix()}` | " in text, path
+    for path in (ROOT / "native" / "src").rglob("*.c"):
+        module = path.parent.relative_to(ROOT / "native" / "src").as_posix()
+        assert f"| `{module}` | " in text, module
+
+
+def test_arrows_that_are_left_out_follow_from_others():
+    graph = {"top": {"middle", "base"}, "middle": {"base"}, "base": set()}
+    assert make_architecture.reduced(graph) == {**graph, "top": {"middle"}}
+    assert make_architecture.ranks(graph) == {"top": 2, "middle": 1, "base": 0}
 
 
 # ---- links ---------------------------------------------------------------------
