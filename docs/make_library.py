@@ -51,7 +51,8 @@ TOPICS = {
     ),
     "Traversers and structures": (
         "A traverser is the method that takes a ray to the next cell that can hold surface. "
-        "A structure is what the traverser needs beside the volume.",
+        "[methods/](methods/README.md) describes each. A structure is what the traverser needs "
+        "beside the volume.",
         "traversers traverser variants Traverser Option build Structure",
     ),
     "Tracing": (
@@ -85,14 +86,14 @@ TOPICS = {
 }
 
 CONSTANTS = {
-    "HIT_TESTS": "Names of the hit tests, for `trace`.",
+    "HIT_TESTS": "Names of the hit tests, for `trace`; see [hit tests](methods/hit_tests.md).",
     "INPUTS": "The four steps that stand for red, green, blue and alpha of what is looked up.",
     "METRICS": "Names of the metrics of `distance` and `Clearance`.",
     "MODES": "What `trace` looks for: the surface, or the first object cell.",
-    "NORMALS": "Names of the normals, for `trace`.",
+    "NORMALS": "Names of the normals, for `trace`; see [normals](methods/normals.md).",
     "PASSES": "The passes of `Scene.render_tile`, and how many channels each has.",
     "PIXEL_FILTERS": "Names of the pixel filters, for `pixel_filter` in SAMPLING.",
-    "ROOTS": "Names of the root finders, for `trace`.",
+    "ROOTS": "Names of the root finders, for `trace`; see [root finders](methods/roots.md).",
     "SAMPLING": "The sampling options of `Scene.render_tile` and their defaults. Bounces and "
     "clamps count as in Cycles; distances are in world space.",
     "SKIPS": "Which pixels `first_cells` may leave out.",

@@ -18,6 +18,8 @@ sys.path.insert(0, str(DOCS))
 
 import make_architecture  # noqa: E402
 import make_library  # noqa: E402
+import make_methods  # noqa: E402
+import walks  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +99,78 @@ def test_arrows_that_are_left_out_follow_from_others():
     graph = {"top": {"middle", "base"}, "middle": {"base"}, "base": set()}
     assert make_architecture.reduced(graph) == {**graph, "top": {"middle"}}
     assert make_architecture.ranks(graph) == {"top": 2, "middle": 1, "base": 0}
+
+
+# ---- the methods ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("entry", leapray.traversers(), ids=lambda entry: entry.name)
+def test_every_traverser_has_a_page(entry):
+    index = (make_methods.FOLDER / "README.md").read_text(encoding="utf-8")
+    assert f"| [{entry.label}]({entry.name}.md) | `{entry.name}` | {entry.source} | " in index
+    text = (make_methods.FOLDER / f"{entry.name}.md").read_text(encoding="utf-8")
+    assert text.startswith(f"# {entry.label}\n")
+    assert f"](pictures/{entry.name}.svg)" in text
+    for part in ("Idea", "Guarantee", "How it fails", "When to use it", "Source"):
+        assert f"\n## {part}\n" in text
+    assert f"(../../native/src/traversers/{entry.name}.c)" in text
+
+
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [
+        ("filters", ("ramp", "cone", "gauss", "box", "binary")),
+        ("hit_tests", tuple(leapray.HIT_TESTS)),
+        ("roots", tuple(leapray.ROOTS)),
+        ("normals", tuple(leapray.NORMALS)),
+    ],
+)
+def test_every_other_method_is_on_its_page(page, names):
+    text = (make_methods.FOLDER / f"{page}.md").read_text(encoding="utf-8")
+    assert not [name for name in names if f"`{name}`" not in text]
+    assert f"]({page}.md)" in (make_methods.FOLDER / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_tables_and_pictures_of_the_methods_are_current():
+    for path, made in make_methods.outputs().items():
+        assert path.read_text(encoding="utf-8") == made, f"{path.name}: run make_methods.py"
+
+
+def test_every_picture_is_on_a_page():
+    for folder in ("methods/pictures", "architecture"):
+        shown = "".join(page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md"))
+        for picture in (DOCS / folder).glob("*.svg"):
+            assert f"/{picture.name})" in shown, picture.name
+
+
+def test_the_walk_that_is_drawn_is_the_one_that_goes_through_every_cell():
+    """Plane crossings sorted by hand name the same cells as the counters do."""
+    structure = leapray.build(walks.volume(), "aw")
+    entries = walks.growth(structure)
+    end = float(walks.trace(structure).t[0])
+    crossed = sorted(
+        t
+        for axis, size in ((0, walks.WIDTH), (1, walks.HEIGHT))
+        for plane in range(-1, size + 1)
+        if (t := (plane - walks.ORIGIN[axis]) / walks.DIRECTION[axis]) >= 2.0 - 1e-9
+        if t <= end + 1e-9
+    )
+    assert len(entries) == len(crossed)
+    assert entries == pytest.approx(crossed, abs=walks.CLOSE)
+
+
+def test_regions_that_are_drawn_are_empty():
+    surface = walks.surface()
+    for entry in leapray.traversers():
+        kind = make_methods.SHOWN[entry.name]
+        if not entry.exact or kind in ("nodes", "spheres"):
+            continue
+        structure = leapray.build(walks.volume(), entry)
+        boxes = walks.regions(kind, structure, walks.growth(structure))
+        assert None not in boxes[:-1], entry.name  # the last is the cell of the hit
+        for box in boxes[:-1]:
+            cells = {(i, j) for i in range(box[0], box[1] + 1) for j in range(box[2], box[3] + 1)}
+            assert not cells & surface, entry.name
 
 
 # ---- links ---------------------------------------------------------------------

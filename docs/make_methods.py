@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Draw the pictures of docs/methods and write the tables of its pages, from the core itself.
+
+    python docs/make_methods.py            writes them
+    python docs/make_methods.py --check    fails where one of them is not current
+
+The text of each page is written by hand; the table at its head and the index's come from the
+registry. Walks are those of the core, see walks.py; curves are what the core answers.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT / "native"))
+
+import method_charts  # noqa: E402
+import walks  # noqa: E402
+from svg import BLUE, INK, ORANGE, PALE, RED, Picture  # noqa: E402
+
+import leapray  # noqa: E402
+
+FOLDER = ROOT / "docs" / "methods"
+SIDE = 14  # pixels of a cell
+MARGIN = 8
+
+# What the picture shows of each traverser: the kind of empty region that it leaves (see
+# walks.regions), or "spheres", "samples", "line", "nodes".
+SHOWN = {
+    "aw": "cell",
+    "aw_accumulate": "cell",
+    "frt": "cell",
+    "pyramid": "octree",
+    "smart": "octree",
+    "supervoxel": "blocks",
+    "hdda": "bricks",
+    "cd": "cube",
+    "cd_octant": "ahead",
+    "macro_box": "box",
+    "radc": "spheres",
+    "uniform": "samples",
+    "lines": "line",
+    "kdtree": "nodes",
+}
+# Pictures of other choices: name of the file -> what is asked for.
+MORE = {"lines_6": "lines:connectivity=6", "radc_paper": "radc:step=paper"}
+FIRST_CHOICE = {"lines": "lines:connectivity=26"}  # of those whose default cannot be observed
+
+
+def at(x: float, y: float) -> tuple[float, float]:
+    """The pixel of a point in index coordinates."""
+    return MARGIN + (x + 1) * SIDE, MARGIN + (walks.HEIGHT - y) * SIDE
+
+
+def draw_box(picture: Picture, box: walks.Box, fill="none", stroke=None, **more) -> None:
+    x, y = at(box[0], box[3] + 1)
+    w, h = (box[1] - box[0] + 1) * SIDE, (box[3] - box[2] + 1) * SIDE
+    picture.rect(x, y, w, h, fill, stroke, **more)
+
+
+def background(bricks: bool) -> Picture:
+    """The grid of cells, the surface cells, and where wanted the core's bricks."""
+    width, height = walks.WIDTH + 1, walks.HEIGHT + 1
+    picture = Picture(width * SIDE + 2 * MARGIN, height * SIDE + 2 * MARGIN)
+    surface = walks.surface()
+    for j in range(-1, walks.HEIGHT):
+        row = sorted(i for i, k in surface if k == j)
+        starts = [i for i in row if i - 1 not in row]
+        for first in starts:
+            last = next(i for i in range(first, walks.WIDTH + 1) if i + 1 not in row)
+            draw_box(picture, (first, last, j, j), "#b9b9b9")
+    for i in range(-1, walks.WIDTH + 1):
+        strong = bricks and (i - walks.FIRST) % 8 == 0
+        picture.line([at(i, -1), at(i, walks.HEIGHT)], "#8f8f8f" if strong else PALE, width=0.8)
+    for j in range(-1, walks.HEIGHT + 1):
+        strong = bricks and (j - walks.FIRST) % 8 == 0
+        picture.line([at(-1, j), at(walks.WIDTH, j)], "#8f8f8f" if strong else PALE, width=0.8)
+    return picture
+
+
+def draw_regions(picture: Picture, structure, kind: str, entries: list[float]) -> None:
+    for box in walks.regions(kind, structure, entries):
+        if box is not None and kind != "cell":
+            draw_box(picture, box, BLUE, BLUE, opacity=0.13, width=1.2)
+    for t in entries:
+        i, j = walks.cell(t)
+        draw_box(picture, (i, i, j, j), ORANGE, opacity=0.4)
+
+
+def draw_spheres(picture: Picture, entries: list[float]) -> None:
+    speed = float(np.linalg.norm(walks.DIRECTION))
+    for t, following in itertools.pairwise(entries):
+        i, j = walks.cell(t)
+        draw_box(picture, (i, i, j, j), ORANGE, opacity=0.4)
+        radius = (following - t) * speed
+        if radius >= 1.0:
+            x, y = at(*walks.point(t))
+            picture.circle(x, y, radius * SIDE, BLUE, BLUE, opacity=0.1, width=1.2)
+
+
+def draw_samples(picture: Picture, entries: list[float]) -> None:
+    """Cells that hold a sample, and, outlined in red, those that are pierced and hold none."""
+    found = {walks.cell(t - 2 * walks.CLOSE) for t in entries}
+    pierced = {walks.cell(t) for t in walks.growth(leapray.build(walks.volume(), "aw"))}
+    for i, j in sorted(found):
+        draw_box(picture, (i, i, j, j), ORANGE, opacity=0.4)
+    for i, j in sorted(pierced - found):
+        draw_box(picture, (i, i, j, j), "none", RED, width=1.6)
+
+
+def draw_line(picture: Picture, spec: str) -> None:
+    on_line = walks.on_line(spec)
+    pierced = {walks.cell(t) for t in walks.growth(leapray.build(walks.volume(), "aw"))}
+    for i, j in on_line:
+        draw_box(picture, (i, i, j, j), ORANGE, opacity=0.4)
+    for i, j in sorted({c for c in pierced if c[0] >= 0} - set(on_line)):
+        draw_box(picture, (i, i, j, j), "none", RED, width=1.6)
+
+
+def walk_picture(spec: str) -> Picture:
+    kind = SHOWN[spec.partition(":")[0]]
+    structure = leapray.build(walks.volume(), spec)
+    picture = background(kind in ("octree", "bricks", "blocks"))
+    end = float(walks.trace(structure).t[0])
+    seen = end + (1.0 if kind == "samples" else walks.CLOSE)  # the last sample is behind the hit
+    entries = walks.growth(structure, "nodes" if kind == "nodes" else "cells", seen)
+    if kind == "spheres":
+        draw_spheres(picture, entries)
+    elif kind == "samples":
+        draw_samples(picture, entries)
+    elif kind == "line":
+        draw_line(picture, spec)
+    elif kind != "nodes":
+        draw_regions(picture, structure, kind, entries)
+    picture.line([at(*walks.point(2.0)), at(*walks.point(end))], INK, width=1.3)
+    for t in () if kind == "line" else entries:
+        picture.circle(*at(*walks.point(t)), 2.6, INK)
+    picture.circle(*at(*walks.point(end)), 4, RED)
+    return picture
+
+
+# ---- tables ----------------------------------------------------------------------
+
+
+def yes(value: bool) -> str:
+    return "yes" if value else "no"
+
+
+def index_table() -> str:
+    head = "| traverser | name | source | how it goes | exact | cells | nodes |"
+    rows = [head, "|---|---|---|---|---|---|---|"]
+    for t in leapray.traversers():
+        counters = walks.trace(leapray.build(walks.volume(), t)).counters
+        told = (
+            f"| [{t.label}]({t.name}.md) | `{t.name}` | {t.source} | {t.about} | {yes(t.exact)} |"
+        )
+        rows.append(f"{told} {counters['cells']} | {counters['nodes'] or ''} |")
+    return "\n".join(rows)
+
+
+def registry_table(entry: leapray.Traverser) -> str:
+    """What the registry says of one traverser."""
+    rows = [
+        ("name", f"`{entry.name}`" + " (the default)" * entry.default),
+        ("source", entry.source),
+        ("exact", yes(entry.exact)),
+        ("rectilinear volumes", yes(entry.uneven)),
+    ]
+    for option in entry.options:
+        choices = ", ".join(
+            f"`{c}`" + " (not exact)" * (c in option.inexact) for c in option.choices
+        )
+        rows.append((f"option `{option.name}`", f"{choices}; the first is the default"))
+    return "\n".join(["| in the registry | |", "|---|---|", *(f"| {a} | {b} |" for a, b in rows)])
+
+
+def filled(path: Path, table: str) -> str:
+    """The page with its table made anew, between two comments."""
+    text = path.read_text("utf-8")
+    begin, end = "<!-- written by make_methods.py -->", "<!-- end -->"
+    pattern = f"{re.escape(begin)}.*?{end}"
+    assert len(re.findall(pattern, text, re.S)) == 1, f"{path.name} needs one {begin}"
+    return re.sub(pattern, lambda _: f"{begin}\n\n{table}\n\n{end}", text, flags=re.S)
+
+
+def pictures() -> dict[Path, str]:
+    asked = {t.name: FIRST_CHOICE.get(t.name, t.name) for t in leapray.traversers()} | MORE
+    made = {name: walk_picture(spec) for name, spec in asked.items()} | method_charts.pictures()
+    return {FOLDER / "pictures" / f"{name}.svg": made[name].source() for name in made}
+
+
+def outputs() -> dict[Path, str]:
+    """All that the script writes."""
+    tables = {f"{t.name}.md": registry_table(t) for t in leapray.traversers()}
+    tables["README.md"] = index_table()
+    return pictures() | {FOLDER / name: filled(FOLDER / name, tables[name]) for name in tables}
+
+
+def main() -> int:
+    old = []
+    for path, made in outputs().items():
+        if "--check" not in sys.argv[1:]:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(made, encoding="utf-8")
+        elif not path.exists() or path.read_text("utf-8") != made:
+            old.append(path.name)
+    if old:
+        print(f"not current: {', '.join(old)}; run docs/make_methods.py", file=sys.stderr)
+    return int(bool(old))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
