@@ -146,6 +146,30 @@ def walk_picture(spec: str) -> Picture:
     return picture
 
 
+def drift_picture() -> Picture:
+    """The last cells of a long ray, by sums in 32 bits, and where these leave the ray."""
+    x0, x1, y0, y1 = walks.WINDOW
+    side, margin = 34, 8
+    picture = Picture((x1 - x0 + 1) * side + 2 * margin, (y1 - y0 + 1) * side + 2 * margin)
+
+    def place(x: float, y: float) -> tuple[float, float]:
+        return margin + (x - x0) * side, margin + (y1 + 1 - y) * side
+
+    for i in range(x0, x1 + 2):
+        picture.line([place(i, y0), place(i, y1 + 1)], PALE)
+    for j in range(y0, y1 + 2):
+        picture.line([place(x0, j), place(x1 + 1, j)], PALE)
+    visited = walks.far_cells("aw_accumulate:precision=f32")
+    for i, j in sorted(visited):
+        picture.rect(*place(i, j + 1), side, side, ORANGE, opacity=0.4)
+    for i, j in sorted(walks.far_cells("aw") - visited):
+        picture.rect(*place(i, j + 1), side, side, "none", RED, width=2)
+    ends = [(x - walks.ORIGIN[0]) / walks.LONG_DIRECTION[0] for x in (x0, x1 + 1)]
+    points = [walks.ORIGIN + t * walks.LONG_DIRECTION for t in ends]
+    picture.line([place(p[0], p[1]) for p in points], INK, width=1.4)
+    return picture
+
+
 # ---- tables ----------------------------------------------------------------------
 
 
@@ -193,6 +217,7 @@ def filled(path: Path, table: str) -> str:
 def pictures() -> dict[Path, str]:
     asked = {t.name: FIRST_CHOICE.get(t.name, t.name) for t in leapray.traversers()} | MORE
     made = {name: walk_picture(spec) for name, spec in asked.items()} | method_charts.pictures()
+    made["aw_accumulate_f32"] = drift_picture()
     return {FOLDER / "pictures" / f"{name}.svg": made[name].source() for name in made}
 
 

@@ -164,3 +164,31 @@ def nearby() -> list[tuple[int, int]]:
     structure = leapray.build(volume(), "aw")
     pierced = {cell(t) for t in growth(structure)}
     return [(i + a, j + b) for i, j in pierced for a in (-1, 0, 1) for b in (-1, 0, 1)]
+
+
+# ---- the end of a long walk ------------------------------------------------------
+
+LONG = 4000  # cells along x
+LONG_DIRECTION = np.array([1.0, 0.4637, 0.0])
+WINDOW = (LONG - 20, LONG - 9, 1846, 1853)  # cells: first and last along x, along y
+
+
+def far_cells(spec: str) -> set[tuple[int, int]]:
+    """The cells of the window that a long ray through an empty volume visits, found as on_line."""
+    found = set()
+    for i in range(WINDOW[0], WINDOW[1] + 1):
+        for j in range(WINDOW[2], WINDOW[3] + 1):
+            hits = trace(leapray.build(_only((i, j)), spec), direction=LONG_DIRECTION)
+            if np.isfinite(hits.t[0]) and tuple(hits.cell[0, :2]) == (i, j):
+                found.add((i, j))
+    return found
+
+
+def _only(c: tuple[int, int]) -> leapray.Volume:
+    """A large volume with three surface cells: its first, its last and the given one."""
+    size = (LONG, LONG // 2, 1)
+    builder = leapray.VolumeBuilder(size, "u8", sheet=True)
+    for i, j in ((0, 0), (size[0] - 2, size[1] - 2), c):
+        touched = np.array([[[1, 0], [0, 0]]], np.uint8)
+        builder.put((i, j, 0), np.full((1, 2, 2), 255, np.uint8), touched=touched)
+    return builder.finish()

@@ -173,6 +173,13 @@ def test_regions_that_are_drawn_are_empty():
             assert not cells & surface, entry.name
 
 
+def test_the_drift_that_is_drawn_is_that_of_sums_in_32_bits():
+    exact = walks.far_cells("aw")
+    assert len(exact) > 12
+    assert walks.far_cells("aw_accumulate") == exact
+    assert walks.far_cells("aw_accumulate:precision=f32") != exact
+
+
 # ---- links ---------------------------------------------------------------------
 
 
