@@ -11,7 +11,7 @@
  * Source: Zuiderveld, Koning and Viergever 1992; the hybrid with exact steps is that of
  * Cohen and Sheffer 1994. Departures: 1. radii end at LR_REACH near the surface and are
  * rounded down to sixteenths of a voxel; 2. jumps are measured in voxels, so that t may
- * have any scale. The skip of whole pixels is in image/.
+ * have any scale. The skip of whole pixels is in imaging/.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "trace/sphere_tracing.h"
