@@ -7,7 +7,7 @@
  * still on the wrong side there has met the surface. So no ray leaves a solid unseen.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "trace/triangle_cell.h"
+#include "trace/carried_side.h"
 
 #include "trace/cell_common.h"
 

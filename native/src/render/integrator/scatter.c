@@ -13,7 +13,6 @@
 #include "render/integrator/scatter.h"
 
 #include "render/film/sampling.h"
-#include "render/integrator/direct_light.h"
 #include "render/integrator/shading_point.h"
 
 /* Below this throughput kinds are not split, and paths end by Russian roulette. */
