@@ -316,3 +316,19 @@ def test_wrong_calls_are_answered_by_a_sentence():
     watch.stop()
     with pytest.raises(leapray.Stopped):
         leapray.trace(structure, *ray, watch=watch)
+
+
+@pytest.mark.parametrize("traverser", [t.name for t in leapray.traversers()])
+@pytest.mark.parametrize("mode", leapray.MODES)
+def test_rays_that_begin_at_infinity_miss(traverser, mode):
+    half = np.zeros((8, 8, 8), np.float32)
+    half[4:] = 1
+    structure = leapray.build(leapray.Volume(half), traverser)
+    rng, n = np.random.default_rng(1), 400
+    cells, directions = rng.integers(0, 7, (n, 3)), rng.normal(size=(n, 3))
+    leaving = cells, rng.integers(-1, 2, n)
+    for start in (None, leaving):
+        hits = leapray.trace(
+            structure, cells + 0.5, directions, t_min=np.inf, mode=mode, start=start
+        )
+        assert (hits.t == np.inf).all() and not hits.normal.any()

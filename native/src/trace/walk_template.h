@@ -74,7 +74,7 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
     bool hit = false, first = true;
     lr_put_miss(hits, i);
     if (!lr_ray_setup(&r, v, o, d, rays->t_max != NULL ? rays->t_max[i] : INFINITY) ||
-        !(t_min <= r.t_max))
+        !(t_min <= r.t_max && t_min < INFINITY))
         goto end;
     if (options->mode == LR_MODE_BINARY && lr_starts_inside(v, &r, spacing, t_min, &u)) {
         lr_put_binary(v, hits, i, &r, &u);

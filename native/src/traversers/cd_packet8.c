@@ -89,7 +89,7 @@ static void prepare(lr_packet *k)
         lr_put_miss(k->hits, i);
         if (k->hits->steps != NULL)
             k->hits->steps[i] = 0;
-        if (!set_up(k, i, &r) || !(t_min <= r.t_max) ||
+        if (!set_up(k, i, &r) || !(t_min <= r.t_max && t_min < INFINITY) ||
             !(side != 0 ? lr_leave(v, &r, &u, start, t_min)
                         : lr_enter(&r, LR_EVEN, &u, v->surface_lo, v->surface_hi, t_min)))
             continue;
