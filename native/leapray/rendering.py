@@ -289,7 +289,8 @@ class Scene:
         given = passes if isinstance(passes, Mapping) else dict.fromkeys(passes)
         unknown = set(given) - set(PASSES)
         if unknown:
-            raise LeapRayError(f"passes are {', '.join(PASSES)}, not {', '.join(sorted(unknown))}")
+            names = ", ".join(sorted(map(str, unknown)))
+            raise LeapRayError(f"passes are {', '.join(PASSES)}, not {names}")
         filled = {
             name: _buffer(given.get(name), name, width, height)
             for name in PASSES

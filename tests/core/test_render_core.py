@@ -422,6 +422,7 @@ def test_what_is_wrong_with_a_tile_is_said_in_a_sentence(crowd):
         "samples per pixel .* they are 0": dict(samples=0),
         "needs a workspace of [0-9]+ bytes, it has 100": dict(workspace=np.empty(100, np.uint8)),
         "passes are Combined, .* not Fog": dict(passes=["Fog"]),
+        "passes are Combined, .* not 1": dict(passes=[1]),
         r"Depth must be float32 \(4, 4, 1\)": dict(passes={"Depth": np.empty((4, 4, 1))}),
         "unknown hit test 'luck'": dict(options={"hit_test": "luck"}),
     }
