@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import stage
 
 import leapray
 
@@ -332,3 +333,14 @@ def test_rays_that_begin_at_infinity_miss(traverser, mode):
             structure, cells + 0.5, directions, t_min=np.inf, mode=mode, start=start
         )
         assert (hits.t == np.inf).all() and not hits.normal.any()
+
+
+def test_uniform_samples_end_where_the_start_is_far_from_the_ray():
+    structure = leapray.build(stage.ball(), "aw")
+    origin, direction = [[2.0**53, -0.0, 0.0]], [[-(2.0**31), 1.7, 11.0]]
+    cell = np.argwhere(structure.volume.read().astype(float) > 0)[:1, ::-1]
+    hits = leapray.trace(
+        structure, origin, direction, t_max=2.6, hit_test="uniform", root="bisect", step=0.3,
+        start=(cell, [-1]), count=True,
+    )  # fmt: skip
+    assert hits.counters["samples"] < 1000

@@ -35,8 +35,11 @@ LR_INLINE bool lr_hit_uniform(const lr_volume *v, const lr_ray *r, const lr_curs
                               uint64_t *n_samples)
 {
     int axis;
-    const double level = v->threshold, step = options->step / sqrt(lr_dot(r->d, r->d));
-    const double t_out = lr_exit_t(r, LR_EVEN, u->c, u->c, &axis);
+    const double level = v->threshold, length = sqrt(lr_dot(r->d, r->d));
+    const double step = options->step / length;
+    /* no cell is longer, also where the ray was said to start in a cell far from its origin */
+    const double t_end = fmax(u->t, t_min) + 2.0 / length;
+    const double t_out = fmin(lr_exit_t(r, LR_EVEN, u->c, u->c, &axis), t_end);
     const double first = ceil((u->t - t_min) / step);
     double ta = t_min + (first > 0.0 ? first - 1.0 : 0.0) * step;
     double fa = lr_sample_along(v, r, ta, found);
