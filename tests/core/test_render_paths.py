@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import meshes
 import numpy as np
 import pytest
 from stage import (
@@ -340,3 +341,27 @@ def test_an_area_lamp_brings_the_same_by_asking_and_by_chance(roughness, floor):
     part = (slice(4, 24), slice(12, 36))
     assert chance[part].mean() > 0.01
     assert asked[part].mean() == pytest.approx(chance[part].mean(), rel=0.02)
+
+
+def test_what_the_workspace_held_before_does_not_matter():
+    """A sheet that refracts and lets light through holds no medium, whatever lies there."""
+    sheet = leapray.build(leapray.voxelize(*meshes.plane(), 0.1, kind="sheet"))
+    clear = Lobe("transparent", weight=0.5)
+    lobes = [Lobe("refraction", ior=1.5, roughness=0.3, weight=0.5), clear]
+    white = Material([Lobe("diffuse", (1, 1, 1))])
+    things = [
+        one(sheet, at(z=1, scale=4)),
+        one(sheet, at(z=-1, scale=8), first_material=1),
+    ]
+    lights = [Light("sun", (3, 3, 3), direction=(0, 0.6, 0.8))]
+    scene = leapray.Scene(
+        camera((0.5, 0.5, 6), (0.5, 0.5, 0)), things, lights, [Material(lobes), white], range(2)
+    )
+    pictures = []
+    for byte in (0, 1, 255):
+        room = scene.workspace(32, 32)
+        room.fill(byte)
+        pictures.append(scene.render_tile(20, 10, 32, 32, samples=4, workspace=room)["Combined"])
+    assert pictures[0][..., :3].max() > 0.1
+    for other in pictures[1:]:
+        np.testing.assert_array_equal(other, pictures[0])

@@ -232,6 +232,7 @@ static bool light_by(const lr_job *job, const lr_shading_point *s, uint32_t ask,
     shadow_ray->shading_point = s;
     shadow_ray->clear = s->path->bounces[LR_RAY_TRANSPARENT];
     shadow_ray->ends = sampled.distance;
+    w->shadow_media[n].n = 0;
     if (job->scene->has_media)
         w->shadow_media[n] = s->path->media;
     if (sampled.shadow)

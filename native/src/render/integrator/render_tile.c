@@ -80,7 +80,7 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
 }
 
 /* The camera's ray through film point (x, y) as a path. */
-static void start(const lr_job *job, uint32_t pixel, lr_turn scatter_direction, double x, double y)
+static void start(const lr_job *job, uint32_t pixel, lr_turn turn, double x, double y)
 {
     const lr_scene *scene = job->scene;
     lr_workspace *w = job->workspace;
@@ -91,8 +91,8 @@ static void start(const lr_job *job, uint32_t pixel, lr_turn scatter_direction, 
         .t_max = scene->camera.clip_end,
         .from = LR_NOWHERE,
         .pixel = pixel,
-        .key = scatter_direction.key,
-        .sample = scatter_direction.first + job->sample,
+        .key = turn.key,
+        .sample = turn.first + job->sample,
         .visibility = LR_VISIBLE_CAMERA,
         .seen = true,
     };
