@@ -289,8 +289,8 @@ class Scene:
         given = passes if isinstance(passes, Mapping) else dict.fromkeys(passes)
         unknown = set(given) - set(PASSES)
         if unknown:
-            names = ", ".join(sorted(map(str, unknown)))
-            raise LeapRayError(f"passes are {', '.join(PASSES)}, not {names}")
+            asked = ", ".join(sorted(map(str, unknown)))
+            raise LeapRayError(f"passes are {', '.join(PASSES)}, not {asked}")
         filled = {
             name: _buffer(given.get(name), name, width, height)
             for name in PASSES
