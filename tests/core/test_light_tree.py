@@ -130,3 +130,13 @@ def test_many_lights_light_a_floor_as_each_does_by_itself():
     assert want.min() > 0.1
     np.testing.assert_allclose(mean(lights, *down, 256), want, rtol=0.01)
     np.testing.assert_allclose(mean(lights, *up, 512), want, rtol=0.01)  # by way of the mirror
+
+
+@pytest.mark.parametrize("far", [1e300, 1.7e308])
+def test_lights_at_the_ends_of_all_numbers_make_a_tree_too(far):
+    rng = np.random.default_rng(2)
+    lights = crowd(40)
+    lights = [replace(each, position=tuple(far * rng.uniform(-1, 1, 3))) for each in lights]
+    index, _, chance_of = choose_lights(lights, (0, 0, 0), UP, np.linspace(0, 0.99, 50))
+    assert ((index >= -1) & (index < 40)).all()
+    assert np.isfinite(chance_of).all() and chance_of.sum() < 1 + 1e-9

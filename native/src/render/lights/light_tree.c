@@ -139,7 +139,7 @@ static double cost_of(const lr_light_node *node)
 /* Which bin of the centres' range lo..hi. */
 static int bin_of(const lr_light_node *node, int axis, double lo, double hi)
 {
-    return lr_min_i((int32_t)((centre(node, axis) - lo) / (hi - lo) * BINS), BINS - 1);
+    return (int32_t)lr_clamp((centre(node, axis) - lo) / (hi - lo) * BINS, 0, BINS - 1);
 }
 
 typedef struct lr_cut {
@@ -157,7 +157,7 @@ static void try_axis(const lr_light_node *leaves, uint32_t n, int axis, lr_cut *
         lo = fmin(lo, centre(&leaves[i], axis));
         hi = fmax(hi, centre(&leaves[i], axis));
     }
-    if (!(hi > lo))
+    if (!(hi > lo && hi - lo < INFINITY))
         return;
     for (uint32_t i = 0; i < n; i++) {
         const int b = bin_of(&leaves[i], axis, lo, hi);
