@@ -16,6 +16,7 @@ import re
 import sys
 from pathlib import Path
 
+import generated
 from dependencies import ROOT, Graph, c_modules, grouped, python_modules, ranks, reduced
 from svg import BLUE, GREEN, GREY, INK, ORANGE, Picture
 
@@ -261,18 +262,5 @@ def outputs() -> dict[Path, str]:
     }
 
 
-def main() -> int:
-    old = []
-    for path, made in outputs().items():
-        if "--check" not in sys.argv[1:]:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(made, encoding="utf-8")
-        elif not path.exists() or path.read_text("utf-8") != made:
-            old.append(path.name)
-    if old:
-        print(f"not current: {', '.join(old)}; run docs/make_architecture.py", file=sys.stderr)
-    return int(bool(old))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(generated.write(outputs(), "docs/make_architecture.py"))

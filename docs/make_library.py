@@ -22,6 +22,8 @@ ROOT = Path(__file__).resolve().parent.parent
 if __name__ == "__main__":
     sys.path.insert(0, str(ROOT / "native"))
 
+import generated  # noqa: E402
+
 import leapray  # noqa: E402
 
 PAGE = ROOT / "docs" / "library.md"
@@ -275,16 +277,5 @@ def page() -> str:
     return HEAD.format(contents="\n".join(rows), **example) + "\n" + body.rstrip() + "\n"
 
 
-def main() -> int:
-    made = page()
-    if "--check" in sys.argv[1:]:
-        current = PAGE.exists() and PAGE.read_text(encoding="utf-8") == made
-        if not current:
-            print(f"{PAGE} is not current: run docs/make_library.py", file=sys.stderr)
-        return int(not current)
-    PAGE.write_text(made, encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(generated.write({PAGE: page()}, "docs/make_library.py"))

@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 if __name__ == "__main__":
     sys.path.insert(0, str(ROOT / "native"))
 
+import generated  # noqa: E402
 import method_charts  # noqa: E402
 import walks  # noqa: E402
 from svg import BLUE, INK, ORANGE, PALE, RED, Picture  # noqa: E402
@@ -228,18 +229,5 @@ def outputs() -> dict[Path, str]:
     return pictures() | {FOLDER / name: filled(FOLDER / name, tables[name]) for name in tables}
 
 
-def main() -> int:
-    old = []
-    for path, made in outputs().items():
-        if "--check" not in sys.argv[1:]:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(made, encoding="utf-8")
-        elif not path.exists() or path.read_text("utf-8") != made:
-            old.append(path.name)
-    if old:
-        print(f"not current: {', '.join(old)}; run docs/make_methods.py", file=sys.stderr)
-    return int(bool(old))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(generated.write(outputs(), "docs/make_methods.py"))

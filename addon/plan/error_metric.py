@@ -68,7 +68,9 @@ class Measure:
     exact_share: float  # of the surface cells
     crowd: float  # triangles on a triangle cell's list, the mean; 0 without such cells
     n_cells: int  # that hold surface
-    color: NDArray[np.float32] | None  # (n, k) as bake.color_errors gives it; None: no colours
+    color: (
+        NDArray[np.float32] | None
+    )  # (n, k) as mesh_colors.color_errors gives it; None: no colours
     shape: tuple[int, int, int]
     kind: str
     normals: bool  # the mesh's own are in the volume
@@ -112,10 +114,14 @@ class Errors:
     crowd: float  # as measured
     body: float  # the error that most pixels of a body have, the worst
 
+    @property
+    def worst(self) -> float:
+        """The error of the surface, all of it or its worst body."""
+        return max(self.surface, self.body)
+
     def of_surface(self, pixel_error: float) -> float:
         """Against the bars of the surface itself; at most 1 is good enough."""
-        surface = max(self.surface, self.body)
-        return max(surface / pixel_error, min(self.lost / LOST_SHARE, self.voxel / THIN))
+        return max(self.worst / pixel_error, min(self.lost / LOST_SHARE, self.voxel / THIN))
 
     def of_edges(self) -> float:
         """Against the bars of creases and crowded cells; at most 1 is good enough."""
@@ -139,7 +145,7 @@ class Errors:
         """What falls with the voxel wherever finer voxels are of any use."""
         lost = self.voxel if self.lost > LOST_SHARE else 0.0
         others = self.of_normals(), self.of_color(), self.of_edges()
-        return max(max(self.surface, self.body) / pixel_error, lost, *others)
+        return max(self.worst / pixel_error, lost, *others)
 
     def levels(self, pixel_error: float) -> int:
         """How many times the voxel must be halved at least, as far as these errors foretell it.
@@ -149,7 +155,7 @@ class Errors:
         error yet: it may vanish at the next level.
         """
         if self.of_surface(pixel_error) > 1:
-            ratio = min(max(self.surface, self.body), ROUGH * self.voxel) / pixel_error
+            ratio = min(self.worst, ROUGH * self.voxel) / pixel_error
             return max(1, math.floor(math.log2(max(ratio, 1.0)) / 2))
         if max(self.of_normals(), self.of_color()) > 1:
             return 1  # facets may show, a texture may be smooth just below
@@ -166,9 +172,8 @@ class Errors:
 
     def sentence(self, pixel_error: float) -> str:
         """What is not good enough, or ""."""
-        if max(self.surface, self.body) > pixel_error:
-            error = max(self.surface, self.body)
-            return f"an error of {error:.2g} pixels instead of {pixel_error:g}"
+        if self.worst > pixel_error:
+            return f"an error of {self.worst:.2g} pixels instead of {pixel_error:g}"
         if self.of_surface(pixel_error) > 1:
             return f"{100 * self.lost:.0f} % of its surface thinner than its voxels"
         if self.of_normals() > 1:
@@ -194,7 +199,7 @@ def measure(
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
-    normal: what `normal_errors` measured there, color: what bake.color_errors did. rise: of
+    normal: what `normal_errors` measured there, color: what mesh_colors.color_errors did. rise: of
     occupancy per voxel across a plane, before gain; None: that of the ramp. ids: of the mesh's
     triangles, where several solids share the volume: each is held against its own field.
     gain above 0: as `volume.narrow(gain)` would leave it. The structure's bytes are the
