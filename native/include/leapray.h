@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI     32 /* raised whenever a struct or a signature below changes */
+#define LR_ABI     33 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -766,6 +766,69 @@ typedef enum lr_film_filter {
     LR_FILM_BLACKMAN_HARRIS = 1 /* of Cycles: it reaches filter_width to either side */
 } lr_film_filter;
 
+/* By what surface a ray was sent on last. */
+typedef enum lr_ray_kind {
+    LR_RAY_CAMERA = 0, /* by none */
+    LR_RAY_DIFFUSE = 1,
+    LR_RAY_GLOSSY = 2,
+    LR_RAY_TRANSMISSION = 3,
+    LR_RAY_TRANSPARENT = 4 /* straight through */
+} lr_ray_kind;
+
+/* Events come in the order in which they happen; contributions are added to the pixel in the
+ * order of the events that hold them. */
+typedef enum lr_event_kind {
+    LR_EVENT_RAY = 0,   /* a path starts its next ray */
+    LR_EVENT_HIT = 1,   /* that ray has ended, at a surface or nowhere */
+    LR_EVENT_LIGHT = 2, /* a surface samples a light */
+    LR_EVENT_FOUND = 3  /* a ray meets a light, the world, or a surface that shines */
+} lr_event_kind;
+
+/* One thing that happens on a path. Members without a kind are of all; what is not of an
+ * event's kind is 0. All in world space. */
+typedef struct lr_event {
+    int32_t kind;        /* lr_event_kind */
+    uint32_t sample;     /* of the pixel, from 0 */
+    uint32_t ray;        /* a number that no other ray of the sample has */
+    uint32_t parent;     /* RAY: of the ray before it; its own for the camera's */
+    int32_t ray_kind;    /* RAY: lr_ray_kind */
+    int32_t bounces;     /* of the path behind the ray, without transparent surfaces */
+    int32_t transparent; /* such surfaces behind it */
+    int32_t last;        /* RAY: nonzero: beyond a limit of bounces, it is scattered no more */
+    uint32_t instance;   /* RAY: whose surface it leaves; HIT: hit; LIGHT: that stops the light;
+                            UINT32_MAX: none */
+    uint32_t material;   /* HIT: index into the scene's materials */
+    int32_t id;          /* HIT, as in lr_hits */
+    uint32_t triangle;   /* HIT, as in lr_hits: UINT32_MAX where the field was hit */
+    int32_t cell[3];     /* RAY: that it starts in; HIT: of the hit */
+    int32_t side;        /* RAY, as in lr_start; HIT: of the viewer: 1 inside, -1 outside */
+    int32_t steps;       /* HIT: cells in which the ray stood */
+    uint32_t n_media;    /* RAY: solids that bend or absorb light and that it is in, */
+    uint32_t media[6];   /* the instance of each, the one entered last at the end */
+    uint32_t media_material[6];
+    uint64_t light;         /* LIGHT, FOUND: its index, n_lights for the world, UINT64_MAX for the
+                               surface itself */
+    double origin[3];       /* RAY; LIGHT: where its ray to the light starts */
+    double direction[3];    /* RAY: t as in lr_camera for the camera's, else unit; LIGHT: unit */
+    double t;               /* RAY: where it ends at the latest; HIT, infinity on a miss; LIGHT: the
+                               distance of the light */
+    double throughput[3];   /* RAY: at its start; HIT: at its end */
+    double position[3];     /* HIT */
+    double normal[3];       /* HIT: unit, for shading, on the viewer's side */
+    double probability;     /* LIGHT: expected samples of this light by this surface */
+    double pdf;             /* LIGHT: per solid angle; 1 for a light without extent */
+    double weight;          /* LIGHT, FOUND: by multiple importance sampling, 0..1 */
+    double contribution[3]; /* LIGHT, FOUND: added to the pixel's sum over samples */
+} lr_event;
+
+/* What happens in a pixel, in the caller's array. */
+typedef struct lr_record {
+    lr_event *events;  /* [capacity] */
+    uint64_t capacity; /* events beyond it are counted, but not written */
+    uint64_t n;        /* events so far; added to, as is the next */
+    uint64_t samples;  /* of the pixel */
+} lr_record;
+
 /* Limits of bounces count as in Cycles: a ray beyond its limit still finds lights,
  * the world and shining surfaces, but is not scattered again. */
 typedef struct lr_tile {
@@ -786,6 +849,7 @@ typedef struct lr_tile {
     double clamp_direct, clamp_indirect; /* most that one ray may bring, mean of its channels,
                                     straight and after bounces, as in Cycles; 0: any */
     lr_trace_options trace;              /* mode must be LR_MODE_SURFACE */
+    lr_record *record;                   /* of a tile of one pixel; or NULL, which costs nothing */
 } lr_tile;
 
 /* Buffers of the tile alone, rows from below; any but combined may be NULL. The

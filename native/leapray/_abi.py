@@ -6,7 +6,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 32
+LR_ABI = 33
 
 
 class lr_status(IntEnum):
@@ -224,6 +224,21 @@ class lr_film_filter(IntEnum):
     LR_FILM_BLACKMAN_HARRIS = 1
 
 
+class lr_ray_kind(IntEnum):
+    LR_RAY_CAMERA = 0
+    LR_RAY_DIFFUSE = 1
+    LR_RAY_GLOSSY = 2
+    LR_RAY_TRANSMISSION = 3
+    LR_RAY_TRANSPARENT = 4
+
+
+class lr_event_kind(IntEnum):
+    LR_EVENT_RAY = 0
+    LR_EVENT_HIT = 1
+    LR_EVENT_LIGHT = 2
+    LR_EVENT_FOUND = 3
+
+
 class lr_pixel_skip(IntEnum):
     LR_SKIP_SAFE = 0
     LR_SKIP_NONE = 1
@@ -263,6 +278,8 @@ LR_LIGHT_ROUND, LR_LIGHT_FULL = lr_light_shape
 LR_LOBE_DIFFUSE, LR_LOBE_GLOSSY, LR_LOBE_GLASS, LR_LOBE_REFRACTION, LR_LOBE_TRANSPARENT, LR_LOBE_EMISSION, LR_LOBE_PRINCIPLED = lr_lobe_kind
 LR_LOBE_TEXTURED, LR_LOBE_MULTISCATTER = lr_lobe_flag
 LR_FILM_BOX, LR_FILM_BLACKMAN_HARRIS = lr_film_filter
+LR_RAY_CAMERA, LR_RAY_DIFFUSE, LR_RAY_GLOSSY, LR_RAY_TRANSMISSION, LR_RAY_TRANSPARENT = lr_ray_kind
+LR_EVENT_RAY, LR_EVENT_HIT, LR_EVENT_LIGHT, LR_EVENT_FOUND = lr_event_kind
 LR_SKIP_SAFE, LR_SKIP_NONE, LR_SKIP_PAPER = lr_pixel_skip
 LR_PIXEL_MISS, LR_PIXEL_HIT, LR_PIXEL_SKIPPED = lr_pixel
 
@@ -610,6 +627,49 @@ class lr_scene(ctypes.Structure):
     pass  # opaque
 
 
+class lr_event(ctypes.Structure):
+    _fields_ = (
+        ("kind", ctypes.c_int32),
+        ("sample", ctypes.c_uint32),
+        ("ray", ctypes.c_uint32),
+        ("parent", ctypes.c_uint32),
+        ("ray_kind", ctypes.c_int32),
+        ("bounces", ctypes.c_int32),
+        ("transparent", ctypes.c_int32),
+        ("last", ctypes.c_int32),
+        ("instance", ctypes.c_uint32),
+        ("material", ctypes.c_uint32),
+        ("id", ctypes.c_int32),
+        ("triangle", ctypes.c_uint32),
+        ("cell", ctypes.c_int32 * 3),
+        ("side", ctypes.c_int32),
+        ("steps", ctypes.c_int32),
+        ("n_media", ctypes.c_uint32),
+        ("media", ctypes.c_uint32 * 6),
+        ("media_material", ctypes.c_uint32 * 6),
+        ("light", ctypes.c_uint64),
+        ("origin", ctypes.c_double * 3),
+        ("direction", ctypes.c_double * 3),
+        ("t", ctypes.c_double),
+        ("throughput", ctypes.c_double * 3),
+        ("position", ctypes.c_double * 3),
+        ("normal", ctypes.c_double * 3),
+        ("probability", ctypes.c_double),
+        ("pdf", ctypes.c_double),
+        ("weight", ctypes.c_double),
+        ("contribution", ctypes.c_double * 3),
+    )
+
+
+class lr_record(ctypes.Structure):
+    _fields_ = (
+        ("events", ctypes.POINTER(lr_event)),
+        ("capacity", ctypes.c_uint64),
+        ("n", ctypes.c_uint64),
+        ("samples", ctypes.c_uint64),
+    )
+
+
 class lr_tile(ctypes.Structure):
     _fields_ = (
         ("x", ctypes.c_int32),
@@ -633,6 +693,7 @@ class lr_tile(ctypes.Structure):
         ("clamp_direct", ctypes.c_double),
         ("clamp_indirect", ctypes.c_double),
         ("trace", lr_trace_options),
+        ("record", ctypes.POINTER(lr_record)),
     )
 
 

@@ -197,6 +197,34 @@ class Instance:
     holdout: bool = False  # the camera sees a hole in the picture
 
 
+class Record:
+    """What happens on the paths of one pixel, as `Scene.render_tile` writes it.
+
+    capacity: events that are kept; each takes some 500 bytes. Raises LeapRayError for one that
+    is no whole number.
+    """
+
+    def __init__(self, capacity: int = 1 << 16) -> None:
+        capacity = numbers(capacity, np.uint32, "capacity").item()
+        self._events = np.zeros(capacity, _dtype(_abi.lr_event))
+        self.struct = _abi.lr_record(pointer(self._events, _abi.lr_event), capacity)
+
+    @property
+    def events(self) -> NDArray:
+        """(n,) records with the members of lr_event, in the order in which things happened."""
+        return self._events[: self.struct.n]
+
+    @property
+    def lost(self) -> int:
+        """How many events found no room."""
+        return max(self.struct.n - self.struct.capacity, 0)
+
+    @property
+    def samples(self) -> int:
+        """How many samples the pixel had: its value is the mean of what they brought."""
+        return self.struct.samples
+
+
 class Scene:
     """Everything that a tile needs, checked and under one hierarchy; tiles may run on any threads.
 
@@ -277,13 +305,15 @@ class Scene:
         workspace: NDArray[np.uint8] | None = None,
         watch: Watch | None = None,
         counters: _abi.lr_counters | None = None,
+        record: Record | None = None,
         **sampling: float | str,
     ) -> dict[str, NDArray[np.float32]]:
         """The passes of the width x height pixels from (x, y) on; rows from below.
 
         options: hit_test, root and normal, as of `trace`. sampling: see SAMPLING.
         passes: names, or the arrays to fill, float32 (height, width, channels), in
-        rows without gaps; Combined always comes along. counters is added to.
+        rows without gaps; Combined always comes along. counters is added to. record: of
+        a tile of one pixel, takes what happens on its paths.
         Raises LeapRayError, Stopped where the watch says so.
         """
         given = passes if isinstance(passes, Mapping) else dict.fromkeys(passes)
@@ -303,6 +333,8 @@ class Scene:
         _assign(tile, x=x, y=y, width=width, height=height, seed=seed)
         names = {"hit_test": "extrema", "root": "newton", "normal": "central", **(options or {})}
         tile.trace = trace_options(**names)
+        if record is not None:
+            tile.record = ctypes.pointer(record.struct)
         if workspace is None:
             workspace = self.workspace(width, height, tile.branches)
         call(

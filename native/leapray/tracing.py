@@ -216,7 +216,8 @@ class Hits:
     normal: NDArray[np.float64]  # (n, 3) unit, outward, object space; 0 on a miss
     field_normal: NDArray[np.float64]  # (n, 3) of the trilinear field itself
     id: NDArray[np.int32]  # (n,)
-    counters: dict[str, int]  # as add_counters gives them; empty if not asked
+    counters: dict[str, int]  # as add_counters gives them; empty if not counted
+    steps: NDArray[np.int32]  # (n,) cells in which each ray stood; empty if not counted
 
     def __repr__(self) -> str:
         near = self.t[np.isfinite(self.t)]
@@ -262,7 +263,7 @@ def trace(
     direction, "binary" the first object cell. step: of the uniform hit test, in
     voxels. start: cells (n, 3) and sides (n,)
     of rays that leave a surface: side -1 where f < T, +1 where f >= T, 0 unknown.
-    count: fill counters. Raises LeapRayError for shapes and unknown names,
+    count: fill counters and steps. Raises LeapRayError for shapes and unknown names,
     Stopped when watch was told to stop.
     """
     check_threads(threads)
@@ -275,6 +276,7 @@ def trace(
     starts = None if start is None else _starts(start, n)
     t, cell = np.empty(n), np.empty((3, n), np.int32)
     normals, field, ids = np.empty((3, n)), np.empty((3, n)), np.empty(n, np.int32)
+    steps = np.empty(n if count else 0, np.int32)
     watch = watch or Watch()
 
     def part(first: int, last: int) -> _abi.lr_counters:
@@ -286,6 +288,8 @@ def trace(
         hits = _abi.lr_hits(
             at(t), *integers, *map(at, normals), *map(at, field), at(ids, ctypes.c_int32)
         )
+        if count:
+            hits.steps = at(steps, ctypes.c_int32)
         counters = _abi.lr_counters()
         call(
             lib.lr_trace,
@@ -307,6 +311,7 @@ def trace(
         np.ascontiguousarray(field.T),
         ids,
         add_counters(totals) if count else {},
+        steps,
     )
 
 

@@ -11,15 +11,7 @@
 #include "render/bsdf/material.h"
 #include "render/bsdf/shading_frame.h"
 
-/* By what a ray was sent on last; the groups of closures have the same names. */
-typedef enum lr_ray_kind {
-    LR_RAY_CAMERA = 0,
-    LR_RAY_DIFFUSE = 1,
-    LR_RAY_GLOSSY = 2,
-    LR_RAY_TRANSMISSION = 3,
-    LR_RAY_TRANSPARENT = 4
-} lr_ray_kind;
-
+/* Groups of closures have the names of the rays that they send on, lr_ray_kind. */
 enum { LR_GROUPS = 3, LR_CLOSURES_MAX = 4 * LR_LOBES_MAX };
 
 /* A point of a surface, in world space. */

@@ -32,17 +32,16 @@ LR_INLINE lr_status lr_cast_wave(const lr_job *job, uint32_t n, const lr_cast_op
     return lr_cast(job->scene, job->workspace, n, options, job->counters, job->watch, job->error);
 }
 
-/* Add a contribution, which may be negative, to a pixel; bounces: of the path behind the surface.
- */
-LR_INLINE void lr_add_light(const lr_job *job, uint32_t pixel, int bounces,
-                            const double contribution[3])
+/* Add a contribution, which may be negative, to a pixel, and cut it to what the clamps let pass;
+ * bounces: of the path behind the surface. */
+LR_INLINE void lr_add_light(const lr_job *job, uint32_t pixel, int bounces, double contribution[3])
 {
     double *part = job->workspace->pixels[pixel].part[job->sample % LR_PARTS];
     const double limit = 3 * (bounces > 0 ? job->tile->clamp_indirect : job->tile->clamp_direct);
     const double sum = fabs(contribution[0]) + fabs(contribution[1]) + fabs(contribution[2]);
     const double scale = limit > 0 && sum > limit ? limit / sum : 1;
     for (int a = 0; a < 3; a++)
-        part[a] += scale * contribution[a];
+        part[a] += contribution[a] *= scale;
 }
 
 #endif

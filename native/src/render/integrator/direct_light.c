@@ -14,19 +14,13 @@
 #include "base/error.h"
 #include "render/film/sampling.h"
 #include "render/integrator/medium_stack.h"
+#include "render/integrator/path_record.h"
 #include "render/integrator/scatter.h"
 #include "render/integrator/shading_point.h"
 #include "render/lights/environment.h"
 #include "render/lights/light.h"
 
 enum { CHOOSE = 1, AMBIENT = 3, FIRST_LIGHT = 64 }; /* which choice: see lr_key */
-
-/* A light sample as a shading point sees it. */
-typedef struct lr_sampled_light {
-    double direction[3], distance, color[3], pdf;
-    uint32_t visibility;
-    bool delta, shadow;
-} lr_sampled_light;
 
 static bool sample_light(const lr_scene *scene, uint64_t light_index, const double p[3],
                          const double u[2], lr_sampled_light *sampled)
@@ -99,14 +93,16 @@ static void spawn_shadow_ray(const lr_job *job, uint32_t ray, uint32_t shadow_ra
 }
 
 /* Shadow rays that no opaque surface has stopped; their rays are moved to the front. */
-static uint32_t keep_free(lr_workspace *w, uint32_t n)
+static uint32_t keep_free(const lr_job *job, uint32_t n)
 {
+    lr_workspace *w = job->workspace;
     uint32_t kept = 0;
     lr_wave *wave = &w->wave;
     for (uint32_t i = 0; i < n; i++) {
         lr_shadow_ray *shadow_ray = &w->shadow_rays[w->carried[i]];
         if (wave->instance[i] != LR_NOWHERE) {
             memset(shadow_ray->contribution, 0, sizeof shadow_ray->contribution);
+            lr_record_blocked(job, shadow_ray, wave->instance[i]);
             continue;
         }
         double o[3], d[3];
@@ -144,6 +140,8 @@ static uint32_t pass_surfaces(const lr_job *job, uint32_t n)
             shadow_ray->contribution[a] *= through ? s.bsdf.transparency[a] : 0;
         if (!is_black(shadow_ray->contribution))
             spawn_shadow_ray(job, kept++, k, &s, d, shadow_ray->ends - wave->t[i], true);
+        else
+            lr_record_blocked(job, shadow_ray, wave->instance[i]);
         shadow_ray->ends -= wave->t[i];
     }
     return kept;
@@ -162,7 +160,7 @@ static lr_status trace_shadow_rays(const lr_job *job, uint32_t n, uint32_t n_sha
         .trace = job->tile->trace,
     };
     lr_status status = lr_cast_wave(job, n, &options);
-    uint32_t traced = keep_free(w, status == LR_OK ? n : 0);
+    uint32_t traced = keep_free(job, status == LR_OK ? n : 0);
     options.among = LR_AMONG_CLEAR;
     options.any = false;
     while (status == LR_OK && (clear || job->scene->has_media) && traced > 0) {
@@ -174,6 +172,7 @@ static lr_status trace_shadow_rays(const lr_job *job, uint32_t n, uint32_t n_sha
         const lr_path *path = w->shadow_rays[k].shading_point->path;
         lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA],
                      w->shadow_rays[k].contribution);
+        lr_record_contribution(job, &w->shadow_rays[k]);
     }
     return status;
 }
@@ -224,8 +223,10 @@ static bool light_by(const lr_job *job, const lr_shading_point *s, uint32_t ask,
     if (light_index == job->scene->n_lights ||
         lr_light_has_extent(&job->scene->lights[light_index]))
         lr_sample_pair(key, s->path->sample, u);
-    if (!sample_light(job->scene, light_index, s->origin, u, &sampled) ||
-        !evaluate(s, &sampled, probability, shadow_ray->contribution))
+    const bool lit = sample_light(job->scene, light_index, s->origin, u, &sampled) &&
+                     evaluate(s, &sampled, probability, shadow_ray->contribution);
+    lr_record_light(job, s, light_index, probability, lit ? &sampled : NULL, shadow_ray);
+    if (!lit)
         return false;
     if (light_index == job->scene->n_lights)
         sampled.distance = lr_world_distance(job, s->path, LR_RAY_DIFFUSE);

@@ -6,6 +6,13 @@
 
 #include "render/integrator/context.h"
 
+/* A light sample as a shading point sees it. */
+typedef struct lr_sampled_light {
+    double direction[3], distance, color[3], pdf;
+    uint32_t visibility;
+    bool delta, shadow;
+} lr_sampled_light;
+
 /* Add to the pixels what the first n shading points send to their viewers of the light
  * that lights and a world of unequal brightness send to them. The wave is
  * overwritten. */

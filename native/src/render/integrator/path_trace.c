@@ -12,18 +12,21 @@
 #include "render/integrator/direct_light.h"
 #include "render/integrator/medium_stack.h"
 #include "render/integrator/passes.h"
+#include "render/integrator/path_record.h"
 #include "render/integrator/scatter.h"
 #include "render/integrator/shading_point.h"
 #include "render/lights/environment.h"
 #include "render/lights/light.h"
 
-static void add(const lr_job *job, const lr_path *path, const double rgb[3], const double weight[3],
-                double share)
+/* Add a light that the path has met. */
+static void add(const lr_job *job, const lr_path *path, uint64_t light_index, const double rgb[3],
+                const double weight[3], double share)
 {
     double contribution[3];
     for (int a = 0; a < 3; a++)
         contribution[a] = share * weight[a] * rgb[a];
     lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA] - 1, contribution);
+    lr_record_found(job, path, light_index, share, contribution);
 }
 
 /* Where the path, which now goes along d, was scattered last. */
@@ -55,7 +58,7 @@ static void find_light(const lr_job *job, const lr_path *path, uint64_t light_in
         return;
     memcpy(weight, path->throughput, sizeof weight);
     lr_medium_stack_absorb(job->scene, &path->media, t - path->travelled, weight);
-    add(job, path, color, weight, found_share(job, path, light_index, o, pdf));
+    add(job, path, light_index, color, weight, found_share(job, path, light_index, o, pdf));
     for (int a = 0; a < 3 && path->seen; a++)
         job->workspace->pixels[path->pixel].emission[a] += weight[a] * color[a];
 }
@@ -94,7 +97,7 @@ static void miss(const lr_job *job, const lr_path *path, const double d[3])
         return;
     double o[3];
     scattered_at(path, d, o);
-    add(job, path, rgb, path->throughput,
+    add(job, path, scene->n_lights, rgb, path->throughput,
         found_share(job, path, scene->n_lights, o, lr_environment_pdf(&scene->environment, d)));
 }
 
@@ -124,7 +127,7 @@ static void add_emission(const lr_job *job, const lr_shading_point *s)
     lr_sum *pixel = &job->workspace->pixels[s->path->pixel];
     if ((s->material->flags & LR_MATERIAL_EMITS) == 0)
         return;
-    add(job, s->path, s->bsdf.emission, s->path->throughput, 1);
+    add(job, s->path, LR_OWN_EMISSION, s->bsdf.emission, s->path->throughput, 1);
     for (int a = 0; a < 3 && s->path->seen; a++)
         pixel->emission[a] += s->path->throughput[a] * s->bsdf.emission[a];
 }
@@ -164,6 +167,7 @@ static uint32_t process_hits(const lr_job *job, uint32_t n, bool any)
         if (path->media.n > 0)
             lr_medium_stack_absorb(job->scene, &path->media, length, path->throughput);
         if (!hit) {
+            lr_record_hit(job, i, NULL);
             miss(job, path, d);
         } else if (!any) {
             lr_shading_point *s = &w->shading_points[n_shading_points++];
@@ -171,6 +175,7 @@ static uint32_t process_hits(const lr_job *job, uint32_t n, bool any)
             s->path = path;
             s->ray = i;
             s->left = (path->t_max - w->wave.t[i]) * unit;
+            lr_record_hit(job, i, s);
             if (path->seen && job->scene->instances[s->instance].holdout && hold_out(job, s))
                 n_shading_points--;
             else
@@ -199,13 +204,13 @@ static lr_status trace_batch(const lr_job *job, uint32_t n, bool any, uint64_t f
         .t_min = camera ? job->scene->camera.clip_start : 0,
         .any = any,
         .leaving = !camera,
-        .steps = geometry && job->passes->steps != NULL,
+        .steps = (geometry && job->passes->steps != NULL) || job->tile->record != NULL,
         .trace = job->tile->trace,
     };
     lr_status status = lr_cast_wave(job, n, &options);
     if (status != LR_OK)
         return status;
-    if (options.steps)
+    if (geometry)
         lr_write_steps(job, n, first);
     const uint32_t n_shading_points = process_hits(job, n, any);
     for (uint32_t k = 0; k < n_shading_points; k++)
@@ -227,7 +232,7 @@ static lr_status trace_queue(const lr_job *job, uint32_t n_pixels, uint64_t firs
     lr_status status = LR_OK;
     for (int last = 0; last < 2; last++) {
         const bool any = last != 0 && !scene->has_clear && !scene->has_media && !scene->shines &&
-                         !scene->has_lights;
+                         !scene->has_lights && job->tile->record == NULL;
         for (uint32_t pixel = 0; pixel < n_pixels && status == LR_OK;) {
             const uint32_t n = fill_batch(job, &pixel, n_pixels, last != 0);
             if (n > 0)

@@ -102,6 +102,7 @@ typedef struct lr_shadow_ray {
     double ends;            /* distance to the light from where its ray is now */
     const lr_shading_point *shading_point;
     uint32_t clear; /* transparent surfaces that its path has passed */
+    uint64_t event; /* its place in the record, where there is one */
 } lr_shadow_ray;
 
 /* The sums over a pixel's samples. */

@@ -15,6 +15,7 @@
 #include "render/film/sampling.h"
 #include "render/integrator/medium_stack.h"
 #include "render/integrator/passes.h"
+#include "render/integrator/path_record.h"
 #include "render/integrator/path_trace.h"
 
 enum {
@@ -70,6 +71,10 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
     if (tile->trace.mode != LR_MODE_SURFACE)
         return lr_fail(error, LR_E_ARGUMENT, "rendering needs surface mode (%d), the mode is %d",
                        LR_MODE_SURFACE, tile->trace.mode);
+    if (tile->record != NULL && (tile->width != 1 || tile->height != 1))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "a tile with a record must be one pixel, it is %d x %d", tile->width,
+                       tile->height);
     const uint64_t wanted = lr_render_nbytes(scene, tile->width, tile->height, tile->branches);
     if (workspace == NULL || nbytes < wanted)
         return lr_fail(error, LR_E_SIZE,
@@ -98,14 +103,15 @@ static void start(const lr_job *job, uint32_t pixel, lr_turn turn, double x, dou
     };
     lr_camera_ray(&scene->camera, x, y, path->origin, path->direction);
     w->now.n[pixel] = 1;
-    if (!scene->has_media)
-        return;
-    double p[3];
-    for (int a = 0; a < 3; a++)
-        p[a] = path->origin[a] + scene->camera.clip_start * path->direction[a];
-    const uint32_t forgotten = lr_medium_stack_find(scene, p, &path->media);
-    if (job->counters != NULL)
-        job->counters->forgotten += forgotten;
+    if (scene->has_media) {
+        double p[3];
+        for (int a = 0; a < 3; a++)
+            p[a] = path->origin[a] + scene->camera.clip_start * path->direction[a];
+        const uint32_t forgotten = lr_medium_stack_find(scene, p, &path->media);
+        if (job->counters != NULL)
+            job->counters->forgotten += forgotten;
+    }
+    lr_record_ray(job, path, NULL, LR_RAY_CAMERA);
 }
 
 /* Start one sample of every pixel of the stretch that is not settled; it begins

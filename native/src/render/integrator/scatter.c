@@ -13,6 +13,7 @@
 #include "render/integrator/scatter.h"
 
 #include "render/film/sampling.h"
+#include "render/integrator/path_record.h"
 #include "render/integrator/shading_point.h"
 
 /* Below this throughput kinds are not split, and paths end by Russian roulette. */
@@ -213,6 +214,7 @@ static void spawn_path(const lr_job *job, const lr_shading_point *s, int kind)
         job->counters != NULL)
         job->counters->forgotten++;
     w->next.n[pixel]++;
+    lr_record_ray(job, child, s->path, kind);
 }
 
 void lr_scatter_on(const lr_job *job, const lr_shading_point *s)

@@ -1,0 +1,148 @@
+/* Writes the events of a recorded pixel.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/integrator/path_record.h"
+
+#include "trace/cell.h"
+
+_Static_assert(sizeof((lr_event *)0)->media == sizeof((lr_medium_stack *)0)->instance,
+               "an event holds a whole medium stack");
+
+/* The record's next event, of this kind and on this path; NULL where none is to be written. */
+static lr_event *next_event(const lr_job *job, lr_event_kind kind, const lr_path *path)
+{
+    lr_record *record = job->tile->record;
+    if (record == NULL || record->n++ >= record->capacity)
+        return NULL;
+    lr_event *event = &record->events[record->n - 1];
+    *event = (lr_event){
+        .kind = kind,
+        .sample = job->sample,
+        .ray = path->key,
+        .bounces = path->bounces[LR_RAY_CAMERA],
+        .transparent = path->bounces[LR_RAY_TRANSPARENT],
+        .instance = LR_NOWHERE,
+        .triangle = LR_NO_TRIANGLE,
+    };
+    return event;
+}
+
+static void put(double to[3], const double from[3])
+{
+    memcpy(to, from, 3 * sizeof *to);
+}
+
+void lr_record_ray(const lr_job *job, const lr_path *path, const lr_path *parent, int kind)
+{
+    if (job->tile->record != NULL && parent == NULL)
+        job->tile->record->samples++;
+    lr_event *event = next_event(job, LR_EVENT_RAY, path);
+    if (event == NULL)
+        return;
+    event->parent = parent != NULL ? parent->key : path->key;
+    event->ray_kind = kind;
+    event->last = path->last;
+    event->instance = path->from;
+    memcpy(event->cell, path->start.cell, sizeof event->cell);
+    event->side = path->start.side;
+    event->n_media = path->media.n;
+    memcpy(event->media, path->media.instance, path->media.n * sizeof *event->media);
+    memcpy(event->media_material, path->media.material, path->media.n * sizeof *event->media);
+    put(event->origin, path->origin);
+    put(event->direction, path->direction);
+    event->t = path->t_max;
+    put(event->throughput, path->throughput);
+}
+
+void lr_record_hit(const lr_job *job, uint32_t i, const lr_shading_point *s)
+{
+    const lr_wave *wave = &job->workspace->wave;
+    const lr_path *path = job->workspace->traced[i];
+    lr_event *event = next_event(job, LR_EVENT_HIT, path);
+    if (event == NULL)
+        return;
+    event->steps = wave->hit.steps[i];
+    event->t = s != NULL ? wave->t[i] : INFINITY;
+    put(event->throughput, path->throughput);
+    if (s == NULL)
+        return;
+    event->instance = s->instance;
+    event->material = s->material_index;
+    event->id = wave->hit.id[i];
+    event->triangle = wave->hit.triangle[i];
+    memcpy(event->cell, s->start.cell, sizeof event->cell);
+    event->side = s->start.side;
+    put(event->position, s->position);
+    lr_bsdf_normal(&s->bsdf, event->normal);
+}
+
+void lr_record_found(const lr_job *job, const lr_path *path, uint64_t light_index, double weight,
+                     const double contribution[3])
+{
+    lr_event *event = next_event(job, LR_EVENT_FOUND, path);
+    if (event == NULL)
+        return;
+    event->light = light_index;
+    event->weight = weight;
+    put(event->contribution, contribution);
+}
+
+/* The weight by multiple importance sampling in a contribution: its share of what the sample
+ * would bring if nothing else found the light. */
+static double weight_of(const lr_shading_point *s, const lr_sampled_light *sampled,
+                        double probability, const double contribution[3])
+{
+    lr_response group[LR_GROUPS];
+    double part = 0, whole = 0;
+    lr_bsdf_eval(&s->bsdf, sampled->direction, group);
+    for (int a = 0; a < 3; a++) {
+        double f_cos = 0;
+        for (int kind = LR_RAY_DIFFUSE; kind <= LR_RAY_TRANSMISSION; kind++)
+            if ((sampled->visibility & lr_sees(kind)) != 0)
+                f_cos += group[kind - LR_RAY_DIFFUSE].f_cos[a];
+        part += fabs(contribution[a]);
+        whole += fabs(f_cos * sampled->color[a] * s->path->throughput[a]);
+    }
+    return whole > 0 ? part * probability * sampled->pdf / whole : 0;
+}
+
+void lr_record_light(const lr_job *job, const lr_shading_point *s, uint64_t light_index,
+                     double probability, const lr_sampled_light *sampled, lr_shadow_ray *shadow_ray)
+{
+    lr_event *event = next_event(job, LR_EVENT_LIGHT, s->path);
+    shadow_ray->event = event != NULL ? job->tile->record->n - 1 : UINT64_MAX;
+    if (event == NULL)
+        return;
+    event->light = light_index;
+    event->probability = probability;
+    put(event->origin, s->origin);
+    if (sampled == NULL)
+        return;
+    put(event->direction, sampled->direction);
+    event->t = sampled->distance;
+    event->pdf = sampled->pdf;
+    event->weight = weight_of(s, sampled, probability, shadow_ray->contribution);
+}
+
+/* The event of a shadow ray, or NULL. */
+static lr_event *event_of(const lr_job *job, const lr_shadow_ray *shadow_ray)
+{
+    const lr_record *record = job->tile->record;
+    if (record == NULL || shadow_ray->event >= record->capacity)
+        return NULL;
+    return &record->events[shadow_ray->event];
+}
+
+void lr_record_blocked(const lr_job *job, const lr_shadow_ray *shadow_ray, uint32_t instance)
+{
+    lr_event *event = event_of(job, shadow_ray);
+    if (event != NULL)
+        event->instance = instance;
+}
+
+void lr_record_contribution(const lr_job *job, const lr_shadow_ray *shadow_ray)
+{
+    lr_event *event = event_of(job, shadow_ray);
+    if (event != NULL)
+        put(event->contribution, shadow_ray->contribution);
+}
