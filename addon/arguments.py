@@ -145,6 +145,14 @@ def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
         metavar="P",
         help="of the resolution; default: the scene's, 100 where one of the next two is given",
     )
+    verb.add_argument(
+        "--pixel",
+        type=pixel,
+        metavar="X,Y",
+        help="render this pixel alone and print what happens on its paths: rays, cells, hits, "
+        "lights; no picture is written, --json FILE takes the same as data. As in Blender's image "
+        "editor 0,0 is the lower left pixel",
+    )
     for axis, of in (("x", "the picture's width"), ("y", "its height")):
         verb.add_argument(
             f"--resolution-{axis}",
@@ -300,6 +308,14 @@ def count(least: int, most: int = 2**31 - 1):
 def auto_or_count(word: str) -> int:
     """A type for argparse: "auto", which is 0, or an integer from 1 on."""
     return 0 if word == "auto" else count(1)(word)
+
+
+def pixel(word: str) -> tuple[int, int]:
+    """A type for argparse: the column and row of "X,Y"."""
+    numbers = re.fullmatch(r"(-?\d+),(-?\d+)", word)
+    if not numbers:
+        raise argparse.ArgumentTypeError(f"must be like 120,45, not {word}")
+    return int(numbers[1]), int(numbers[2])
 
 
 auto_or_count.__name__ = '"auto" or integer'

@@ -19,7 +19,7 @@ from pathlib import Path
 import leapray
 from leapray import LeapRayError
 
-from . import arguments, model, process
+from . import arguments, model, pixel_report, process
 from .blender.open_file import open_scene, render_frame, set_format
 from .store import files
 from .store.files import check_file, check_folder, part_folder, resolved
@@ -65,8 +65,10 @@ def render(args: argparse.Namespace) -> int:
     output = resolved(args.output or Path(f"{args.scene.stem}.png"), args.scene)
     if output.suffix.lower() not in FORMATS:
         raise LeapRayError(f"--output must end in {' or '.join(FORMATS)}, and is {output}")
+    if args.pixel and (args.output or args.frames):
+        raise LeapRayError("--pixel writes no picture, and is of one frame: it goes with --frame")
     known = args.frames or [0 if args.frame is None else args.frame]
-    for target in targets(args, output, known):
+    for target in targets(args, output, known) if not args.pixel else ():
         target.check(args)
     if args.traverser is not None:
         args.traverser = traverser_spec(args.traverser)
@@ -75,6 +77,8 @@ def render(args: argparse.Namespace) -> int:
 
     scene = open_scene(args.scene)
     override(scene, args)
+    if args.pixel:
+        return trace_pixel(args, scene)
     several = args.frames is not None
     if not several:
         known = [scene.frame_current if args.frame is None else args.frame]
@@ -90,6 +94,48 @@ def render(args: argparse.Namespace) -> int:
         warned.update(warnings)
         print(f"{target.picture}, and its figures in {target.figures}", flush=True)
     return 0
+
+
+def trace_pixel(args: argparse.Namespace, scene) -> int:
+    """Render one pixel and print what happened on its paths, or write it as JSON too."""
+    figures = resolved(args.json, args.scene) if args.json else None
+    if figures:
+        check_folder(figures)
+        if figures.resolve() == args.scene.resolve():
+            raise LeapRayError(f"The scene {args.scene} and the figures must be different files")
+    frame = scene.frame_current if args.frame is None else args.frame
+    scene.frame_set(frame)
+    reports = render_frame(scene, pixel=args.pixel)
+    if not reports:
+        raise LeapRayError(f"No view layer of scene '{scene.name}' is used for rendering")
+    for layer, report in reports.items():
+        if len(reports) > 1:
+            print(f"View layer {layer}")
+        for line in pixel_report.lines(report["pixel"]):
+            print(line)
+        for warning in report["warnings"]:
+            say(f"warning: {warning}")
+    if figures:
+        with part_folder(figures) as aside:
+            files.write_json(aside / "figures.json", frame_figures(args, frame, reports))
+            with process.signals_deferred():
+                os.replace(aside / "figures.json", figures)
+        print(f"The same as data is in {figures}")
+    return 0
+
+
+def frame_figures(args: argparse.Namespace, frame: int, reports: dict[str, dict], **more) -> dict:
+    """What a JSON file says of a frame: the first view layer's figures, and those of all."""
+    import bpy
+
+    figures = {
+        "scene": str(args.scene),
+        "frame": frame,
+        **more,
+        "blender": bpy.app.version_string,
+        **next(iter(reports.values())),
+    }
+    return figures | ({"view_layers": reports} if len(reports) > 1 else {})
 
 
 @dataclass(frozen=True)
@@ -138,8 +184,6 @@ def is_ours(data: dict) -> bool:
 def render_one(args, scene, target: Target, told: list[dict], lead: str) -> list[str]:
     """Render a frame and write its files, with the figures of the frames that told holds where
     they share a file; returns its warnings."""
-    import bpy
-
     scene.frame_set(target.frame)
     with part_folder(target.picture) as folder, part_folder(target.figures) as aside:
         picture = folder / f"picture{target.picture.suffix.lower()}"
@@ -149,15 +193,7 @@ def render_one(args, scene, target: Target, told: list[dict], lead: str) -> list
             raise LeapRayError(f"No view layer of scene '{scene.name}' is used for rendering")
         if not picture.exists():
             raise LeapRayError("Blender wrote no picture")
-        frame = {
-            "scene": str(args.scene),
-            "frame": target.frame,
-            "picture": str(target.picture),
-            "blender": bpy.app.version_string,
-            **next(iter(reports.values())),
-        }
-        if len(reports) > 1:
-            frame["view_layers"] = reports
+        frame = frame_figures(args, target.frame, reports, picture=str(target.picture))
         told.append(frame)
         figures = aside / "figures.json"
         files.write_json(figures, {"frames": told} if target.shared else frame)

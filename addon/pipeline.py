@@ -26,7 +26,7 @@ from leapray._abi import lr_counters
 from leapray.threads import cores
 from leapray.voxelization import FILTERS
 
-from . import memory, model, tiles
+from . import memory, model, pixel_report, tiles
 from .plan import plan
 from .store.memory_cache import Cache
 
@@ -51,12 +51,15 @@ def render(
     on_tile: Callable[[int, int, int, int, dict], None] | None = None,
     cache: Cache | None = None,
     planner: type[plan.Planner] = plan.Planner,
+    pixel: tuple[int, int] | None = None,
 ) -> model.Frame:
-    """Render the scene.
+    """Render the scene, or one pixel of it.
 
     stop, progress(share 0..1, phase) and on_tile(x, y, width, height, passes) are
     called on the calling thread only. cache is the caller's to keep between
     frames: what has not changed is not voxelized again. planner chooses the volumes.
+    pixel: column and row from the lower left; the passes are 0 elsewhere, and the report has
+    what happened on its paths under "pixel".
     Raises Stopped soon after stop() said so, LeapRayError with one sentence where
     there is nothing to render or the memory does not suffice; no thread outlives it.
     """
@@ -65,11 +68,18 @@ def render(
     watch = leapray.Watch()
     threads = scene.settings.threads or cores()
     check(scene.settings)
+    record = None if pixel is None else leapray.Record()
+    todo = tiles.split(scene.width, scene.height, scene.settings.tile_size)
+    if pixel is not None:
+        check_pixel(pixel, scene.width, scene.height)
+        todo = [tiles.Tile(*pixel, 1, 1)]
     with ThreadPoolExecutor(threads, thread_name_prefix="leapray") as pool:
         workers = WorkerPool(pool, watch, stop, progress, meter)
         planned = _plan(scene, Cache() if cache is None else cache, workers, threads, planner)
         planned_at = time.perf_counter()
-        passes, counters, workspace_nbytes = _trace(scene, planned, workers, threads, on_tile)
+        passes, counters, workspace_nbytes = _trace(
+            scene, planned, workers, threads, on_tile, todo, record
+        )
     ended = time.perf_counter()
     warnings = [*scene.warnings, *planned.warnings]
     pixels_nbytes = sum(p.nbytes for p in passes.values())
@@ -100,6 +110,9 @@ def render(
         "volumes": planned.volumes,
         "warnings": warnings,
     }
+    if pixel is not None and record is not None:
+        value = passes["Combined"][pixel[1], pixel[0]]
+        report["pixel"] = pixel_report.describe(record, scene, planned, pixel, value)
     return model.Frame(passes=passes, report=report, warnings=warnings)
 
 
@@ -124,6 +137,15 @@ def check(settings: model.Settings) -> None:
             raise leapray.LeapRayError(f"{name} is one of {', '.join(known)}, not {value!r}")
     leapray.traverser(settings.traverser)
     leapray.trace_options(hit_test=settings.hit_test, root=settings.root, normal=settings.normal)
+
+
+def check_pixel(pixel: tuple[int, int], width: int, height: int) -> None:
+    """Refuse a pixel that a picture of that size has not."""
+    if not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
+        raise leapray.LeapRayError(
+            f"The picture has {width} x {height} pixels, 0,0 to {width - 1},{height - 1} from its "
+            f"lower left corner; there is no pixel {pixel[0]},{pixel[1]}"
+        )
 
 
 class WorkerPool:
@@ -226,8 +248,17 @@ def _world(world: model.World, watch: leapray.Watch) -> model.World:
     return dataclasses.replace(world, image=cast(Any, texture))
 
 
-def _trace(scene: model.Scene, planned: plan.Plan, workers: WorkerPool, threads: int, on_tile):
-    """The passes, the counters' totals and the bytes of all workspaces."""
+def _trace(
+    scene: model.Scene,
+    planned: plan.Plan,
+    workers: WorkerPool,
+    threads: int,
+    on_tile,
+    wanted: Sequence[tiles.Tile],
+    record: leapray.Record | None,
+):
+    """The passes, the counters' totals and the bytes of all workspaces; wanted: all tiles, or one
+    pixel, which is recorded."""
     s = scene.settings
     # The core takes what has attributes of the same names as its own classes.
     placed = leapray.Scene(
@@ -243,7 +274,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, workers: WorkerPool, threads:
         nested=s.nested,
     )
     sampling = {name: getattr(s, name) for name in leapray.SAMPLING}
-    todo = collections.deque(tiles.split(scene.width, scene.height, s.tile_size))
+    todo = collections.deque(wanted)
     n_tiles = len(todo)
     workers.phase, workers.share = f"Rendered 0/{n_tiles} Tiles", PLANNED
     side = min(s.tile_size, max(scene.width, scene.height))
@@ -268,6 +299,7 @@ def _trace(scene: model.Scene, planned: plan.Plan, workers: WorkerPool, threads:
                     workspace=workspace,
                     watch=workers.watch,
                     counters=counters,
+                    record=record,
                     **sampling,
                 )
                 _expose(parts, scene.film_exposure)

@@ -52,6 +52,7 @@ LAYERS = {
         "plan.levels",
         "plan.separation",
         "plan.plan",
+        "pixel_report",
         "pipeline",
         "blender.read.colors blender.read.links blender.read.node_values blender.read.nodes",
         "blender.read.images blender.read.warnings",

@@ -20,6 +20,7 @@ from .read import scene
 reports: dict[str, dict] = {}
 failures: dict[str, leapray.LeapRayError] = {}  # without tracebacks, which hold on to memory
 interrupt = threading.Event()  # set from outside to end the render, as Esc does
+pixel: tuple[int, int] | None = None  # set from outside to render and record this one alone
 NO_VIEWPORT = "LeapRay does not render in the viewport yet: press F12, or use Material Preview"
 _volumes = Cache()  # kept between frames where the scene asks for persistent data
 
@@ -86,6 +87,7 @@ class LeapRayEngine(bpy.types.RenderEngine):
             progress=progress,
             on_tile=partial(result.write_tile, self, layer),
             cache=self._cache(depsgraph.scene_eval),
+            pixel=self._pixel(depsgraph.scene_eval.render),
         )
         if self.is_preview:
             return
@@ -107,6 +109,22 @@ class LeapRayEngine(bpy.types.RenderEngine):
         if self.is_preview:
             return replace(chosen, samples=4, pixel_error=1.0, memory_mb=128, cache_folder="")
         return chosen
+
+    def _pixel(self, render) -> tuple[int, int] | None:
+        """The one that is asked for, in the part of the picture that is rendered."""
+        if pixel is None or not render.use_border or render.use_crop_to_border:
+            return pixel
+        width, height = self.resolution_x, self.resolution_y
+        pipeline.check_pixel(pixel, width, height)
+        border = scene.render_border(render, width, height)
+        x, y = pixel[0] - border.x, pixel[1] - border.y
+        if not (0 <= x < border.width and 0 <= y < border.height):
+            raise leapray.LeapRayError(
+                f"Pixel {pixel[0]},{pixel[1]} lies outside the render region, which holds "
+                f"{border.x},{border.y} to {border.x + border.width - 1},"
+                f"{border.y + border.height - 1}"
+            )
+        return x, y
 
     def _cache(self, evaluated_scene) -> Cache | None:
         if self.is_preview:

@@ -66,10 +66,11 @@ def set_format(scene, picture: Path, passes: Collection[str] | None = None) -> N
     scene.render.use_sequencer = False
 
 
-def render_frame(scene, lead: str = "") -> dict[str, dict]:
+def render_frame(scene, lead: str = "", pixel: tuple[int, int] | None = None) -> dict[str, dict]:
     """Render and save the current frame; returns the report of each view layer.
 
-    lead: what stands before the words of progress.
+    lead: what stands before the words of progress. pixel: the only one to render, from the
+    picture's lower left corner; then no picture is saved.
 
     Raises the engine's own LeapRayError, or KeyboardInterrupt where it was stopped.
     """
@@ -82,13 +83,15 @@ def render_frame(scene, lead: str = "") -> dict[str, dict]:
     handlers.append(progress)
     engine.reports.clear()
     engine.failures.clear()
+    engine.pixel = pixel
     refusal = None
     try:
         with quiet(), interruptible(engine.interrupt):
-            bpy.ops.render.render(write_still=True, scene=scene.name)
+            bpy.ops.render.render(write_still=pixel is None, scene=scene.name)
     except RuntimeError as error:
         refusal = LeapRayError(first_line(error))
     finally:
+        engine.pixel = None
         handlers.remove(progress)
         progress.end()
     failure = next(iter(engine.failures.values()), refusal)  # Blender knows less of what happened

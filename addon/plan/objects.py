@@ -105,20 +105,20 @@ def nothing_left(warnings: list[str]) -> SceneError:
 
 def merge(
     scene: model.Scene, instances: list[model.Instance], warnings: list[str], kinds: list[Kind]
-) -> tuple[model.Scene, list[int]]:
+) -> tuple[model.Scene, list[model.Instance]]:
     """The scene in world space as one mesh of all solids and one of all sheets.
 
     Every instance keeps its own slots, so that a hit's id tells both material
-    and object; the object index of each slot is returned beside. Raises SceneError
+    and object; the instance of each slot is returned beside. Raises SceneError
     where 65536 ids do not suffice.
     """
     materials: list[int] = []
-    indices: list[int] = []
+    owners: list[model.Instance] = []
     first: list[int] = []
     for instance in instances:
         first.append(len(materials))
         materials += instance.materials
-        indices += [instance.object_index] * len(instance.materials)
+        owners += [instance] * len(instance.materials)
     if len(materials) > 65536:
         raise SceneError(
             f"One volume holds 65536 ids, but the scene's objects have {len(materials)} material "
@@ -145,7 +145,7 @@ def merge(
         )
         for number in range(len(meshes))
     ]
-    return dataclasses.replace(scene, meshes=tuple(meshes), instances=tuple(whole)), indices
+    return dataclasses.replace(scene, meshes=tuple(meshes), instances=tuple(whole)), owners
 
 
 @dataclasses.dataclass(frozen=True)

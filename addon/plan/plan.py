@@ -51,9 +51,11 @@ class Plan:
     """Structures to trace, and what they stand for."""
 
     instances: list[leapray.Instance]
+    names: list[str]  # of each instance's object
     slots: list[int]
     lights: tuple[model.Light, ...]  # the scene's, as the structures have them
     slot_objects: list[int] | None  # object index per slot, where one volume holds several objects
+    slot_names: list[str] | None  # and the name of that object
     volumes: list[dict[str, object]]  # one row per volume, for the report
     warnings: list[str]
     volume_nbytes: int
@@ -364,14 +366,16 @@ class Planner(Separation):
         self.keep_on_disk()
         self.cache.end()
         self.peak = max(self.peak, self.held() + self.cache.unused())
-        placed, slots = self._place(instances)
+        placed, names, slots = self._place(instances)
         surfaces = self._surfaces(instances)
         lights = light_planes.with_margins(self.scene.lights, surfaces, self.warnings)
         return Plan(
             instances=placed,
+            names=names,
             slots=slots,
             lights=lights,
             slot_objects=None,
+            slot_names=None,
             volumes=[self._row(w) for w in self.works],
             warnings=self.warnings
             + [s for w in self.works if (s := self._complaint(w))]
@@ -402,12 +406,16 @@ class Planner(Separation):
             works.setdefault((work.index, work.color_set), []).append(work)
         return works
 
-    def _place(self, instances: list[model.Instance]) -> tuple[list[leapray.Instance], list[int]]:
+    def _place(
+        self, instances: list[model.Instance]
+    ) -> tuple[list[leapray.Instance], list[str], list[int]]:
+        """The instances of all volumes, the names of their objects, and their materials' slots."""
         works = self._works()
         index = {id(work): n for n, work in enumerate(self.works, 1)}
         first: dict[tuple[int, ...], int] = {}
         slots: list[int] = []
-        placed = []
+        placed: list[leapray.Instance] = []
+        names: list[str] = []
         for instance in instances:
             if instance.materials not in first:
                 first[instance.materials] = len(slots)
@@ -430,7 +438,8 @@ class Planner(Separation):
                 )
                 for work in works.get(self._mesh_and_colors(instance), [])
             ]
-        return placed, slots
+            names += [instance.name] * (len(placed) - len(names))
+        return placed, names, slots
 
     # -- what is said about it
 
@@ -529,13 +538,13 @@ def make(
     instances = objects.usable(scene, warnings)
     met = culling.reached(scene, instances)
     instances = [i for i, is_met in zip(instances, met.tolist(), strict=True) if is_met]
-    slot_objects = None
+    owners: list[model.Instance] | None = None
     if scene.settings.layout == "scene" and instances:
         kinds = _kinds(scene, instances, cache, watch, warnings)
         instances = [i for i, kind in zip(instances, kinds, strict=True) if kind]
         if not instances:
             raise objects.nothing_left(warnings)
-        scene, slot_objects = objects.merge(scene, instances, warnings, [k for k in kinds if k])
+        scene, owners = objects.merge(scene, instances, warnings, [k for k in kinds if k])
         instances = list(scene.instances)
     chosen = planner(scene, cache, watch, threads, advance)
     chosen.warnings += warnings
@@ -544,7 +553,9 @@ def make(
         raise objects.nothing_left(chosen.warnings)
     chosen.improve()
     plan = chosen.finish(instances)
-    plan.slot_objects = slot_objects
+    if owners is not None:
+        plan.slot_objects = [owner.object_index for owner in owners]
+        plan.slot_names = [owner.name for owner in owners]
     spent = time.perf_counter() - began
     plan.seconds["plan"] = spent - plan.seconds["voxelize"] - plan.seconds["structure"]
     return plan
