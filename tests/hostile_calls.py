@@ -382,6 +382,9 @@ def render(s: Source):
     more["passes"] = [s.name(leapray.PASSES) for _ in range(s.rng.integers(5))]
     if not s.mostly(0.9):
         more["workspace"] = np.empty(s.one((0, 1, 100, 5000)), np.uint8)
+    if s.chance(0.1):
+        more["record"] = leapray.Record(s.one((0, 1, 50)))
+        size = (1, 1) if s.mostly(0.9) else size
     frame = scene.render_tile(*place, *size, **more)
     for name, pixels in frame.items():
         check(pixels.shape[:2] == (size[1], size[0]), name)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,8 @@ import leapray
 from addon import cli, model, pipeline, pixel_report
 from addon.blender import engine
 
-SAMPLES = Path(__file__).resolve().parents[2] / "blend_samples"
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLES = ROOT / "blend_samples"
 WORDS = ("--percentage", "8", "--samples", "3")
 
 
@@ -240,3 +242,29 @@ def test_every_view_layer_is_told(cube, capsys):
     assert "View layer ViewLayer\n" in text and "View layer Other\n" in text
     data = json.loads(Path("told.json").read_text())
     assert data["frame"] == 3 and set(data["view_layers"]) == {"ViewLayer", "Other"}
+
+
+# ---- the page --------------------------------------------------------------------
+
+PAGE = ROOT / "docs" / "wrong-pixel.md"
+EXAMPLES = re.findall(
+    r"```\npython3 build.py (render blend_samples/[^\n]*)\n```\n\n```\n(.*?)```",
+    PAGE.read_text(encoding="utf-8"),
+    re.S,
+)
+
+
+@pytest.mark.parametrize(("command", "shown"), EXAMPLES)
+def test_the_worked_example_prints_what_the_page_says(command, shown, capsys, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    assert cli.main(command.split()) == 0
+    printed = capsys.readouterr().out
+    at = 0
+    for part in shown.split("...\n"):
+        found = printed.find(part, at)
+        assert found >= 0, f"not printed: {part}"
+        at = found + len(part)
+
+
+def test_the_page_has_its_examples():
+    assert len(EXAMPLES) == 2
