@@ -40,7 +40,7 @@ class Texture:
     program: makes linear RGB of what is looked up, of pixels as they are, with alpha
     where they have a fourth channel, uint8 as 0..1; pixels of None are the colours of the
     mesh's corners. points_only: no smaller versions, for what is looked up at points alone.
-    Raises LeapRayError, Stopped.
+    Raises LeapRayError for other shapes and names, Stopped when watch was told to stop.
     Source: Williams 1983 (pyramid).
     """
 
@@ -87,6 +87,7 @@ class Texture:
         """Colours (n, 3) at uvs (n, 2), averaged over footprints (n, 3); None: at points.
 
         A footprint is the long axis (x, y) of an ellipse and its width across it, in texels.
+        Raises LeapRayError for other shapes.
         """
         where = np.ascontiguousarray(uvs, dtype=np.float32)
         if where.ndim != 2 or where.shape[1] != 2:

@@ -78,6 +78,7 @@ def first_cells(
 ) -> FirstCells:
     """The first object cells behind an orthographic camera's pixels, in object space.
 
+    clearance: of the volume; camera: in pixels of an image of that width and height.
     The same as `trace` with mode="binary" for a ray through every pixel's centre; but around
     a ray that misses, skip="safe" leaves out the pixels that are sure to miss too. "none"
     traces all; "paper" skips as far as the least radius of the ray's samples, as published,

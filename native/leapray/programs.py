@@ -36,15 +36,18 @@ KINDS = {
 
 
 class Table:
-    """Values (n,) at 0..1, n >= 2; kind says what lies between and beyond: "linear" between,
-    its ends beyond; "constant", the value before; "extrapolate", linear throughout."""
+    """A curve through n points at equal distances on 0..1.
+
+    values: (n,), n >= 2. kind says what lies between and beyond: "linear" between,
+    its ends beyond; "constant", the value before; "extrapolate", linear throughout.
+    """
 
     def __init__(self, values: ArrayLike, kind: str = "linear") -> None:
         self.values = np.ascontiguousarray(values, np.float32)
         self.kind = KINDS[kind]
 
     def at(self, x: Value) -> Value:
-        """The value at x."""
+        """The value at x, 0..1; a Step where x is one."""
         step = Step(TABLE, (x,), self)
         if isinstance(x, Step):
             return step
@@ -52,7 +55,11 @@ class Table:
 
 
 class Step:
-    """One operation on values, or one of the four inputs (operation -1)."""
+    """One operation on values, or one of the four inputs (operation -1).
+
+    operation: its number in the core. arguments: one to three values. table: what the operation
+    of looking up takes beside.
+    """
 
     __slots__ = ("arguments", "operation", "table")
 
@@ -68,7 +75,11 @@ INPUTS = tuple(Step(-1, (float(channel),)) for channel in range(4))  # red, gree
 
 
 def operate(name: str, *arguments: Value) -> Value:
-    """The operation of that name, as in OPERATIONS, on one to three values."""
+    """The operation of that name, as in OPERATIONS, on one to three values, its arguments.
+
+    name: as Blender's Math node has it, in lower case. A number where all arguments are numbers,
+    else a Step.
+    """
     operation = OPERATIONS[name]
     if any(isinstance(each, Step) for each in arguments):
         return Step(operation, arguments)
@@ -76,7 +87,11 @@ def operate(name: str, *arguments: Value) -> Value:
 
 
 class Program:
-    """What becomes of an image's colour; made by compile_program, kept by textures."""
+    """What becomes of an image's colour; made by compile_program, kept by textures.
+
+    instructions: (n, 5), as lr_instruction; constants: numbers that these name; tables: curves
+    that they look up; outputs: three operands. leapray.h says what each number means.
+    """
 
     def __init__(
         self,
@@ -114,7 +129,10 @@ class Program:
         return b"|".join((repr(self._outputs).encode(), *(array.tobytes() for array in arrays)))
 
     def run(self, inputs: ArrayLike) -> NDArray[np.float32]:
-        """(n, 3) of colours with alpha (n, 4). Raises LeapRayError."""
+        """Linear RGB (n, 3) of inputs (n, 4), colours with alpha.
+
+        Raises LeapRayError for other shapes.
+        """
         colors = np.ascontiguousarray(inputs, np.float32)
         if colors.ndim != 2 or colors.shape[1] != 4:
             raise LeapRayError(f"inputs must have the shape (n, 4); it is {colors.shape}")
@@ -131,7 +149,9 @@ class Program:
         return made
 
     def paint(self, colors: ArrayLike) -> NDArray[np.float32]:
-        """(..., 3) of colours with alpha (..., 4)."""
+        """Linear RGB, (height, width, 3), of colors (height, width, 4), with alpha; or any other
+        shape whose last side is 4. Raises LeapRayError for others.
+        """
         whole = np.asarray(colors, np.float32)
         return self.run(whole.reshape(-1, 4)).reshape(*whole.shape[:-1], 3)
 
@@ -213,7 +233,8 @@ def numbers_of(outputs: Iterable[Value]) -> list[float]:
 def compile_program(
     outputs: tuple[Value, Value, Value], inputs: Sequence[Step] = INPUTS
 ) -> Program:
-    """The program that makes three values. inputs: what the channels of its colours are.
+    """The program that makes three values, its outputs. inputs: what the channels of its colours
+    are.
 
     Raises LeapRayError where it holds too many.
     """

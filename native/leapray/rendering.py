@@ -156,7 +156,7 @@ class Material:
 
     @classmethod
     def diffuse(cls, color: ArrayLike) -> Material:
-        """A Lambertian surface of that reflectance."""
+        """A Lambertian surface of that reflectance. color: (3,), linear RGB."""
         return cls((Lobe("diffuse", color),))
 
 
@@ -228,11 +228,12 @@ class Record:
 class Scene:
     """Everything that a tile needs, checked and under one hierarchy; tiles may run on any threads.
 
-    camera, lights and materials are of the classes above, or have attributes of
-    the same names. slots are indices into materials; slot_objects, one per slot,
-    replaces the object index of the hits with that slot. mist: start, depth and
-    Blender's falloff of the Mist pass. nested: solids in each other or side by side bend light
-    by the ratio of their indices; else each surface by its own index, as in Cycles.
+    camera, instances, lights, materials and world are of the classes above, or have
+    attributes of the same names. slots are indices into materials; slot_objects, (n,) for n
+    slots, replaces the object index of the hits with that slot. film_transparent: the camera
+    sees alpha in place of the world. mist: start, depth and Blender's falloff of the Mist pass.
+    nested: solids in each other or side by side bend light by the ratio of their indices; else
+    each surface by its own index, as in Cycles.
     Structures are kept alive.
     Raises LeapRayError with a sentence that names the culprit.
     """
@@ -287,7 +288,8 @@ class Scene:
         return f"<Scene of {self._told}>"
 
     def workspace(self, width: int, height: int, branches: int = 4) -> NDArray[np.uint8]:
-        """Working memory for tiles of up to that size; one per thread, to be used again."""
+        """Working memory (n,) for tiles of up to width x height pixels; one per thread, to be used
+        again. branches: as of the tiles. Raises LeapRayError for what are no whole numbers."""
         sides = numbers((width, height, branches), np.int32, "width, height and branches").tolist()
         return np.empty(lib.lr_render_nbytes(self.handle, *sides), np.uint8)
 
@@ -310,10 +312,12 @@ class Scene:
     ) -> dict[str, NDArray[np.float32]]:
         """The passes of the width x height pixels from (x, y) on; rows from below.
 
+        samples: per pixel; where there is a noise threshold, at most. seed: of the random numbers.
         options: hit_test, root and normal, as of `trace`. sampling: see SAMPLING.
         passes: names, or the arrays to fill, float32 (height, width, channels), in
-        rows without gaps; Combined always comes along. counters is added to. record: of
-        a tile of one pixel, takes what happens on its paths.
+        rows without gaps; Combined always comes along. workspace: (n,), of the method of that
+        name; made where None. counters is added to. record: of a tile of one pixel, takes what
+        happens on its paths.
         Raises LeapRayError, Stopped where the watch says so.
         """
         given = passes if isinstance(passes, Mapping) else dict.fromkeys(passes)

@@ -75,7 +75,10 @@ class Traverser:
 
 
 def traversers() -> list[Traverser]:
-    """All traversers that the core has, in the registry's order, with their default options."""
+    """All traversers that the core has, in the registry's order, with their default options.
+
+    Raises LeapRayError only where core and package do not belong together.
+    """
     found = []
     for index in range(lib.lr_traverser_count()):
         entry, error = _abi.lr_traverser(), _abi.lr_error()
@@ -135,7 +138,7 @@ def _about(entry: Traverser, chosen: tuple[str, ...]) -> str:
 
 
 def traverser(spec: str | None = None) -> Traverser:
-    """The traverser that "name" or "name:option=choice,..." asks for; the default one without.
+    """The traverser that spec, "name" or "name:option=choice,...", asks for; None: the default.
 
     Raises LeapRayError that lists what there is.
     """
@@ -160,6 +163,7 @@ def traverser(spec: str | None = None) -> Traverser:
 class Structure:
     """What a traverser needs beside the volume, which it keeps alive; `build` makes it.
 
+    volume: whose it is; entry: the traverser with its options; handle: the core's.
     Attributes: volume; traverser, with its options; nbytes, without the volume.
     """
 
@@ -228,7 +232,11 @@ class Hits:
 def trace_options(
     *, mode="surface", hit_test="extrema", root="newton", normal="central", step=1.0
 ) -> _abi.lr_trace_options:
-    """The C options that these names stand for. Raises LeapRayError that lists the names."""
+    """The C options that these names stand for.
+
+    mode, hit_test, root and normal are of MODES, HIT_TESTS, ROOTS and NORMALS; step: of the uniform
+    hit test, in voxels. Raises LeapRayError that lists the names.
+    """
     return _abi.lr_trace_options(
         mode=choice(MODES, mode, "mode"),
         hit_test=choice(HIT_TESTS, hit_test, "hit test"),
@@ -255,16 +263,16 @@ def trace(
     count: bool = True,
     watch: Watch | None = None,
 ) -> Hits:
-    """Trace rays P = origin + t direction, both (n, 3) in object space.
+    """Trace rays P = origin + t direction, both in object space.
 
-    Directions need not be unit; rays without direction or with a NaN or an
-    infinity miss. t_min (default 0) and t_max (default infinity): a number or
-    one per ray. mode "surface" finds the first crossing of f = T in either
-    direction, "binary" the first object cell. step: of the uniform hit test, in
-    voxels. start: cells (n, 3) and sides (n,)
-    of rays that leave a surface: side -1 where f < T, +1 where f >= T, 0 unknown.
-    count: fill counters and steps. Raises LeapRayError for shapes and unknown names,
-    Stopped when watch was told to stop.
+    structure: of the volume to trace; origins, directions: (n, 3). Directions need not be
+    unit; rays without direction or with a NaN or an infinity miss. t_min (default 0) and
+    t_max (default infinity): a number or (n,). mode "surface" finds the first crossing of
+    f = T in either direction, "binary" the first object cell. hit_test, root, normal: names
+    of HIT_TESTS, ROOTS and NORMALS. step: of the uniform hit test, in voxels. start: cells
+    (n, 3) and sides (n,) of rays that leave a surface: side -1 where f < T, +1 where f >= T,
+    0 unknown. threads (0: all cores) change no bit. count: fill counters and steps. Raises
+    LeapRayError for shapes and unknown names, Stopped when watch was told to stop.
     """
     check_threads(threads)
     o, d = columns(origins, "origins"), columns(directions, "directions")
@@ -316,7 +324,7 @@ def trace(
 
 
 def add_counters(parts: list[_abi.lr_counters]) -> dict[str, int]:
-    """Totals of rays, cells, jumps, nodes, tests, ..., and of most_cells the largest."""
+    """Of the counters in parts the totals: rays, cells, jumps, ...; of most_cells the largest."""
     return {
         name: (max if name == "most_cells" else sum)([0, *(getattr(part, name) for part in parts)])
         for name, _ in _abi.lr_counters._fields_

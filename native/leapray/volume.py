@@ -55,8 +55,8 @@ class Volume:
     lies at index coordinates (i, j, k); identity by default. sheet: the surface
     has no inside and is valid only in cells where touched (same shape as
     samples; the cell whose lowest corner is the sample) is true; everywhere by
-    default. planes: where the planes of samples lie along x, y and z, increasing,
-    in place of 0, 1, 2, ...; object_from_index is applied to these. Such a
+    default. planes: where those of samples lie along x (nx,), y (ny,) and z (nz,),
+    increasing, in place of 0, 1, 2, ...; object_from_index is applied to these. Such a
     rectilinear volume is for traversers with `uneven` set; scenes do not take it.
     Outside the lattice all samples are 0.
     Raises LeapRayError for anything else, OutOfMemory where there is no room.
@@ -96,7 +96,8 @@ class Volume:
     def from_handle(cls, handle, mesh_info=None, textures: tuple = ()) -> Volume:
         """A finished volume that the core made; owns the handle from now on.
 
-        textures: those that its faces look up, kept as long as the volume.
+        mesh_info: of the mesh that it was voxelized from. textures: those that its faces look up,
+        kept as long as the volume.
         """
         volume = cls.__new__(cls)
         volume._adopt(handle, mesh_info)
@@ -105,11 +106,11 @@ class Volume:
 
     @classmethod
     def unpack(cls, data: bytes | NDArray[np.uint8], *, watch: Watch | None = None) -> Volume:
-        """The volume that `pack` made these bytes of, the same to the bit; without mesh_info
+        """The volume that `pack` made data (n,) of, the same to the bit; without mesh_info
         and textures, see `bind`.
 
         Raises LeapRayError for bytes that this version cannot have made, whatever they
-        are; OutOfMemory, Stopped.
+        are; OutOfMemory; Stopped when watch was told to stop.
         """
         held = np.frombuffer(data, np.uint8)
         handle = ctypes.POINTER(_abi.lr_volume)()
@@ -128,9 +129,9 @@ class Volume:
         self.textures = tuple(textures)
 
     def pack(self, *, watch: Watch | None = None) -> NDArray[np.uint8]:
-        """All that the volume holds, as bytes for a file, but for mesh_info.
+        """All that the volume holds, as bytes (n,) for a file, but for mesh_info.
 
-        Raises LeapRayError for a rectilinear volume; Stopped.
+        Raises LeapRayError for a rectilinear volume, Stopped when watch was told to stop.
         """
         data = np.empty(lib.lr_volume_packed_nbytes(self.handle), np.uint8)
         call(lib.lr_volume_pack, self.handle, pointer(data, ctypes.c_uint8), data.size, watch=watch)
@@ -186,7 +187,8 @@ class Volume:
         gain: how many times as steep occupancy becomes, as far as 0..1 reaches; it
         spends the 255 steps near the surface. No sample changes sides of the
         threshold: cells, ids, triangles and attributes stay what they are. Raises
-        LeapRayError for a volume that is u8 already, Stopped: then it is of no use any more.
+        LeapRayError for a volume that is u8 already, Stopped when watch was told to stop: then it
+        is of no use any more.
         """
         call(lib.lr_volume_narrow, self.handle, gain, watch=watch)
         self.info = self._read_info(self.info.planes)
@@ -210,28 +212,31 @@ class Volume:
         return block
 
     def read(self, origin=(0, 0, 0), size=None) -> NDArray:
-        """A block of samples, size in x, y, z order (default: all), as (nz, ny, nx).
+        """A block of samples, as (nz, ny, nx).
 
-        It may reach beyond the lattice, where samples are 0.
+        origin: its first sample; size: samples per axis, both in x, y, z order; size None: all.
+        It may reach beyond the lattice, where samples are 0. Raises LeapRayError for what are
+        no three whole numbers.
         """
         return self._get(origin, size, SAMPLE_TYPES[self.info.dtype][1], "samples")
 
     def read_ids(self, origin=(0, 0, 0), size=None) -> NDArray[np.uint16]:
-        """The ids of a block of samples, as `read`; 0 without ids."""
+        """The ids of a block of samples; 0 without ids. origin, size: as for `read`."""
         return self._get(origin, size, np.uint16, "ids")
 
     def read_surface(self, origin=(0, 0, 0), size=None) -> NDArray[np.bool_]:
-        """Which cells of a block are surface cells, as `read`; cell and lowest sample agree."""
+        """Which cells of a block are surface cells; origin, size: as for `read`, of their lowest
+        samples."""
         return self._get(origin, size, np.uint8, "surface").astype(bool)
 
     def read_exact(self, origin=(0, 0, 0), size=None) -> NDArray[np.bool_]:
-        """Which cells of a block keep their triangles, as `read_surface`."""
+        """Which cells of a block keep their triangles; origin, size: as for `read_surface`."""
         return self._get(origin, size, np.uint8, "surface") == 2
 
     def bricks(self) -> tuple[NDArray[np.int32], int]:
         """Origins (n, 3) of all bricks of 8^3 samples that are not 0, and how many are stored.
 
-        The stored ones come first; all samples of the others are 1.
+        The stored ones come first; all samples of the others are 1. Raises LeapRayError.
         """
         count = self.info.n_bricks + self.info.n_full
         origins = np.empty((count, 3), np.int32)
@@ -249,7 +254,8 @@ class Volume:
 
         Points and gradient are in object space, values in 0..1; 0 outside the lattice.
         ids (n,): of a merged volume, whose object's own field; None: of the largest samples.
-        gain above 0: of the field that `narrow(gain)` would leave.
+        gain above 0: of the field that `narrow(gain)` would leave. Raises LeapRayError for other
+        shapes and unknown ids.
         """
         where = _points(points)
         ids = _ids(ids, len(where))
@@ -275,7 +281,7 @@ class Volume:
 
         points: (n, 3), object space; ids: (n,), those of the hits that ask (None: 0).
         width: of the surface, in voxels, that textures are averaged over.
-        NaN where the volume carries none.
+        NaN where the volume carries none. Raises LeapRayError for other shapes and unknown ids.
         """
         where = _points(points)
         ids = _ids(ids, len(where))
@@ -300,7 +306,7 @@ class Volume:
         """Unit shading normals (n, 3), outward, that hits at points (n, 3) would have.
 
         points: of the surface, in object space; ids as for `sample`. normal: as for
-        `trace`. NaN where the field vanishes. Raises LeapRayError.
+        `trace`. NaN where the field vanishes. Raises LeapRayError for other shapes and names.
         """
         where = _points(points)
         ids = _ids(ids, len(where))
@@ -319,7 +325,10 @@ class Volume:
         return found
 
     def exact_at(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Whether points (n, 3) in object space lie in cells that keep their triangles."""
+        """Whether points (n, 3) in object space lie in cells that keep their triangles, (n,).
+
+        Raises LeapRayError for other shapes.
+        """
         where = _points(points)
         exact = np.empty(len(where), np.uint8)
         error = _abi.lr_error()
@@ -342,7 +351,7 @@ def merge(volumes: Sequence[Volume], *, watch: Watch | None = None) -> Volume:
     apart. Where objects meet a sample holds the two of largest occupancy;
     info.n_dropped counts what a third one lost. A ray tests every object's own
     field, the nearest hit wins, of equal ones that of the lower object.
-    Raises LeapRayError, OutOfMemory, Stopped.
+    Raises LeapRayError, OutOfMemory; Stopped when watch was told to stop.
     """
     handles = (ctypes.POINTER(_abi.lr_volume) * max(len(volumes), 1))(
         *(volume.handle for volume in volumes)
@@ -357,8 +366,8 @@ def merge(volumes: Sequence[Volume], *, watch: Watch | None = None) -> Volume:
 class VolumeBuilder:
     """An empty volume that is filled block by block; `finish` makes the Volume.
 
-    size: samples per axis in x, y, z order; dtype: "u8", "u16" or "f32"; the
-    rest as for Volume. Raises LeapRayError.
+    size: samples per axis in x, y, z order; dtype: "u8", "u16" or "f32"; has_ids: blocks will
+    have ids; threshold, object_from_index (4, 4) and sheet as for `Volume`. Raises LeapRayError.
     """
 
     def __init__(
@@ -389,7 +398,11 @@ class VolumeBuilder:
         return f"<VolumeBuilder of {' x '.join(map(str, self._size))} samples, {state}>"
 
     def place(self, planes) -> tuple[NDArray[np.float64], ...]:
-        """Make the volume rectilinear; returns the planes (x, y, z) as they are taken."""
+        """Make the volume rectilinear; returns the planes (x, y, z) as they are taken.
+
+        planes: where the samples lie along x (nx,), y (ny,) and z (nz,); increasing. Raises
+        LeapRayError for others.
+        """
         taken = tuple(np.array(axis, dtype=np.float64) for axis in planes)
         shapes = [axis.shape for axis in taken]
         if shapes != [(n,) for n in self._size]:
@@ -403,7 +416,11 @@ class VolumeBuilder:
         return taken
 
     def put(self, origin, samples: NDArray, ids=None, touched=None) -> None:
-        """Write a block (nz, ny, nx) of samples, ids and touched cells from origin (x, y, z) on."""
+        """Write a block of samples (nz, ny, nx), from the sample origin (x, y, z) on.
+
+        ids and touched cells: as for `Volume`, of the same shape. Blocks must not overlap. Raises
+        LeapRayError for blocks beyond the lattice and other shapes.
+        """
         block = np.ascontiguousarray(samples, dtype=self._dtype)
         if ids is not None:
             ids = _same_shape(ids, block.shape, np.uint16, "ids")
@@ -422,7 +439,7 @@ class VolumeBuilder:
         check(status, error)
 
     def release(self):
-        """Finish, and give the handle away."""
+        """Finish, and give the handle away. Raises LeapRayError for a builder that is spent."""
         call(lib.lr_volume_finish, self._own())
         self._free.detach()
         return self._handle

@@ -117,7 +117,7 @@ def voxelize(
     """The occupancy volume of a mesh, its lattice on multiples of voxel_size.
 
     vertices: (n, 3), finite, in object space; triangles: (m, 3) vertex numbers,
-    counter-clockwise from outside; ids: one per triangle, 0..65535, or None;
+    counter-clockwise from outside; ids: (m,), 0..65535, or None;
     samples near the surface take that of the nearest triangle. attributes: colours
     and smooth normals that hits take from the triangles they lie on, which the volume
     keeps, as long as samples at the surface name them; textures stay as sharp as they are.
@@ -225,9 +225,11 @@ def mesh_layers(
 ) -> NDArray[np.int32]:
     """A layer number (m,) for every triangle: what one volume cannot hold is told apart.
 
+    vertices: (n, 3) and triangles: (m, 3), as for `voxelize`; margin: in object space.
     Islands, connected through edges of two triangles of one winding, keep margin
     between their boxes within a layer; open and closed ones never share one.
-    Layers are numbered from 0. Raises LeapRayError, as voxelize; Stopped.
+    Layers are numbered from 0. Raises LeapRayError, as voxelize; Stopped when watch was told to
+    stop.
     """
     points, corners, _ = _mesh_arrays(vertices, triangles, None)
     mesh = _abi.lr_mesh(
@@ -256,11 +258,12 @@ def mesh_edges(
 ) -> tuple[NDArray[np.uint32], int]:
     """Edges at which triangles turn by more than an angle, and how many edges have one triangle.
 
+    vertices: (n, 3) and triangles: (m, 3), as for `voxelize`.
     Returns (n, 2) pairs of half-edges (3 t + e runs from corner e of triangle t to the next): of
     every edge the first two, if the cosine between the normals of their triangles is below the
     given one; triangles without area never turn. weld: an edge is told by its places, else
     by its vertices' numbers. unit: coordinates are divided by it, in f32.
-    Raises LeapRayError, as voxelize; Stopped.
+    Raises LeapRayError, as voxelize; Stopped when watch was told to stop.
     """
     points, corners, _ = _mesh_arrays(vertices, triangles, None)
     mesh = _abi.lr_mesh(
