@@ -12,7 +12,8 @@
  * any number of threads; calls that change it need it alone, but for
  * lr_voxelize_part, whose parts may run side by side. A function that returns
  * lr_status writes one sentence into *error when it fails (error may be NULL)
- * and makes no handle; arrays that it was filling are then undefined. The header
+ * and makes no handle; arrays that it was filling are then undefined. LR_E_STOPPED comes
+ * only of a call whose watch says stop. The header
  * is kept plain: the ctypes declarations in leapray/_abi.py are generated from it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -77,10 +78,10 @@ typedef struct lr_volume_desc {
 } lr_volume_desc;
 
 typedef struct lr_volume_info {
-    lr_volume_desc desc;
-    uint64_t n_bricks; /* bricks of 8^3 samples that are stored */
-    uint64_t n_full;   /* bricks that are 1 throughout and not stored */
-    uint64_t n_surface_cells;
+    lr_volume_desc desc;            /* as it was given */
+    uint64_t n_bricks;              /* bricks of 8^3 samples that are stored */
+    uint64_t n_full;                /* bricks that are 1 throughout and not stored */
+    uint64_t n_surface_cells;       /* what rays are tested in */
     uint64_t n_triangle_cells;      /* of those, the ones that keep their triangles */
     uint64_t n_cell_triangles;      /* on the lists of all those cells */
     uint64_t nbytes;                /* memory held by the volume, */
@@ -95,14 +96,18 @@ typedef struct lr_volume_info {
 } lr_volume_info;
 
 /* Make an empty volume (all samples 0), fill it by lr_volume_put, then call
- * lr_volume_finish, which classifies the cells; only then may it be used. */
+ * lr_volume_finish, which classifies the cells; only then may it be used. desc is copied; *volume
+ * is the caller's, to be given to lr_volume_free. LR_E_ARGUMENT for a desc out of range, LR_E_SIZE
+ * for more samples than a volume holds, LR_E_MEMORY. */
 LR_API lr_status lr_volume_begin(const lr_volume_desc *desc, lr_volume **volume, lr_error *error);
 
 /* Write a block of size[0] x size[1] x size[2] samples whose first sample is
  * origin; x varies fastest. samples has desc.sample_type and must be finite;
  * ids (one per sample) may be NULL. touched (one byte per cell, the cell whose
  * lowest corner is the sample) says where a sheet is valid; NULL: everywhere;
- * ignored for solids. Blocks may come in any order and must not overlap. */
+ * ignored for solids. Blocks may come in any order and must not overlap. LR_E_ARGUMENT for one
+ * beyond the lattice, for a sample that is not finite, and after lr_volume_finish; LR_E_SIZE,
+ * LR_E_MEMORY. */
 LR_API lr_status lr_volume_put(lr_volume *volume, const int32_t origin[3], const int32_t size[3],
                                const void *samples, const uint16_t *ids, const uint8_t *touched,
                                lr_error *error);
@@ -112,17 +117,22 @@ LR_API lr_status lr_volume_put(lr_volume *volume, const int32_t origin[3], const
  * virtual layers around the lattice lie as far off as the outermost two planes are apart
  * (1 where there is one). Not after lr_volume_finish. Gradients and hits are those of the
  * field that is trilinear in each cell. Only traversers that say so take it, and no
- * scene. */
+ * scene. LR_E_ARGUMENT for planes that do not increase, LR_E_MEMORY. */
 LR_API lr_status lr_volume_set_planes(lr_volume *volume, const double *x, const double *y,
                                       const double *z, lr_error *error);
+
+/* Classify the cells: LR_E_MEMORY, LR_E_STOPPED; the volume may only be freed then. */
 LR_API lr_status lr_volume_finish(lr_volume *volume, const lr_watch *watch, lr_error *error);
 LR_API void lr_volume_free(lr_volume *volume); /* NULL is fine */
 
+/* Fill *info, at any time; counts are those of a finished volume. */
 LR_API void lr_volume_get_info(const lr_volume *volume, lr_volume_info *info);
 
 /* Read a block back, the inverse of lr_volume_put; it may reach beyond the
  * lattice, where samples are 0. surface[cell] is 1 on surface cells, 2 on those
- * that are exact. Any of the outputs may be NULL. */
+ * that are exact. The block begins at origin and has size samples along x, y, z; samples, ids and
+ * surface, one for each, may be NULL. LR_E_ARGUMENT for a block that lies too far from the lattice.
+ */
 LR_API lr_status lr_volume_get(const lr_volume *volume, const int32_t origin[3],
                                const int32_t size[3], void *samples, uint16_t *ids,
                                uint8_t *surface, lr_error *error);
@@ -130,15 +140,15 @@ LR_API lr_status lr_volume_get(const lr_volume *volume, const int32_t origin[3],
 /* The first samples of all bricks that are not 0 throughout:
  * origins[n_bricks + n_full][3], the stored ones first, then those whose
  * samples are all 1 and take no memory. A brick can reach beyond the lattice on
- * every side. n is the room in origins. */
+ * every side. n is the room in origins: LR_E_SIZE where it does not suffice. */
 LR_API lr_status lr_volume_get_bricks(const lr_volume *volume, int32_t *origins, uint64_t n,
                                       lr_error *error);
 
 /* All that a finished volume holds as bytes, for files: lr_volume_pack writes the
  * lr_volume_packed_nbytes of them (0: rectilinear volumes have none), lr_volume_unpack makes
  * a volume that is the same to the bit, without textures. Bytes of any origin are safe:
- * LR_E_ARGUMENT or LR_E_SIZE for those that lr_volume_pack of this version cannot have written.
- * Little-endian. */
+ * LR_E_ARGUMENT or LR_E_SIZE for those that lr_volume_pack of this version cannot have written,
+ * and for less room than nbytes should be; LR_E_MEMORY, LR_E_STOPPED. Little-endian. */
 LR_API uint64_t lr_volume_packed_nbytes(const lr_volume *volume);
 LR_API lr_status lr_volume_pack(const lr_volume *volume, uint8_t *bytes, uint64_t nbytes,
                                 const lr_watch *watch, lr_error *error);
@@ -149,29 +159,31 @@ LR_API lr_status lr_volume_unpack(const uint8_t *bytes, uint64_t nbytes, const l
  * points[n][3], value[n] (0..1), gradient[n][3] (per unit of object space);
  * either output may be NULL. Outside the lattice the field is 0. ids: of a merged
  * volume, whose object's own field; NULL: of the largest samples. gain: 0, or what
- * lr_volume_narrow were to be called with: the field that it would leave. */
+ * lr_volume_narrow were to be called with: the field that it would leave. LR_E_ARGUMENT for a
+ * volume that is not finished, as of all that follow. */
 LR_API lr_status lr_volume_sample(const lr_volume *volume, const double *points,
                                   const uint16_t *ids, uint64_t n, double gain, double *value,
                                   double *gradient, lr_error *error);
 
 /* Make the samples u8, in place, and occupancy gain times as steep at the threshold, as
  * far as 0..1 reaches. No sample changes sides, so that cells stay what they are. Before
- * a structure is built. LR_E_ARGUMENT for a volume that is u8 or not finished; one that
- * was stopped may only be freed. */
+ * a structure is built. LR_E_ARGUMENT for a volume that is u8 and for a gain beyond 0..256;
+ * LR_E_MEMORY; after LR_E_STOPPED it may only be freed. */
 LR_API lr_status lr_volume_narrow(lr_volume *volume, double gain, const lr_watch *watch,
                                   lr_error *error);
 
 /* Colours and shading normals at n points near the surface, in object space, as hits
  * of the given ids see them (NULL: 0): points[n][3], colors[n][3] (linear RGB),
  * normals[n][3] (unit); NaN where the volume carries none. Either output may be NULL.
- * Textures are averaged over `width` of the surface, in voxels; 0: not at all. */
+ * Textures are averaged over `width` of the surface, in voxels; 0: not at all. LR_E_ARGUMENT for a
+ * negative width. */
 LR_API lr_status lr_volume_attributes(const lr_volume *volume, const double *points,
                                       const uint16_t *ids, uint64_t n, double width, double *colors,
                                       double *normals, lr_error *error);
 
 /* The shading normals that hits at n points of the surface would have, in object space,
  * outward: points[n][3], ids as above, normals[n][3]; NaN where the field vanishes.
- * normal: lr_normal. */
+ * normal: lr_normal; LR_E_ARGUMENT for another, and for a rectilinear volume. */
 LR_API lr_status lr_volume_normals(const lr_volume *volume, const double *points,
                                    const uint16_t *ids, uint64_t n, int32_t normal, double *normals,
                                    lr_error *error);
@@ -179,7 +191,9 @@ LR_API lr_status lr_volume_normals(const lr_volume *volume, const double *points
 /* One volume of n solids, which keep their ids, none in two of them; the number of a
  * part is its object. Their voxels agree, their lattices are a whole number of voxels
  * apart, none has triangle cells. Where objects meet a sample holds two, and each object is
- * hit by its own field; the nearest hit wins, of equal ones that of the lower object. */
+ * hit by its own field; the nearest hit wins, of equal ones that of the lower object. volumes are
+ * only read. LR_E_ARGUMENT for volumes that do not go together, LR_E_SIZE, LR_E_MEMORY,
+ * LR_E_STOPPED. */
 LR_API lr_status lr_volume_merge(const lr_volume *const *volumes, uint64_t n, const lr_watch *watch,
                                  lr_volume **volume, lr_error *error);
 
@@ -248,19 +262,19 @@ typedef enum lr_program_size { LR_PROGRAM_REGISTERS = 256 } lr_program_size;
 
 typedef struct lr_instruction {
     uint16_t operation, to; /* lr_operation, a register */
-    uint16_t a, b, c;
+    uint16_t a, b, c;       /* operands; of LR_OP_TABLE b is the number of a table */
 } lr_instruction;
 
 /* What shader nodes make of an image's colour. Registers 0..3 hold the colour and its alpha
  * before the first instruction; none of the others is read before it is written. */
 typedef struct lr_program {
-    const lr_instruction *instructions;
+    const lr_instruction *instructions; /* [n_instructions], run in order */
     uint64_t n_instructions;
-    const float *constants;
+    const float *constants; /* [n_constants]: operand LR_PROGRAM_REGISTERS + k is constant k */
     uint64_t n_constants;
-    const lr_table *tables;
+    const lr_table *tables; /* [n_tables] */
     uint64_t n_tables;
-    const float *values;
+    const float *values; /* [n_values], of all tables */
     uint64_t n_values;
     uint16_t outputs[3]; /* operands */
     uint16_t reserved;
@@ -269,7 +283,9 @@ typedef struct lr_program {
 /* Of one operation but LR_OP_TABLE; NaN of an unknown one. */
 LR_API float lr_operate(int32_t operation, float a, float b, float c);
 
-/* outputs[n][3] of inputs[n][4] */
+/* outputs[n][3] of inputs[n][4], colours with alpha. LR_E_ARGUMENT for a program that names what
+ * it has not or reads what it has not written, LR_E_SIZE for tables beyond its
+ * values. */
 LR_API lr_status lr_program_run(const lr_program *program, const float *inputs, uint64_t n,
                                 float *outputs, lr_error *error);
 
@@ -297,32 +313,36 @@ typedef struct lr_texture lr_texture;
  * program without pixels makes it of the colours of a mesh's corners, interpolated. Texel
  * (x, y) has its centre at u = (x + 1/2) / width, v = (y + 1/2) / height. */
 typedef struct lr_texture_desc {
-    const void *pixels;        /* NULL: the corners' colours */
-    const lr_program *program; /* must live longer; or NULL */
-    int32_t sample_type, channels;
-    int32_t width, height;
-    int32_t interpolation, extension;
+    const void *pixels;               /* NULL: the corners' colours */
+    const lr_program *program;        /* must live longer; or NULL */
+    int32_t sample_type, channels;    /* lr_sample_type: LR_U8 or LR_F32; 3, or 4 with a program */
+    int32_t width, height;            /* texels */
+    int32_t interpolation, extension; /* lr_interpolation, lr_extension */
     int32_t points_only; /* 1: no smaller versions, as it is looked up at points alone */
     int32_t reserved;
 } lr_texture_desc;
 
+/* The texture that desc describes, to be given to lr_texture_free. LR_E_ARGUMENT for a desc out of
+ * range, LR_E_SIZE for an image with too many texels on a side, LR_E_MEMORY, LR_E_STOPPED. */
 LR_API lr_status lr_texture_new(const lr_texture_desc *desc, const lr_watch *watch,
                                 lr_texture **texture, lr_error *error);
 LR_API void lr_texture_free(lr_texture *texture);             /* NULL is fine */
 LR_API uint64_t lr_texture_nbytes(const lr_texture *texture); /* without the pixels */
 
 /* colors[n][3] at uvs[n][2], averaged over footprints[n][3]: the long axis of an ellipse and
- * its width across, in texels (NULL: at points). */
+ * its width across, in texels (NULL: at points). LR_E_ARGUMENT for a texture of
+ * the corners' colours, and for footprints that are not finite or of negative width. */
 LR_API lr_status lr_texture_sample(const lr_texture *texture, const float *uvs,
                                    const float *footprints, uint64_t n, float *colors,
                                    lr_error *error);
 
 /* Give an unpacked volume its textures, which its surface is white without; they must
- * live as long, and be as many, in the order in which it was made of them. */
+ * live as long, and be as many, in the order in which it was made of them: else LR_E_ARGUMENT. */
 LR_API lr_status lr_volume_bind(lr_volume *volume, const lr_texture *const *textures, uint64_t n,
                                 lr_error *error);
 
-/* exact[i] is 1 where point i of points[n][3], in object space, lies in a triangle cell. */
+/* exact[i] is 1 where point i of points[n][3], in object space, lies in a triangle cell.
+ * LR_E_ARGUMENT for a volume that is not finished. */
 LR_API lr_status lr_volume_exact_at(const lr_volume *volume, const double *points, uint64_t n,
                                     uint8_t *exact, lr_error *error);
 
@@ -338,18 +358,19 @@ typedef enum lr_color_source {
  * hit takes what its own one carries. Colours need color_sources; textures must live as
  * long as the volume. */
 typedef struct lr_attributes {
-    const float *corner_normals;  /* [n_triangles][3][3], outward as the mesh is wound */
-    const float *corner_colors;   /* [n_triangles][3][3], linear RGB */
-    const float *corner_uvs;      /* [n_triangles][3][2] */
-    const int32_t *color_sources; /* [n_triangles], lr_color_source or number of a texture */
-    const lr_texture *const *textures;
+    const float *corner_normals;       /* [n_triangles][3][3], outward as the mesh is wound */
+    const float *corner_colors;        /* [n_triangles][3][3], linear RGB */
+    const float *corner_uvs;           /* [n_triangles][3][2] */
+    const int32_t *color_sources;      /* [n_triangles], lr_color_source or number of a texture */
+    const lr_texture *const *textures; /* [n_textures] */
     uint64_t n_textures;
 } lr_attributes;
 
 typedef struct lr_mesh {
     const double *vertices; /* [n_vertices][3], object space, finite */
     uint64_t n_vertices;
-    const int32_t *triangles; /* [n_triangles][3], counter-clockwise from outside */
+    const int32_t *triangles; /* [n_triangles][3], numbers of vertices, counter-clockwise from
+                                 outside */
     uint64_t n_triangles;
     const uint16_t *ids;             /* one per triangle, or NULL */
     const lr_attributes *attributes; /* or NULL */
@@ -434,8 +455,11 @@ typedef struct lr_voxelizer_info {
 
 /* Check the mesh, whose arrays must live until lr_voxelizer_free. lr_voxelize_next opens the
  * first stage and says how many parts it has; run every part 0..n_parts-1 once, in any order,
- * side by side if wanted, then open the next stage, until it has none: then lr_voxelize_end
- * makes the volume. */
+ * side by side if wanted, then open the next stage, until it has none (*n_parts is 0): then
+ * lr_voxelize_end makes the volume. options are copied. The voxelizer is to be freed in any case;
+ * lr_voxelizer_get_info fills *info at any time. LR_E_ARGUMENT for a mesh or options out of range
+ * and for parts out of turn, LR_E_SIZE for voxels so small that they cannot be numbered,
+ * LR_E_MEMORY, LR_E_STOPPED. */
 LR_API lr_status lr_voxelize_begin(const lr_mesh *mesh, const lr_voxelize_options *options,
                                    const lr_watch *watch, lr_voxelizer **voxelizer,
                                    lr_error *error);
@@ -454,7 +478,8 @@ LR_API void lr_voxelizer_free(lr_voxelizer *voxelizer); /* NULL is fine */
  * connected through edges of two triangles of one winding; closed islands and
  * open ones never share a layer, nor do closed ones of opposite winding, but for
  * a cavity with the island around it. Where many islands overlap, the last layer
- * takes the rest. ids are not read. */
+ * takes the rest. ids of the mesh are not read. LR_E_ARGUMENT for a negative margin or a wrong
+ * mesh, LR_E_MEMORY, LR_E_STOPPED. */
 LR_API lr_status lr_mesh_layers(const lr_mesh *mesh, double margin, const lr_watch *watch,
                                 int32_t *layer, int32_t *n_layers, lr_error *error);
 
@@ -468,7 +493,8 @@ LR_API uint64_t lr_mesh_scratch_nbytes(uint64_t n_vertices, uint64_t n_triangles
  * coordinates that are divided by unit in f32, is below the given one; triangles without area
  * never are. pairs[room][2] takes the first `room` of *n_pairs, edge by edge; *n_border is the
  * number of edges with one half-edge. Half-edges without length are of no edge. ids and
- * attributes are not read. */
+ * attributes of the mesh are not read. LR_E_ARGUMENT for a unit of 0 or a wrong mesh, LR_E_MEMORY,
+ * LR_E_STOPPED. */
 LR_API lr_status lr_mesh_edges(const lr_mesh *mesh, int32_t weld, double unit, double cosine,
                                uint32_t *pairs, uint64_t room, const lr_watch *watch,
                                uint64_t *n_pairs, uint64_t *n_border, lr_error *error);
@@ -485,12 +511,14 @@ typedef enum lr_metric {
 /* dist[nz][ny][nx]: distance from every cell to the nearest one that is nonzero in
  * cells[nz][ny][nx]; 0 on those. By chessboard and city-block uint8_t, in cells; by
  * chamfer uint8_t, in thirds of a cell; these are capped at 255. By Euclid float, in
- * cells, infinity where no cell is nonzero; sides of at most 26754 cells. */
+ * cells, infinity where no cell is nonzero; sides of at most 26754 cells, else LR_E_SIZE.
+ * LR_E_ARGUMENT for an unknown metric or no cells, LR_E_STOPPED. */
 LR_API lr_status lr_distance(const uint8_t *cells, int32_t nx, int32_t ny, int32_t nz,
                              int32_t metric, void *dist, const lr_watch *watch, lr_error *error);
 
-/* The same in steps 0..n_steps-1, one after the other, each of parts 0..n_parts-1 that
- * may run side by side: all of them together fill dist, with the same bits. */
+/* The same in steps 0..*n_steps-1, one after the other, each of parts 0..*n_parts-1 that
+ * may run side by side: all of them together fill dist from cells, with the same bits. As
+ * lr_distance; LR_E_ARGUMENT also for a step or part that there is not. */
 LR_API lr_status lr_distance_parts(int32_t nx, int32_t ny, int32_t nz, int32_t metric, int32_t step,
                                    int32_t *n_steps, int64_t *n_parts, lr_error *error);
 LR_API lr_status lr_distance_part(const uint8_t *cells, int32_t nx, int32_t ny, int32_t nz,
@@ -516,13 +544,17 @@ typedef struct lr_traverser {
     uint32_t flags;      /* lr_traverser_flag */
 } lr_traverser;
 
+/* How many there are, and what is said of each, 0..lr_traverser_count()-1: *traverser is filled
+ * with texts that live as long as the library. LR_E_ARGUMENT for another index. */
 LR_API int32_t lr_traverser_count(void);
 LR_API lr_status lr_traverser_get(int32_t index, lr_traverser *traverser, lr_error *error);
 
 typedef struct lr_structure lr_structure;
 
 /* What the traverser needs beside the volume, which must live longer. choices:
- * for each of its options the number of the choice; NULL: 0 for all. */
+ * for each of its options the number of the choice; NULL: 0 for all. *structure is to be given to
+ * lr_structure_free. LR_E_ARGUMENT for an unknown traverser or choice, and for a volume that is not
+ * finished or that it does not take; LR_E_SIZE, LR_E_MEMORY, LR_E_STOPPED. */
 LR_API lr_status lr_structure_build(const lr_volume *volume, int32_t traverser,
                                     const int32_t *choices, const lr_watch *watch,
                                     lr_structure **structure, lr_error *error);
@@ -571,7 +603,8 @@ typedef struct lr_start {
     int32_t side; /* -1: where f < T; +1: where f >= T; 0: unknown, cell is not read */
 } lr_start;
 
-/* n rays P = o + t d in object space; d need not be unit. A ray with a zero
+/* n rays P = o + t d in object space, o = (ox, oy, oz), d = (dx, dy, dz), an array each; d need
+ * not be unit. A ray with a zero
  * or non-finite component where none is allowed (d = 0, NaN, infinity) misses. */
 typedef struct lr_rays {
     const double *ox, *oy, *oz;
@@ -595,18 +628,19 @@ typedef struct lr_hits {
 } lr_hits;
 
 typedef struct lr_counters {
-    uint64_t rays;
-    uint64_t cells;   /* cells in which a ray stood */
-    uint64_t jumps;   /* steps over more than one cell */
-    uint64_t nodes;   /* nodes of a tree that were looked at on the way down, up and past them */
-    uint64_t tests;   /* cells in which the surface was searched */
-    uint64_t samples; /* evaluations of f */
-    uint64_t hits;
+    uint64_t rays;       /* that were traced */
+    uint64_t cells;      /* cells in which a ray stood */
+    uint64_t jumps;      /* steps over more than one cell */
+    uint64_t nodes;      /* nodes of a tree that were looked at on the way down, up and past them */
+    uint64_t tests;      /* cells in which the surface was searched */
+    uint64_t samples;    /* evaluations of f */
+    uint64_t hits;       /* rays that hit */
     uint64_t most_cells; /* in which a single ray stood: the largest, not a sum */
     uint64_t forgotten;  /* times that a ray was in more solids than it can keep in mind */
 } lr_counters;
 
-/* counters is added to; NULL costs nothing. */
+/* Trace n rays into the arrays of hits. counters is added to; NULL costs nothing. LR_E_ARGUMENT for
+ * options out of range or that the volume does not take, LR_E_STOPPED. */
 LR_API lr_status lr_trace(const lr_structure *structure, const lr_rays *rays, uint64_t n,
                           const lr_trace_options *options, const lr_hits *hits,
                           lr_counters *counters, const lr_watch *watch, lr_error *error);
@@ -622,9 +656,9 @@ typedef enum lr_projection { LR_PERSPECTIVE = 0, LR_ORTHOGRAPHIC = 1 } lr_projec
 typedef struct lr_camera {
     int32_t projection; /* lr_projection */
     int32_t reserved;
-    double eye[3], forward[3];
-    double corner[3], dx[3], dy[3];
-    double clip_start, clip_end; /* depth */
+    double eye[3], forward[3];      /* as said above, as are those of */
+    double corner[3], dx[3], dy[3]; /* the film */
+    double clip_start, clip_end;    /* depth */
 } lr_camera;
 
 /* Rays that see a thing: flags of instances, lights and the world. */
@@ -689,23 +723,23 @@ typedef enum lr_lobe_flag {
 } lr_lobe_flag;
 
 typedef struct lr_lobe {
-    int32_t kind;   /* lr_lobe_kind */
-    uint32_t flags; /* lr_lobe_flag */
-    double weight;  /* share in a mix, 0 or more */
-    double color[3];
+    int32_t kind;     /* lr_lobe_kind */
+    uint32_t flags;   /* lr_lobe_flag */
+    double weight;    /* share in a mix, 0 or more */
+    double color[3];  /* linear RGB: what is reflected or let through; of emission radiance */
     double roughness; /* 0..1, as perceived: GGX's alpha is its square */
     double ior;       /* index of refraction, above 0 */
     /* of principled lobes only; color is their base colour */
-    double metallic; /* 0..1 */
-    double specular; /* 0..1: level of the reflection; 0.5 is what ior says */
-    double specular_tint[3];
-    double transmission; /* 0..1 */
-    double alpha;        /* 0..1 */
-    double emission[3];  /* radiance */
+    double metallic;         /* 0..1 */
+    double specular;         /* 0..1: level of the reflection; 0.5 is what ior says */
+    double specular_tint[3]; /* color of the reflection seen straight on */
+    double transmission;     /* 0..1 */
+    double alpha;            /* 0..1 */
+    double emission[3];      /* radiance */
 } lr_lobe;
 
 typedef struct lr_material_desc {
-    const lr_lobe *lobes;
+    const lr_lobe *lobes; /* [n_lobes], summed up */
     uint32_t n_lobes;     /* at most 8; none: black */
     int32_t index;        /* the value of the material index pass */
     double absorption[3]; /* inside solids, per unit of world length (Beer's law) */
@@ -722,42 +756,43 @@ typedef struct lr_world {
 } lr_world;
 
 typedef struct lr_instance {
-    const lr_structure *structure;
-    double world_from_object[16];
-    uint32_t visibility;     /* lr_visibility */
-    int32_t object_index;    /* the value of the object index pass */
-    uint32_t first_material; /* id m of a hit has material slots[first_material + min(m,
-                                n_materials-1)] */
-    uint32_t n_materials;    /* at least 1 */
-    int32_t volume_index;    /* the value of the volume pass */
-    int32_t holdout;         /* the camera sees a hole in the picture: alpha 0, no light */
-    double error;            /* of its surface, in world space, for the error pass */
+    const lr_structure *structure; /* not of a rectilinear volume */
+    double world_from_object[16];  /* invertible */
+    uint32_t visibility;           /* lr_visibility */
+    int32_t object_index;          /* the value of the object index pass */
+    uint32_t first_material;       /* id m of a hit has material slots[first_material + min(m,
+                                      n_materials-1)] */
+    uint32_t n_materials;          /* at least 1 */
+    int32_t volume_index;          /* the value of the volume pass */
+    int32_t holdout;               /* the camera sees a hole in the picture: alpha 0, no light */
+    double error;                  /* of its surface, in world space, for the error pass */
 } lr_instance;
 
 typedef struct lr_scene_desc {
-    lr_camera camera;
-    const lr_instance *instances;
+    lr_camera camera;             /* its pixels are those of the tiles */
+    const lr_instance *instances; /* [n_instances] */
     uint64_t n_instances;
-    const lr_light *lights;
+    const lr_light *lights; /* [n_lights] */
     uint64_t n_lights;
-    const lr_material_desc *materials;
+    const lr_material_desc *materials; /* [n_materials] */
     uint64_t n_materials;
-    const uint32_t *slots; /* indices into materials */
+    const uint32_t *slots; /* [n_slots], indices into materials */
     const int32_t
         *slot_objects; /* [n_slots] object index of hits with that slot; NULL: their instance's */
     uint64_t n_slots;
-    lr_world world;
+    lr_world world;                /* what surrounds it */
     double mist_start, mist_depth; /* of the mist pass: distances from the camera */
     double mist_power;             /* of the way into the mist: 1, 2 or 1/2 in Blender */
-    int32_t film_transparent;
+    int32_t film_transparent;      /* nonzero: the camera sees alpha in place of the world */
     int32_t lone_media; /* nonzero: a surface bends light by its own index alone, as if it lay
                            in a void; else by its ratio to that of the solid around */
 } lr_scene_desc;
 
 typedef struct lr_scene lr_scene;
 
-/* Copies everything but the structures, which must live longer, and builds the
- * hierarchy over the instances. */
+/* Copies everything of desc but the structures and the world's image, which must live longer, and
+ * builds the hierarchy over the instances. *scene is to be given to lr_scene_free. LR_E_ARGUMENT
+ * for what is out of range, with a sentence that names it; LR_E_SIZE, LR_E_MEMORY. */
 LR_API lr_status lr_scene_new(const lr_scene_desc *desc, lr_scene **scene, lr_error *error);
 LR_API void lr_scene_free(lr_scene *scene); /* NULL is fine */
 
@@ -805,7 +840,7 @@ typedef struct lr_event {
     int32_t steps;       /* HIT: cells in which the ray stood */
     uint32_t n_media;    /* RAY: solids that bend or absorb light and that it is in, */
     uint32_t media[6];   /* the instance of each, the one entered last at the end */
-    uint32_t media_material[6];
+    uint32_t media_material[6]; /* and its material */
     uint64_t light;         /* LIGHT, FOUND: its index, n_lights for the world, UINT64_MAX for the
                                surface itself */
     double origin[3];       /* RAY; LIGHT: where its ray to the light starts */
@@ -837,10 +872,11 @@ typedef struct lr_tile {
     int32_t min_samples;         /* before a pixel may be settled; 0: by the threshold */
     double noise_threshold;      /* below which a pixel is settled, as in Cycles; 0: never */
     int32_t filter;              /* lr_film_filter */
-    uint32_t seed;
-    double filter_width; /* pixels */
-    int32_t max_bounces; /* in all, without transparent_bounces */
-    int32_t diffuse_bounces, glossy_bounces, transmission_bounces, transparent_bounces;
+    uint32_t seed;               /* of the random numbers */
+    double filter_width;         /* pixels */
+    int32_t max_bounces;         /* in all, without transparent_bounces */
+    int32_t diffuse_bounces, glossy_bounces, transmission_bounces,
+        transparent_bounces; /* by kind */
     int32_t branches;        /* rays of one sample that may be on their way at a time, 1..16:
                                 where a surface sends off more, some are left to chance */
     double ao_distance;      /* reach of the ambient occlusion pass in world space */
@@ -855,24 +891,26 @@ typedef struct lr_tile {
 /* Buffers of the tile alone, rows from below; any but combined may be NULL. The
  * geometry passes come from the pixel's centre. */
 typedef struct lr_passes {
-    float *combined;     /* [height][width][4], premultiplied by alpha */
-    float *depth;        /* [height][width], along the camera's axis; 1e10 where nothing is */
-    float *normal;       /* [height][width][3], world space, towards the camera's side */
-    float *position;     /* [height][width][3], world space */
-    float *object_index; /* [height][width], as all that follow unless said */
-    float *material_index;
-    float *mist;        /* 0..1, 1 where nothing is */
-    float *ao;          /* share of the sky that is seen within ao_distance */
-    float *emission;    /* [height][width][3] */
-    float *environment; /* [height][width][3] */
-    float *error;       /* lr_instance.error in widths of a pixel there */
-    float *volume;      /* lr_instance.volume_index */
-    float *steps;       /* cells in which the ray through the pixel's centre stood */
+    float *combined;       /* [height][width][4], premultiplied by alpha */
+    float *depth;          /* [height][width], along the camera's axis; 1e10 where nothing is */
+    float *normal;         /* [height][width][3], world space, towards the camera's side */
+    float *position;       /* [height][width][3], world space */
+    float *object_index;   /* [height][width], as all that follow unless said */
+    float *material_index; /* lr_material_desc.index */
+    float *mist;           /* 0..1, 1 where nothing is */
+    float *ao;             /* share of the sky that is seen within ao_distance */
+    float *emission;       /* [height][width][3] */
+    float *environment;    /* [height][width][3] */
+    float *error;          /* lr_instance.error in widths of a pixel there */
+    float *volume;         /* lr_instance.volume_index */
+    float *steps;          /* cells in which the ray through the pixel's centre stood */
 } lr_passes;
 
-/* Bytes of working memory that lr_render_tile wants for a tile of that size and
- * so many branches, whatever the limits of bounces. The passes of a tile that was
- * stopped are undefined. */
+/* Render the tile into passes. workspace: nbytes of the caller's memory, of one call at a time;
+ * lr_render_nbytes tells how many a tile of that size and so many branches wants, whatever the
+ * limits of bounces (0: out of range). The scene is only read; counters is added to. LR_E_ARGUMENT
+ * for a tile out of range, LR_E_SIZE for too small a workspace, LR_E_STOPPED: the passes are
+ * undefined then. */
 LR_API uint64_t lr_render_nbytes(const lr_scene *scene, int32_t width, int32_t height,
                                  int32_t branches);
 LR_API lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_passes *passes,
@@ -884,7 +922,9 @@ LR_API lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, cons
 /* How far it is empty around every cell of a volume, which must live longer. */
 typedef struct lr_radii lr_radii;
 
-/* metric: lr_metric; Euclid's gives the largest radii. */
+/* metric: lr_metric; Euclid's gives the largest radii. *radii is to be given to lr_radii_free.
+ * LR_E_ARGUMENT for another metric, and for a volume that is not finished or rectilinear;
+ * LR_E_MEMORY, LR_E_STOPPED. */
 LR_API lr_status lr_radii_build(const lr_volume *volume, int32_t metric, const lr_watch *watch,
                                 lr_radii **radii, lr_error *error);
 LR_API void lr_radii_free(lr_radii *radii);             /* NULL is fine */
@@ -912,8 +952,8 @@ typedef struct lr_image {
 /* The first object cell behind every pixel's centre, as lr_trace finds it in
  * LR_MODE_BINARY. camera: LR_ORTHOGRAPHIC, in object space; LR_E_ARGUMENT for a
  * perspective one. skip: lr_pixel_skip. Parts of a film may be asked for side by side;
- * a pixel is skipped only for one of the same part. counters is added to, of rays that
- * were traced; NULL costs nothing. */
+ * a pixel is skipped only for one of the same part. image names what is filled. counters is added
+ * to, of rays that were traced; NULL costs nothing. LR_E_STOPPED. */
 LR_API lr_status lr_first_cells(const lr_radii *radii, const lr_camera *camera, int32_t skip,
                                 const lr_image *image, lr_counters *counters, const lr_watch *watch,
                                 lr_error *error);
