@@ -87,17 +87,22 @@ class Walk:
     def off_mesh(self, points):
         return meshes.brute_distance(points, self.vertices, self.triangles)[0] / self.voxel
 
-    def second_root(self, points, d):
-        """Is there another triangle so near, or an edge?"""
+    def second_root(self, points, d, normal):
+        """Is there another triangle so near, or an edge? How near is known to a root's rounding:
+
+        that of the start over the slope against what was hit.
+        """
         ahead = points + 1e-7 * self.voxel * d
-        near = meshes.brute_rays(ahead, d, self.vertices, self.triangles)[0] / self.voxel < 2 * ON
+        slope = np.maximum(np.abs((normal * d).sum(1)), 1e-12)
+        close = np.maximum(2 * ON, 4 * np.spacing(np.abs(points).max(1)) / self.voxel / slope)
+        near = meshes.brute_rays(ahead, d, self.vertices, self.triangles)[0] / self.voxel < close
         a = self.vertices[self.triangles]
         for k in range(3):
             along = a[:, (k + 1) % 3] - a[:, k]
             for p, e in zip(a[:, k], along, strict=True):
                 s = np.clip((points - p) @ e / (e @ e), 0, 1)
                 gap = np.linalg.norm(points - p - s[:, None] * e, axis=1)
-                near |= gap / self.voxel < 2 * ON
+                near |= gap / self.voxel < close
         return near
 
 
@@ -126,7 +131,9 @@ def walk(name, seed):
             )
             short = np.flatnonzero((hits.t < ON * w.voxel) & exact)[:200]
             if len(short):
-                rest = ~w.second_root(points[short], d[short]) & (w.off_mesh(points[short]) < OFF)
+                normal = hits.field_normal[short]
+                rest = ~w.second_root(points[short], d[short], normal)
+                rest &= w.off_mesh(points[short]) < OFF
                 stuck += [f"{w.told}, bounce {bounce}, side {side}"] * int(rest.sum())
         lost = np.flatnonzero(~np.isfinite(hits.t) & exact)
         if len(lost):

@@ -74,6 +74,7 @@ typedef struct scene {
     gate in, out;
     int carried;      /* side */
     double off;       /* of the start, from triangles that it lies on */
+    bool beyond;      /* the ray starts in the cell, on a triangle where that sticks out of it */
     double per_voxel; /* t */
     uint64_t *n_samples;
 } scene;
@@ -266,6 +267,27 @@ static double height_at(const scene *s, const double q[3], uint32_t *triangle)
     return height;
 }
 
+/* Is the ray within LR_EXACT_NEAR of the cell at t, where the list has every triangle? */
+static bool is_near(const scene *s, double t)
+{
+    double q[3];
+    bool near = true;
+    lr_point_at(s->r, t, q);
+    for (int a = 0; a < 3; a++)
+        near = near && fabs(q[a] - s->c[a] - 0.5) <= 0.5 + LR_EXACT_NEAR;
+    return near;
+}
+
+static bool starts_beyond(const scene *s, const lr_cursor *u)
+{
+    double q[3];
+    bool within = true;
+    lr_point_at(s->r, s->leaving->t, q);
+    for (int a = 0; a < 3; a++)
+        within = within && fabs(q[a] - s->c[a] - 0.5) <= 0.5 + SLACK;
+    return u->axis < 0 && s->leaving->side != 0 && !within;
+}
+
 static bool accept(scene *s, met *m)
 {
     m->per_t = plane_speed(s, m->triangle);
@@ -273,6 +295,8 @@ static bool accept(scene *s, met *m)
         return false;
     const double slack = SLACK * s->per_voxel;
     const bool stops = m->inward == (s->leaving->side < 0);
+    if (s->beyond && stops && is_near(s, m->t))
+        return true; /* the field beside the cell knows nothing of what sticks out of it */
     if (s->carried != 0 && stops && s->v->desc.kind == LR_KIND_SOLID)
         ; /* where the field before the cell stood for it, or later */
     else if (s->in.open ? !after(s, &s->in, s->carried, m) : m->t < s->in.t - slack)
@@ -280,14 +304,16 @@ static bool accept(scene *s, met *m)
     return s->out.open ? !after(s, &s->out, 0, m) : m->t <= s->out.t + slack;
 }
 
-/* Was the ray on its side of the triangles where it came into the cell or starts in it? If it
- * left the field's own surface, that may lie beside them. */
-static bool comes_from_inside(const scene *s)
+/* Was the ray on its side of the triangles, or of the field before them, where it came into the
+ * cell or starts in it? If it left the field's own surface, that may lie beside them. */
+static bool comes_from_inside(scene *s)
 {
     uint32_t triangle;
     double q[3];
     if (!lr_is_triangle_cell(s->v, s->leaving->cell))
         return false;
+    if (s->in.open && (value_at(s, &s->in) >= 0.0) == (s->leaving->side > 0))
+        return true;
     lr_point_at(s->r, fmax(s->in.t, s->leaving->t), q);
     return !(height_at(s, q, &triangle) < -s->off);
 }
@@ -302,14 +328,14 @@ static bool leads_in(const scene *s, uint32_t triangle, double height)
     return lr_dot(n, s->r->d) * s->leaving->side < 0.0;
 }
 
-/* Has the field beside the cell the outside where the triangle has it? */
-static bool is_wound_well(const scene *s, uint32_t triangle)
+/* Has the field beyond the face the outside where the triangle has it? */
+static bool is_wound_well(const scene *s, const gate *at, uint32_t triangle)
 {
     double n[3], corner[8], g[3], p[3];
     lr_triangle_cell_normal(s->v->triangle_cells, triangle, n);
     for (int a = 0; a < 3; a++)
-        p[a] = lr_clamp(s->out.p[a] - s->out.beside[a], 0.0, 1.0);
-    lr_corners(s->v, s->out.beside, corner);
+        p[a] = lr_clamp(at->p[a] - at->beside[a], 0.0, 1.0);
+    lr_corners(s->v, at->beside, corner);
     lr_trilinear_gradient(corner, p, g);
     return lr_dot(n, g) <= 0.0;
 }
@@ -339,9 +365,23 @@ typedef enum lost {
                   rounding */
 } lost;
 
+/* Did the ray come through the face on its side, by the field, but beyond the triangle there? The
+ * two are off by so much, and the ray has passed the triangle's surface in cells of the field. */
+static bool passed_before(scene *s)
+{
+    uint32_t triangle = 0;
+    if (!s->in.open || (value_at(s, &s->in) >= 0.0) != (s->leaving->side > 0))
+        return false;
+    const double height = height_at(s, s->in.p, &triangle);
+    return height < -s->off && fabs(s->in.value) - height <= LR_FIELD_OFF &&
+           is_wound_well(s, &s->in, triangle);
+}
+
 static lost lose(scene *s)
 {
     const lr_volume *v = s->v;
+    if (v->desc.kind == LR_KIND_SOLID && passed_before(s))
+        return LR_PASSED;
     const double value = value_at(s, &s->out);
     const bool agrees = (value >= 0.0) == (s->leaving->side > 0);
     if (agrees && s->carried == 0 && !(fabs(value) < BARELY))
@@ -362,7 +402,7 @@ static lost lose(scene *s)
     if (!told)
         return s->carried != 0 ? LR_ASTRAY : LR_AGREES;
     /* of a triangle that is wound inside out the side is wrong, but not of the field */
-    if (!isnan(height) && !(fabs(value) + height <= LR_FIELD_OFF && is_wound_well(s, triangle)))
+    if (!isnan(height) && !(fabs(value) + height <= LR_FIELD_OFF && is_wound_well(s, &s->out, triangle)))
         return LR_AGREES;
     if (fabs(value) > LR_FIELD_OFF)
         return LR_PASSED;
@@ -432,6 +472,7 @@ static bool stop_at_passed(const scene *s, double most, lr_found *found)
 {
     const double low = s->carried != 0 ? s->leaving->t : fmax(s->in.t, s->leaving->t);
     const double high = fmax(s->out.t, low);
+    const double behind = s->in.open ? LR_FIELD_OFF : s->off; /* as it may have been passed there */
     double nearest = most * most;
     found->triangle = LR_NO_TRIANGLE;
     found->object = LR_NO_OBJECT;
@@ -444,7 +485,9 @@ static bool stop_at_passed(const scene *s, double most, lr_found *found)
         const double speed = lr_dot(n, s->r->d);
         if (!(speed * s->leaving->side > 0.0))
             continue;
-        const double t = lr_dot(n, from) / speed;
+        double t = lr_dot(n, from) / speed;
+        if (t < low && (low - t) * fabs(speed) <= behind * sqrt(lr_dot(n, n)))
+            t = low;
         if (!(t >= low && t <= high))
             continue;
         lr_point_at(s->r, t, q);
@@ -481,6 +524,7 @@ bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *
     s.carried = abs(*side) > 1 ? *side : 0;
     const shear frame = shear_of(r);
     s.off = leaving->side != 0 ? lr_start_off(v) : 0.0;
+    s.beyond = starts_beyond(&s, u);
     met best = {.t = INFINITY};
     s.list = lr_triangle_cell_list(v, s.c, &s.n);
     for (uint32_t i = 0; i < s.n; i++) {
@@ -506,12 +550,12 @@ bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *
     }
     if (leaving->side == 0)
         return false;
+    if (u->axis < 0 && v->desc.kind == LR_KIND_SOLID && stop_at_start(&s, found))
+        return true;
     const lost end = lose(&s);
     *side = end == LR_ASTRAY ? 2 * leaving->side : 0;
     if (end < LR_PASSED)
         return false;
-    if (u->axis < 0 && stop_at_start(&s, found))
-        return true;
     if (end == LR_SLIPPED)
         return comes_from_inside(&s) && stop_at_passed(&s, SLIP * s.off, found);
     return stop_at_passed(&s, INFINITY, found);
