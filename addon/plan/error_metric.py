@@ -189,41 +189,43 @@ class Errors:
 
 def measure(
     volume: leapray.Volume,
+    mesh: model.Mesh,
     probes: Probes,
     voxel_size: float,
-    normal: NDArray[np.float32],
     color: NDArray[np.float32] | None = None,
     rise: float | None = None,
-    ids: NDArray[np.uint16] | None = None,
     gain: float = 0.0,
+    normal: NDArray[np.float32] | None = None,
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
-    normal: what `normal_errors` measured there, color: what mesh_colors.color_errors did. rise: of
-    occupancy per voxel across a plane, before gain; None: that of the ramp. ids: of the mesh's
-    triangles, where several solids share the volume: each is held against its own field.
-    gain above 0: as `volume.narrow(gain)` would leave it. The structure's bytes are the
+    color: what mesh_colors.color_errors measured there. rise: of occupancy per voxel across a
+    plane, before gain; None: that of the ramp. Where several solids share the volume, each is
+    held against its own field, by the slots of the mesh. gain above 0: as `volume.narrow(gain)`
+    would leave it; then normal is what was measured before. The structure's bytes are the
     caller's to add.
     """
-    info, mesh = volume.info, volume.mesh_info
+    info, made = volume.info, volume.mesh_info
     sheet = info.kind == "sheet"
-    normals = None if sheet else probes.surface_normals * (-1.0 if mesh.inverted else 1.0)
+    normals = None if sheet else probes.surface_normals * (-1.0 if made.inverted else 1.0)
     own, beside = None, None
     if info.n_objects:
-        assert ids is not None
-        own, beside = ids[probes.surface_triangles], ids[probes.crease_triangles]
+        assert mesh.slots is not None
+        own, beside = mesh.slots[probes.surface_triangles], mesh.slots[probes.crease_triangles]
     rise = (rise or _rise(volume)) * (gain or 1.0)
     at = voxel_size, rise
     surface, lost = measure_surface(volume, probes.surface, normals, *at, own, gain)
+    if normal is None:
+        normal = normal_errors(volume, mesh, probes, surface, own)
     crease, _ = measure_surface(volume, probes.creases, None, *at, beside, gain)
     dtype = "u8" if gain else info.dtype
     why = ""
-    if sheet and mesh.n_border_edges:
-        why = f"open: {mesh.n_border_edges} border edges"
+    if sheet and made.n_border_edges:
+        why = f"open: {made.n_border_edges} border edges"
     elif sheet:
-        why = f"not closed: {mesh.n_bad_edges} edges of many faces or of opposite winding"
-    elif not mesh.obvious:
-        why = mesh.why
+        why = f"not closed: {made.n_bad_edges} edges of many faces or of opposite winding"
+    elif not made.obvious:
+        why = made.why
     return Measure(
         voxel_size=voxel_size,
         dtype=dtype,
@@ -242,7 +244,7 @@ def measure(
         kind=info.kind,
         normals=info.has_normals,
         why=why,
-        doubtful=not (mesh.obvious or mesh.closed or (sheet and mesh.n_border_edges)),
+        doubtful=not (made.obvious or made.closed or (sheet and made.n_border_edges)),
         volume_nbytes=info.nbytes,
         structure_nbytes=0,
     )
@@ -330,21 +332,41 @@ def normal_errors(
     volume: leapray.Volume,
     mesh: model.Mesh,
     probes: Probes,
+    off: NDArray[np.float32],
     ids: NDArray[np.uint16] | None = None,
 ) -> NDArray[np.float32]:
     """Radians (n,) between the shading normals that hits have at the probes and the mesh's own.
 
-    Not above a quarter turn: which side is outside is not judged. ids: as for `measure`.
+    Rays that aim at a probe hit the field's surface beside it, as far as that is off and they
+    are askew; beside an edge that may be another face's. Not above a quarter turn: which side
+    is outside is not judged. off: (n,) what `measure_surface` gave. ids: (n,) of solids that
+    share the volume, or None.
     """
     own = probes.surface_normals
     if mesh.corner_normals is not None:
         corners = mesh.corner_normals[probes.surface_triangles].astype(np.float64)
         smooth = unit(np.einsum("nk,nkc->nc", probes.surface_weights, corners))
         own = np.where(smooth.any(axis=1)[:, None], smooth, own)
-    found = volume.normals(probes.surface, None if ids is None else ids[probes.surface_triangles])
+    at = probes.surface + off[:, None] * _askew(probes.surface_normals)
+    found = volume.normals(at, ids)
     cosine = np.abs(np.einsum("nc,nc->n", np.nan_to_num(found), own))
     sine = np.linalg.norm(np.cross(np.nan_to_num(found), own), axis=1)
     return np.arctan2(sine, cosine).astype(np.float32)
+
+
+def _askew(normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3): in the planes across the normals, lengths those of the tangents of rays' angles.
+
+    Rays from everywhere have sines of them whose squares are even between 0 and 1. Drawn evenly
+    (Roberts 2018, the R2 sequence).
+    """
+    n = np.arange(1, len(normals) + 1)
+    square, turn = np.modf(n * 0.7548776662466927)[0], n * (0.5698402909980532 * 2 * np.pi)
+    length = np.sqrt(square / (1 - square))
+    least = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = unit(np.cross(normals, least))
+    second = np.cross(normals, first)
+    return length[:, None] * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second)
 
 
 def normal_seen(measure: Measure, weights: Weights) -> float:

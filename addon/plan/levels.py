@@ -418,18 +418,16 @@ class Levels:
         at, ids = self._probes(work), work.mesh.slots
         kernel, width = self._kernel(work.mesh, volume)
         rise = slope(kernel, width or own_half_width(kernel, volume.info.dtype))
-        whose = ids if volume.info.n_objects else None
-        normal = error_metric.normal_errors(volume, work.mesh, at, whose)
         color = self._color_errors(work, volume)
-        known = at, voxel_size, normal, color, rise, ids
+        known = work.mesh, at, voxel_size, color, rise
         measure = error_metric.measure(volume, *known)
         if not fresh or work.dtype or not self._enough(work, measure):
             return measure
         gain = sample_types.gain(kernel, width)
-        narrow = error_metric.measure(volume, *known, gain)
+        narrow = error_metric.measure(volume, *known, gain, measure.normal)
         if not self._enough(work, dataclasses.replace(narrow, turn=0.0)):
             return measure
-        whose = None if whose is None else whose[at.surface_triangles]
+        whose = ids[at.surface_triangles] if volume.info.n_objects and ids is not None else None
         turn = sample_types.turn(volume, at.surface, voxel_size, gain, whose)
         if turn > work.turn:
             return measure

@@ -325,6 +325,9 @@ class Planner(Separation):
         waits = work.errors.of_normals() > 1 and work.exact == "sheets" and self._crowds(work)
         turned_only = work.turned_only(bar) and not waits
         if turned_only and len(work.history) > 1 and work.history[-1] > 0.8 * work.history[-2]:
+            if self._may_keep_triangles(work) and not self._crowds(work):
+                if self._try(work, exact="every", own_normals=True):
+                    return True  # smooth and flat faces meet all over
             work.stuck = "finer voxels bring them no nearer"
             return False
         if not waits and len(work.history) > 3 and work.history[-1] > 0.9 * work.history[-4]:

@@ -114,18 +114,17 @@ class _Corners:
     def normals(self) -> NDArray[np.float32]:
         """Shading normals: of smooth and sharp faces and edges, or the mesh's own custom ones.
 
-        As the Cycles of this Blender takes them: up to Blender 4 the triangles of flat faces
-        have their own.
+        As the Cycles of this Blender takes them: in Blender 4 those of vertices, while the
+        triangles of flat faces have their own, unless some edge is sharp or normals are custom.
         """
-        if self._smooth_across_flat_faces():
-            of_vertex = np.empty((len(self.vertices), 3), np.float32)
-            self.mesh.vertex_normals.foreach_get("vector", of_vertex.ravel())
-            normals = of_vertex[self.triangles]
-        else:
+        if not self._of_vertices():
             of_corner = np.empty((len(self.mesh.loops), 3), np.float32)
             self.mesh.corner_normals.foreach_get("vector", of_corner.ravel())
-            normals = of_corner[self.corners]
-        flat = self._flat() if bpy.app.version < (5, 0) else None
+            return of_corner[self.corners]
+        of_vertex = np.empty((len(self.vertices), 3), np.float32)
+        self.mesh.vertex_normals.foreach_get("vector", of_vertex.ravel())
+        normals = of_vertex[self.triangles]
+        flat = self._flat()
         if flat is not None:
             a, b, c = (self.vertices[self.triangles[flat, k]].astype(np.float64) for k in range(3))
             own = np.cross(b - a, c - a)
@@ -134,9 +133,8 @@ class _Corners:
             normals[flat] = own[:, None].astype(np.float32)
         return normals
 
-    def _smooth_across_flat_faces(self) -> bool:
-        """Whether Cycles smooths a smooth face with the flat ones around: in Blender 4 it does,
-        unless some edge is sharp or normals are custom."""
+    def _of_vertices(self) -> bool:
+        """Whether Cycles takes normals of vertices, and so smooths across the edges of flat faces."""
         sharp = self.mesh.attributes.get("sharp_edge")
         if bpy.app.version >= (5, 0) or self.mesh.has_custom_normals:
             return False
