@@ -87,6 +87,12 @@ class Walk:
     def off_mesh(self, points):
         return meshes.brute_distance(points, self.vertices, self.triangles)[0] / self.voxel
 
+    def leads_off(self, points, d, side):
+        """Does the ray go away from the triangle that it starts on, to its side?"""
+        which = meshes.brute_distance(points, self.vertices, self.triangles)[1]
+        a, b, c = (self.vertices[self.triangles[which, k]] for k in range(3))
+        return (np.cross(b - a, c - a) * d).sum(1) * side < 0
+
     def second_root(self, points, d, normal):
         """Is there another triangle so near, or an edge? How near is known to a root's rounding:
 
@@ -134,6 +140,7 @@ def walk(name, seed):
                 normal = hits.field_normal[short]
                 rest = ~w.second_root(points[short], d[short], normal)
                 rest &= w.off_mesh(points[short]) < OFF
+                rest &= w.leads_off(points[short], d[short], side)
                 stuck += [f"{w.told}, bounce {bounce}, side {side}"] * int(rest.sum())
         lost = np.flatnonzero(~np.isfinite(hits.t) & exact)
         if len(lost):

@@ -150,7 +150,7 @@ static void find_gates(scene *s, const lr_ray *r, double t_start)
         }
     }
     const double t_out = lr_exit_t(r, LR_EVEN, s->c, s->c, &out);
-    s->out = gate_at(s, out, t_out, r->s[out]);
+    s->out = gate_at(s, out, fmax(t_out, t_start), r->s[out]);
     s->in = t_in > t_start ? gate_at(s, in, t_in, -r->s[in]) : (gate){.t = t_start};
 }
 
