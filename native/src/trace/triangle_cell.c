@@ -472,7 +472,8 @@ static bool stop_at_passed(const scene *s, double most, lr_found *found)
 {
     const double low = s->carried != 0 ? s->leaving->t : fmax(s->in.t, s->leaving->t);
     const double high = fmax(s->out.t, low);
-    const double behind = s->in.open ? LR_FIELD_OFF : s->off; /* as it may have been passed there */
+    const bool before = s->in.open && s->carried == 0; /* the cell it may have been passed, too */
+    const double behind = before ? LR_FIELD_OFF : s->off;
     double nearest = most * most;
     found->triangle = LR_NO_TRIANGLE;
     found->object = LR_NO_OBJECT;
