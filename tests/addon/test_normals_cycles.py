@@ -107,7 +107,7 @@ def shade(data, style):
     mixed = style in ("mixed", "sharp")
     smooth = np.arange(n) % 3 != 0 if mixed else np.full(n, style == "smooth")
     data.polygons.foreach_set("use_smooth", smooth)
-    for edge in data.edges[::5] if style == "sharp" else ():
+    for edge in list(data.edges)[::5] if style == "sharp" else ():
         edge.use_edge_sharp = True
     data.update()
 
