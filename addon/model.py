@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from leapray import Program
+import leapray
+from leapray import Camera, Lobe, Program
 
 from .memory import Resident
 
@@ -27,6 +28,13 @@ class Modelling:
     resolution: int = 0  # samples along its volume's longest side; 0: as the scene
     filter: str = ""  # of the voxelization; "": the scene's
     sample_type: str = ""  # one of SAMPLE_TYPES; "": the scene's
+
+
+def numbers(thing: Any) -> NDArray[np.float32]:
+    """All numbers of a lobe or a light, as f32 holds them."""
+    told = (value for value in astuple(thing) if not isinstance(value, str))
+    with np.errstate(over="ignore"):
+        return np.concatenate([np.ravel(value) for value in told]).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -76,25 +84,6 @@ class Instance:
 
 
 @dataclass(frozen=True)
-class Lobe:
-    """What one part of a surface does to light; Mix and Add nodes are in the weights."""
-
-    kind: str  # diffuse | glossy | glass | refraction | transparent | emission | principled
-    color: Color = (0.8, 0.8, 0.8)  # linear; emission: radiance
-    weight: float = 1.0
-    roughness: float = 0.0  # as in Blender's sockets
-    ior: float = 1.5
-    multiscatter: bool = True  # the distribution is Multiscatter GGX
-    textured: bool = False  # colours baked into the volume multiply color
-    metallic: float = 0.0  # this and all that follows: of principled lobes
-    specular: float = 0.5  # IOR level
-    specular_tint: Color = (1.0, 1.0, 1.0)
-    transmission: float = 0.0
-    alpha: float = 1.0
-    emission: Color = (0.0, 0.0, 0.0)  # radiance
-
-
-@dataclass(frozen=True)
 class Material:
     """What a surface does to light: the sum of its lobes."""
 
@@ -113,60 +102,17 @@ class Material:
 
 
 @dataclass(frozen=True)
-class Light:
-    """A light in the core's units, see lr_light in leapray.h."""
+class Light(leapray.Light):
+    """A light of the core's with its name, for messages."""
 
-    name: str
-    kind: str  # "sun" | "point" | "spot" | "area"
-    color: Color  # sun: irradiance facing it; point, spot: radiant intensity; area: radiance; what
-    # is negative is taken away
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)  # unit: to a sun, else out of it
-    axis_u: tuple[float, float, float] = (0.0, 0.0, 0.0)  # an area's whole side or diameter
-    axis_v: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    radius: float = 0.0  # of point and spot
-    angle: float = 0.0  # full: a sun's disc, a spot's cone, an area's spread
-    blend: float = 0.0  # of a spot
-    shape: str = "disc"  # area: "rectangle" | "ellipse"; point, spot: "sphere" | "disc"
-    plane_margin: float = 0.0  # of an area that lies in a surface: see lr_light
-    max_bounces: int = 1024  # surfaces behind more of them do not ask it
-    casts_shadow: bool = True
-    visible_camera: bool = False
-    visible_diffuse: bool = True
-    visible_glossy: bool = True
-    visible_transmission: bool = True
+    name: str = ""
 
 
 @dataclass(frozen=True)
-class World:
-    """What surrounds the scene: a color, which multiplies the image where there is one."""
+class World(leapray.World):
+    """What surrounds the scene, as the core has it; the image is not its texture yet."""
 
-    color: Color = (0.0, 0.0, 0.0)  # radiance
-    image: Image | None = None  # radiance by longitude and latitude
-    image_from_world: tuple[tuple[float, float, float], ...] = (
-        (1.0, 0.0, 0.0),
-        (0.0, 1.0, 0.0),
-        (0.0, 0.0, 1.0),
-    )
-    max_bounces: int = 1024  # of a world with an image: surfaces behind more of them do not ask it
-    visible_camera: bool = True
-    visible_diffuse: bool = True
-    visible_glossy: bool = True
-    visible_transmission: bool = True
-
-
-@dataclass(frozen=True)
-class Camera:
-    """Rays through the film; see lr_camera in leapray.h. Film: pixels from the lower left."""
-
-    projection: str  # "perspective" | "orthographic"
-    eye: NDArray[np.float64]  # (3,) world space
-    forward: NDArray[np.float64]  # (3,) unit
-    corner: NDArray[np.float64]  # (3,)
-    dx: NDArray[np.float64]  # (3,) one pixel to the right
-    dy: NDArray[np.float64]  # (3,) one pixel up
-    clip_start: float
-    clip_end: float
+    image: Image | None = None  # type: ignore[assignment]
 
 
 EXACT = ("auto", "sheets", "all", "none")  # auto: of sheets, and of solids where it is worth it

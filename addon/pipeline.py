@@ -232,7 +232,7 @@ def _plan(
     return planned
 
 
-def _world(world: model.World, watch: leapray.Watch) -> model.World:
+def _world(world: model.World, watch: leapray.Watch) -> leapray.World:
     """The world with its image as a texture."""
     image = world.image
     if image is None:
@@ -262,12 +262,12 @@ def _trace(
     s = scene.settings
     # The core takes what has attributes of the same names as its own classes.
     placed = leapray.Scene(
-        cast(leapray.Camera, scene.camera),
+        scene.camera,
         planned.instances,
-        cast(Sequence[leapray.Light], planned.lights),
+        planned.lights,
         cast(Sequence[leapray.Material], scene.materials),
         planned.slots,
-        world=cast(leapray.World, _world(scene.world, workers.watch)),
+        world=_world(scene.world, workers.watch),
         film_transparent=scene.film_transparent,
         slot_objects=planned.slot_objects,
         mist=scene.mist,

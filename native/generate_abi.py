@@ -5,8 +5,10 @@
 
 The compiler's preprocessor takes away comments and macros, pycparser reads
 what is left, and every enum, struct and function of the header comes out as
-its ctypes twin under its own name. With --check nothing is written: the
-difference is printed, and the exit code is 1 where there is one.
+its ctypes twin under its own name. Macros that are numbers or strings, and the
+comments behind the members of enums, are taken from the text. With --check
+nothing is written: the difference is printed, and the exit code is 1 where
+there is one.
 """
 
 from __future__ import annotations
@@ -28,7 +30,10 @@ TARGET = NATIVE / "leapray" / "_abi.py"
 HEAD = '''\
 # Generated from include/leapray.h by generate_abi.py; do not edit.
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The public C interface as ctypes: enums, structs, prototypes."""
+"""The public C interface as ctypes: constants, enums, structs, prototypes.
+
+ABOUT is what the header says of the members of enums.
+"""
 
 import ctypes
 from enum import IntEnum
@@ -145,17 +150,27 @@ class Writer:
         yield "}"
 
 
+def constants(text: str):
+    """The macros of the header that are numbers or strings."""
+    for name, value in re.findall(r'^#define (LR_\w+) +("[^"]+"|-?\d[.\w]*)', text, re.MULTILINE):
+        yield f"{name} = {value}"
+
+
+def comments(text: str):
+    """What stands behind the members of the header's enums."""
+    yield "\nABOUT = {"
+    for body in re.findall(r"^typedef enum \w+ {(.*?)}", text, re.MULTILINE | re.DOTALL):
+        for name, told in re.findall(r"(LR_\w+) = -?\w+,?\s*/\*(.*?)\*/", body, re.DOTALL):
+            yield f'    "{name}": "{" ".join(told.split())}",'
+    yield "}"
+
+
 def generate(header: Path) -> str:
     """The text of _abi.py for this header."""
     writer = Writer()
     writer.read(preprocess(header))
     text = header.read_text(encoding="utf-8")
-    version = re.search(r'^#define LR_VERSION +("[^"]+")', text, re.MULTILINE)
-    abi = re.search(r"^#define LR_ABI +(\d+)", text, re.MULTILINE)
-    if not version or not abi:
-        raise SystemExit(f"generate_abi: {header} lacks LR_VERSION or LR_ABI")
-    constants = f"\nLR_VERSION = {version[1]}\nLR_ABI = {abi[1]}\n"
-    return HEAD + constants + "\n".join(writer.lines()) + "\n"
+    return "\n".join([HEAD, *constants(text), *writer.lines(), *comments(text)]) + "\n"
 
 
 def main() -> int:

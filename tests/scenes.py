@@ -103,7 +103,8 @@ def scene(
             model.Material("White", (model.Lobe("diffuse", (0.8, 0.8, 0.8)),)),
             model.Material("Red", (model.Lobe("diffuse", (0.8, 0.1, 0.1)),)),
         ),
-        lights=lights or (model.Light("Sun", "sun", (3.0, 3.0, 3.0), direction=(0.0, -0.6, 0.8)),),
+        lights=lights
+        or (model.Light("sun", (3.0, 3.0, 3.0), name="Sun", direction=(0.0, -0.6, 0.8)),),
         camera=view or camera(width=width, height=height),
         world=model.World((0.1, 0.1, 0.1)),
         film_transparent=False,

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import leapray
+from leapray import voxelization
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -119,7 +120,7 @@ def test_every_traverser_has_a_page(entry):
 @pytest.mark.parametrize(
     ("page", "names"),
     [
-        ("filters", ("ramp", "cone", "gauss", "box", "binary")),
+        ("filters", tuple(voxelization.FILTERS)),
         ("hit_tests", tuple(leapray.HIT_TESTS)),
         ("roots", tuple(leapray.ROOTS)),
         ("normals", tuple(leapray.NORMALS)),

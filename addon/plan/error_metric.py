@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
-from leapray.voxelization import own_half_width, slope
+from leapray.voxelization import filter_info, slope
 
 from .. import model
 from .mesh_colors import unit
@@ -252,7 +252,7 @@ def measure(
 
 def _rise(volume: leapray.Volume) -> float:
     """Of occupancy per voxel across a plane, as the ramp has it."""
-    return slope("ramp", own_half_width("ramp", volume.info.dtype))
+    return slope("ramp", filter_info("ramp", volume.info.dtype).half_width)
 
 
 def measure_surface(

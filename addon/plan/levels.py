@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
-from leapray.voxelization import SOLID_FILTERS, own_half_width, slope
+from leapray.voxelization import filter_info, slope
 
 from .. import model
 from ..store import disk_cache, memory_cache
@@ -208,7 +208,7 @@ class Levels:
         except (leapray.Stopped, leapray.OutOfMemory):
             raise
         except leapray.LeapRayError:
-            if kernel not in SOLID_FILTERS:
+            if not filter_info(kernel, dtype).of_solids:
                 raise
         volume = self._voxelize(work, voxel_size, dtype, room, "ramp")
         why = f"{work.name!r} has no inside for the filter {kernel}: ramp instead."
@@ -318,7 +318,8 @@ class Levels:
     def _kernel(self, mesh: model.Mesh, volume: leapray.Volume) -> tuple[str, float]:
         """The filter that the volume was made with, and its half width; 0: its own."""
         s, kernel = self.settings, self._filter(mesh)
-        if volume.info.kind == "sheet" and kernel in SOLID_FILTERS:
+        dtype = volume.info.dtype
+        if volume.info.kind == "sheet" and filter_info(kernel, dtype).of_solids:
             kernel = "ramp"
         return kernel, s.half_width if kernel == s.filter else 0.0
 
@@ -417,7 +418,7 @@ class Levels:
         """Measure a level's volume, and make a fresh one u8 where that is enough."""
         at, ids = self._probes(work), work.mesh.slots
         kernel, width = self._kernel(work.mesh, volume)
-        rise = slope(kernel, width or own_half_width(kernel, volume.info.dtype))
+        rise = slope(kernel, width or filter_info(kernel, volume.info.dtype).half_width)
         color = self._color_errors(work, volume)
         known = work.mesh, at, voxel_size, color, rise
         measure = error_metric.measure(volume, *known)

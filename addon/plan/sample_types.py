@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
-from leapray.voxelization import own_half_width
+from leapray.voxelization import filter_info
 
 from .. import model
 from .mesh_colors import unit
@@ -82,4 +82,5 @@ def _central(volume, points, voxel_size: float, gain: float, ids) -> NDArray[np.
 
 def gain(kernel: str, width: float) -> float:
     """How many times as steep u8 is as u16. width: of the filter, 0: its own."""
-    return 1.0 if width else own_half_width(kernel, "u16") / own_half_width(kernel, "u8")
+    wide, narrow = (filter_info(kernel, dtype).half_width for dtype in ("u16", "u8"))
+    return 1.0 if width else wide / narrow

@@ -24,13 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from leapray import LeapRayError, MeshInfo, Volume, VolumeBuilder
+from leapray.arrays import DTYPES, ONES
 
 BLOCK = 64  # samples along a block that is read at a time; a multiple of a brick
 LEAST = -1  # block: bricks start two samples before the lattice
 COPIED = 32  # along a block that is written at a time; a multiple of OpenVDB's leaves
 DENSITY, ID, SURFACE, META = "density", "id", "surface", "leapray"
-ONE = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}  # the stored value of occupancy 1
-DTYPE = {"u8": np.uint8, "u16": np.uint16, "f32": np.float32}
 
 
 def write(
@@ -102,7 +101,7 @@ def read(path: str | Path) -> Volume:
         )
     try:
         meta = json.loads(density[META])
-        one, dtype = ONE[meta["dtype"]], DTYPE[meta["dtype"]]
+        one, dtype = ONES[meta["dtype"]], DTYPES[meta["dtype"]]
         size, sheet = tuple(map(int, meta["size"])), meta["kind"] == "sheet"
         told = np.array(meta["object_from_index"], dtype=np.float64)
         threshold = float(meta["threshold"])
@@ -147,8 +146,8 @@ def measured(
     lo, hi = values
     if not (np.isfinite(values).all() and lo != hi):
         raise LeapRayError(f"values must be two different finite numbers; they are {lo:g}, {hi:g}")
-    if dtype not in ONE:
-        raise LeapRayError(f"unknown dtype {dtype!r}; there are {', '.join(ONE)}")
+    if dtype not in ONES:
+        raise LeapRayError(f"unknown dtype {dtype!r}; there are {', '.join(ONES)}")
     source = _named(path, grid)
     first, last = (np.array(corner, np.int64) for corner in source.evalActiveVoxelBoundingBox())
     if (first > last).any():
@@ -162,10 +161,10 @@ def measured(
             raise LeapRayError(
                 f"the grid {source.name!r} of {path} holds values that are no numbers"
             )
-        samples = np.clip((block - lo) / (hi - lo), 0.0, 1.0) * ONE[dtype]
+        samples = np.clip((block - lo) / (hi - lo), 0.0, 1.0) * ONES[dtype]
         if samples.any():
             samples = samples if dtype == "f32" else np.round(samples)
-            builder.put(origin, samples.astype(DTYPE[dtype]))
+            builder.put(origin, samples.astype(DTYPES[dtype]))
     return builder.finish()
 
 
@@ -235,7 +234,7 @@ def _density(openvdb, volume: Volume):
     origins, n_stored = volume.bricks()
     for lo, hi in _boxes(origins[n_stored:]):
         grid.fill(lo, tuple(x - 1 for x in hi), 1.0, True)
-    one = ONE[volume.info.dtype]
+    one = ONES[volume.info.dtype]
 
     def read(origin, size):
         return np.divide(volume.read(origin, size), np.float32(one), dtype=np.float32)

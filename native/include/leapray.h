@@ -13,8 +13,9 @@
  * lr_voxelize_part, whose parts may run side by side. A function that returns
  * lr_status writes one sentence into *error when it fails (error may be NULL)
  * and makes no handle; arrays that it was filling are then undefined. LR_E_STOPPED comes
- * only of a call whose watch says stop. The header
- * is kept plain: the ctypes declarations in leapray/_abi.py are generated from it.
+ * only of a call whose watch says stop. The header is kept plain: the ctypes declarations in
+ * leapray/_abi.py are generated from it, with the limits. An enum's members stand in the
+ * order of menus, and the comment behind a member is what a menu says of it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LEAPRAY_H
@@ -23,7 +24,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI     33 /* raised whenever a struct or a signature below changes */
+#define LR_ABI     34 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -54,16 +55,18 @@ LR_API const char *lr_version(void); /* LR_VERSION of the library */
 
 /* ---- volumes ----------------------------------------------------------- */
 
+/* Whole numbers mean 0..1, of LR_U8 0..255, of LR_U16 0..65535. */
 typedef enum lr_sample_type {
-    LR_U8 = 0,  /* 0..255 mean 0..1 */
-    LR_U16 = 1, /* 0..65535 mean 0..1 */
-    LR_F32 = 2
+    LR_U8 = 0,  /* one byte per sample: smallest, for previews */
+    LR_U16 = 1, /* two bytes per sample: as good as exact for most scenes */
+    LR_F32 = 2  /* four bytes per sample: for measurements */
 } lr_sample_type;
 
+/* LR_KIND_AUTO is for lr_voxelize_begin: see lr_reason. A sheet is valid in touched cells only. */
 typedef enum lr_kind {
-    LR_KIND_AUTO = 0, /* for lr_voxelize_begin: see lr_reason */
-    LR_KIND_SOLID = 1,
-    LR_KIND_SHEET = 2 /* a surface without inside: valid in touched cells only */
+    LR_KIND_AUTO = 0,  /* a solid where the mesh is closed, a sheet where it is open */
+    LR_KIND_SOLID = 1, /* what the mesh encloses */
+    LR_KIND_SHEET = 2  /* the surface alone, without an inside */
 } lr_kind;
 
 typedef struct lr_volume lr_volume;
@@ -257,8 +260,8 @@ typedef struct lr_table {
     int32_t kind;      /* lr_table_kind */
 } lr_table;
 
-/* Operands below LR_PROGRAM_REGISTERS are registers, others constants. */
-typedef enum lr_program_size { LR_PROGRAM_REGISTERS = 256 } lr_program_size;
+/* Operands below it are registers, others constants. */
+#define LR_PROGRAM_REGISTERS 256
 
 typedef struct lr_instruction {
     uint16_t operation, to; /* lr_operation, a register */
@@ -376,13 +379,28 @@ typedef struct lr_mesh {
     const lr_attributes *attributes; /* or NULL */
 } lr_mesh;
 
+/* How occupancy falls across the surface: see voxelize/filter_profile.h. */
 typedef enum lr_filter {
-    LR_FILTER_RAMP = 0,  /* linear in the signed distance: the oriented box filter */
-    LR_FILTER_BOX = 1,   /* the covered share of the voxel; of solids only */
-    LR_FILTER_CONE = 2,  /* a hypercone along the distance */
-    LR_FILTER_GAUSS = 3, /* a Gaussian along the distance */
-    LR_FILTER_BINARY = 4 /* 1 inside, 0 outside; of solids only */
+    LR_FILTER_RAMP = 0,  /* linear in the distance to the surface */
+    LR_FILTER_BOX = 1,   /* the exact share of the voxel that is inside */
+    LR_FILTER_CONE = 2,  /* the hypercone of Wang and Kaufman: soft */
+    LR_FILTER_GAUSS = 3, /* Gaussian: soft */
+    LR_FILTER_BINARY = 4 /* inside or outside, nothing between */
 } lr_filter;
+
+typedef struct lr_filter_info {
+    double half_width; /* voxels, unless asked otherwise; of the Gaussian its sigma */
+    double widest;     /* the most that it may be */
+    int32_t of_solids; /* nonzero: of solids only */
+} lr_filter_info;
+
+/* Write to info what holds for a filter (lr_filter) of samples of that lr_sample_type.
+ * LR_E_ARGUMENT for one that is none. */
+LR_API lr_status lr_filter_get(int32_t filter, int32_t sample_type, lr_filter_info *info,
+                               lr_error *error);
+
+/* How much its occupancy rises per voxel across a plane, at the plane. */
+LR_API double lr_filter_slope(int32_t filter, double half_width);
 
 /* Vector instructions; results are the same bits by all of them. */
 typedef enum lr_simd {
@@ -391,13 +409,15 @@ typedef enum lr_simd {
     LR_SIMD_AVX2 = 2,
     LR_SIMD_AVX512 = 3
 } lr_simd;
+
 /* Which cells keep the triangles near them, where the field of the samples is not
- * the surface, and are intersected exactly. */
+ * the surface, and are intersected exactly: of sheets at borders, junctions, creases and
+ * close pairs, of solids at creases, thin walls and gaps. */
 typedef enum lr_exact_cells {
-    LR_EXACT_SHEETS = 0, /* of sheets: at borders, junctions, creases, close pairs */
-    LR_EXACT_ALL = 1,    /* of solids too: at creases, thin walls and gaps */
-    LR_EXACT_NONE = 2,
-    LR_EXACT_EVERY = 3 /* all cells that the surface meets: there is no error */
+    LR_EXACT_SHEETS = 0, /* those of open surfaces */
+    LR_EXACT_ALL = 1,    /* those of solids too: sharper, and larger */
+    LR_EXACT_NONE = 2,   /* none: a sheet ends with the cells that it touches */
+    LR_EXACT_EVERY = 3   /* all cells that the surface meets: there is no error */
 } lr_exact_cells;
 
 typedef struct lr_voxelize_options {
@@ -508,11 +528,13 @@ typedef enum lr_metric {
     LR_METRIC_EUCLID = 3
 } lr_metric;
 
+#define LR_EUCLID_MAX 26754 /* 3 (LR_EUCLID_MAX - 1)^2 fits int32_t */
+
 /* dist[nz][ny][nx]: distance from every cell to the nearest one that is nonzero in
  * cells[nz][ny][nx]; 0 on those. By chessboard and city-block uint8_t, in cells; by
  * chamfer uint8_t, in thirds of a cell; these are capped at 255. By Euclid float, in
- * cells, infinity where no cell is nonzero; sides of at most 26754 cells, else LR_E_SIZE.
- * LR_E_ARGUMENT for an unknown metric or no cells, LR_E_STOPPED. */
+ * cells, infinity where no cell is nonzero; sides of at most LR_EUCLID_MAX cells, else
+ * LR_E_SIZE. LR_E_ARGUMENT for an unknown metric or no cells, LR_E_STOPPED. */
 LR_API lr_status lr_distance(const uint8_t *cells, int32_t nx, int32_t ny, int32_t nz,
                              int32_t metric, void *dist, const lr_watch *watch, lr_error *error);
 
@@ -568,24 +590,28 @@ typedef enum lr_mode {
     LR_MODE_BINARY = 1   /* the first object cell: largest of its samples >= T */
 } lr_mode;
 
+/* How a cell is asked whether f = T lies in it. The uniform test is not for sheets, and takes the
+ * roots bisect and linear only. */
 typedef enum lr_hit_test {
-    LR_HIT_FACES = 0,   /* f on the cell's faces only: loses double roots */
-    LR_HIT_EXTREMA = 1, /* and at the extrema of the cubic between them */
-    LR_HIT_UNIFORM = 2  /* at equidistant points along the ray: loses what lies between; not for
-                           sheets; with the roots bisect and linear only */
+    LR_HIT_EXTREMA = 1, /* also look at the field's extrema inside a cell, so that no surface is
+                           lost */
+    LR_HIT_FACES = 0,   /* look at the field on the faces of cells only: fast, but loses grazing
+                           surfaces */
+    LR_HIT_UNIFORM = 2  /* look at the field at equal steps along the ray: loses what lies between
+                           them */
 } lr_hit_test;
 
 typedef enum lr_root {
-    LR_ROOT_NEWTON = 0, /* Newton's steps inside a bracket */
-    LR_ROOT_LINEAR = 1, /* one linear interpolation */
-    LR_ROOT_BISECT = 2, /* halving the bracket */
-    LR_ROOT_CUBIC = 3   /* the closed form, and one step of Newton */
+    LR_ROOT_NEWTON = 0, /* Newton's steps inside a bracket, to full precision */
+    LR_ROOT_BISECT = 2, /* halving of a bracket, to full precision: slower */
+    LR_ROOT_CUBIC = 3,  /* the roots of the cubic in closed form, to full precision */
+    LR_ROOT_LINEAR = 1  /* one linear interpolation: fast and approximate */
 } lr_root;
 
 typedef enum lr_normal {
-    LR_NORMAL_CENTRAL = 0,  /* central differences at the corners, interpolated */
-    LR_NORMAL_ANALYTIC = 1, /* gradient of the trilinear field */
-    LR_NORMAL_SMOOTH = 2    /* analytic gradients of the eight cells around, blended */
+    LR_NORMAL_CENTRAL = 0,  /* central differences, interpolated: smooth */
+    LR_NORMAL_ANALYTIC = 1, /* the gradient of the field itself: faceted at cell borders */
+    LR_NORMAL_SMOOTH = 2 /* the gradients of the eight cells around, blended: smooth, and slower */
 } lr_normal;
 
 typedef struct lr_trace_options {
@@ -670,6 +696,8 @@ typedef enum lr_visibility {
     LR_VISIBLE_TRANSMISSION = 16
 } lr_visibility;
 
+#define LR_BOUNCES_MAX 1024 /* of any limit of bounces in lr_tile: they are counted in 16 bits */
+
 typedef enum lr_light_kind {
     LR_LIGHT_SUN = 0,
     LR_LIGHT_POINT = 1,
@@ -738,9 +766,11 @@ typedef struct lr_lobe {
     double emission[3];      /* radiance */
 } lr_lobe;
 
+#define LR_LOBES_MAX 8
+
 typedef struct lr_material_desc {
     const lr_lobe *lobes; /* [n_lobes], summed up */
-    uint32_t n_lobes;     /* at most 8; none: black */
+    uint32_t n_lobes;     /* at most LR_LOBES_MAX; none: black */
     int32_t index;        /* the value of the material index pass */
     double absorption[3]; /* inside solids, per unit of world length (Beer's law) */
 } lr_material_desc;
@@ -797,8 +827,8 @@ LR_API lr_status lr_scene_new(const lr_scene_desc *desc, lr_scene **scene, lr_er
 LR_API void lr_scene_free(lr_scene *scene); /* NULL is fine */
 
 typedef enum lr_film_filter {
-    LR_FILM_BOX = 0,            /* of one pixel */
-    LR_FILM_BLACKMAN_HARRIS = 1 /* of Cycles: it reaches filter_width to either side */
+    LR_FILM_BOX = 0,            /* the mean over the pixel itself: sharp edges */
+    LR_FILM_BLACKMAN_HARRIS = 1 /* Cycles' own: smooth edges, no stair steps */
 } lr_film_filter;
 
 /* By what surface a ray was sent on last. */
@@ -864,6 +894,8 @@ typedef struct lr_record {
     uint64_t samples;  /* of the pixel */
 } lr_record;
 
+#define LR_BRANCHES_MAX 16
+
 /* Limits of bounces count as in Cycles: a ray beyond its limit still finds lights,
  * the world and shining surfaces, but is not scattered again. */
 typedef struct lr_tile {
@@ -873,11 +905,12 @@ typedef struct lr_tile {
     double noise_threshold;      /* below which a pixel is settled, as in Cycles; 0: never */
     int32_t filter;              /* lr_film_filter */
     uint32_t seed;               /* of the random numbers */
-    double filter_width;         /* pixels */
+    double filter_width;         /* pixels; Blackman and Harris's reaches so far to either side */
     int32_t max_bounces;         /* in all, without transparent_bounces */
     int32_t diffuse_bounces, glossy_bounces, transmission_bounces,
         transparent_bounces; /* by kind */
-    int32_t branches;        /* rays of one sample that may be on their way at a time, 1..16:
+    int32_t branches;        /* rays of one sample that may be on their way at a time, up to
+                                LR_BRANCHES_MAX:
                                 where a surface sends off more, some are left to chance */
     double ao_distance;      /* reach of the ambient occlusion pass in world space */
     double ambient_distance; /* what lies farther keeps no light of the world from a surface whose

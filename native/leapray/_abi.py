@@ -1,12 +1,20 @@
 # Generated from include/leapray.h by generate_abi.py; do not edit.
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The public C interface as ctypes: enums, structs, prototypes."""
+"""The public C interface as ctypes: constants, enums, structs, prototypes.
+
+ABOUT is what the header says of the members of enums.
+"""
 
 import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 33
+LR_ABI = 34
+LR_PROGRAM_REGISTERS = 256
+LR_EUCLID_MAX = 26754
+LR_BOUNCES_MAX = 1024
+LR_LOBES_MAX = 8
+LR_BRANCHES_MAX = 16
 
 
 class lr_status(IntEnum):
@@ -76,10 +84,6 @@ class lr_table_kind(IntEnum):
     LR_TABLE_LINEAR = 0
     LR_TABLE_CONSTANT = 1
     LR_TABLE_EXTRAPOLATE = 2
-
-
-class lr_program_size(IntEnum):
-    LR_PROGRAM_REGISTERS = 256
 
 
 class lr_interpolation(IntEnum):
@@ -161,16 +165,16 @@ class lr_mode(IntEnum):
 
 
 class lr_hit_test(IntEnum):
-    LR_HIT_FACES = 0
     LR_HIT_EXTREMA = 1
+    LR_HIT_FACES = 0
     LR_HIT_UNIFORM = 2
 
 
 class lr_root(IntEnum):
     LR_ROOT_NEWTON = 0
-    LR_ROOT_LINEAR = 1
     LR_ROOT_BISECT = 2
     LR_ROOT_CUBIC = 3
+    LR_ROOT_LINEAR = 1
 
 
 class lr_normal(IntEnum):
@@ -256,7 +260,6 @@ LR_U8, LR_U16, LR_F32 = lr_sample_type
 LR_KIND_AUTO, LR_KIND_SOLID, LR_KIND_SHEET = lr_kind
 LR_OP_ADD, LR_OP_SUBTRACT, LR_OP_MULTIPLY, LR_OP_DIVIDE, LR_OP_MULTIPLY_ADD, LR_OP_POWER, LR_OP_LOGARITHM, LR_OP_SQRT, LR_OP_INVERSE_SQRT, LR_OP_ABSOLUTE, LR_OP_EXPONENT, LR_OP_MINIMUM, LR_OP_MAXIMUM, LR_OP_LESS_THAN, LR_OP_GREATER_THAN, LR_OP_COMPARE, LR_OP_SIGN, LR_OP_SMOOTH_MIN, LR_OP_ROUND, LR_OP_FLOOR, LR_OP_CEIL, LR_OP_TRUNC, LR_OP_FRACT, LR_OP_MODULO, LR_OP_FLOORED_MODULO, LR_OP_WRAP, LR_OP_PINGPONG, LR_OP_SINE, LR_OP_COSINE, LR_OP_TANGENT, LR_OP_ARCSINE, LR_OP_ARCCOSINE, LR_OP_ARCTANGENT, LR_OP_ARCTAN2, LR_OP_SINH, LR_OP_COSH, LR_OP_TANH, LR_OP_SELECT, LR_OP_FROM_SRGB, LR_OP_TABLE = lr_operation
 LR_TABLE_LINEAR, LR_TABLE_CONSTANT, LR_TABLE_EXTRAPOLATE = lr_table_kind
-(LR_PROGRAM_REGISTERS,) = lr_program_size
 LR_INTERPOLATION_LINEAR, LR_INTERPOLATION_CLOSEST, LR_INTERPOLATION_CUBIC = lr_interpolation
 LR_EXTENSION_REPEAT, LR_EXTENSION_EXTEND, LR_EXTENSION_CLIP, LR_EXTENSION_MIRROR = lr_extension
 LR_COLOR_NONE, LR_COLOR_VERTEX = lr_color_source
@@ -268,8 +271,8 @@ LR_REASON_ASKED, LR_REASON_CLOSED, LR_REASON_CROSSING, LR_REASON_ENCLOSES, LR_RE
 LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK, LR_METRIC_CHAMFER345, LR_METRIC_EUCLID = lr_metric
 LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT, LR_TRAVERSER_UNEVEN = lr_traverser_flag
 LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
-LR_HIT_FACES, LR_HIT_EXTREMA, LR_HIT_UNIFORM = lr_hit_test
-LR_ROOT_NEWTON, LR_ROOT_LINEAR, LR_ROOT_BISECT, LR_ROOT_CUBIC = lr_root
+LR_HIT_EXTREMA, LR_HIT_FACES, LR_HIT_UNIFORM = lr_hit_test
+LR_ROOT_NEWTON, LR_ROOT_BISECT, LR_ROOT_CUBIC, LR_ROOT_LINEAR = lr_root
 LR_NORMAL_CENTRAL, LR_NORMAL_ANALYTIC, LR_NORMAL_SMOOTH = lr_normal
 LR_PERSPECTIVE, LR_ORTHOGRAPHIC = lr_projection
 LR_VISIBLE_CAMERA, LR_VISIBLE_SHADOW, LR_VISIBLE_DIFFUSE, LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION = lr_visibility
@@ -405,6 +408,14 @@ class lr_mesh(ctypes.Structure):
         ("n_triangles", ctypes.c_uint64),
         ("ids", ctypes.POINTER(ctypes.c_uint16)),
         ("attributes", ctypes.POINTER(lr_attributes)),
+    )
+
+
+class lr_filter_info(ctypes.Structure):
+    _fields_ = (
+        ("half_width", ctypes.c_double),
+        ("widest", ctypes.c_double),
+        ("of_solids", ctypes.c_int32),
     )
 
 
@@ -887,6 +898,16 @@ PROTOTYPES = {
         ctypes.POINTER(ctypes.c_uint8),
         ctypes.POINTER(lr_error),
     )),
+    "lr_filter_get": (ctypes.c_int, (
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.POINTER(lr_filter_info),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_filter_slope": (ctypes.c_double, (
+        ctypes.c_int32,
+        ctypes.c_double,
+    )),
     "lr_voxelize_begin": (ctypes.c_int, (
         ctypes.POINTER(lr_mesh),
         ctypes.POINTER(lr_voxelize_options),
@@ -1051,4 +1072,98 @@ PROTOTYPES = {
         ctypes.POINTER(lr_watch),
         ctypes.POINTER(lr_error),
     )),
+}
+
+ABOUT = {
+    "LR_E_ARGUMENT": "an argument out of its range",
+    "LR_E_SIZE": "more than the format or the given buffer holds",
+    "LR_E_MEMORY": "the system gave no memory",
+    "LR_E_STOPPED": "the caller's stop word was set",
+    "LR_U8": "one byte per sample: smallest, for previews",
+    "LR_U16": "two bytes per sample: as good as exact for most scenes",
+    "LR_F32": "four bytes per sample: for measurements",
+    "LR_KIND_AUTO": "a solid where the mesh is closed, a sheet where it is open",
+    "LR_KIND_SOLID": "what the mesh encloses",
+    "LR_KIND_SHEET": "the surface alone, without an inside",
+    "LR_OP_MULTIPLY_ADD": "a * b + c",
+    "LR_OP_LOGARITHM": "of a to the base b",
+    "LR_OP_LESS_THAN": "1 or 0, as those that follow",
+    "LR_OP_COMPARE": "a and b differ by c at most",
+    "LR_OP_SMOOTH_MIN": "within the distance c",
+    "LR_OP_MODULO": "of a's sign",
+    "LR_OP_WRAP": "a into the range from c to b",
+    "LR_OP_SELECT": "a is not 0: b, else c",
+    "LR_OP_TABLE": "a looked up in table b of the program",
+    "LR_TABLE_LINEAR": "between the values of 0..1, the ends beyond",
+    "LR_TABLE_CONSTANT": "the value before",
+    "LR_TABLE_EXTRAPOLATE": "linear, and on in the direction of its ends",
+    "LR_INTERPOLATION_CUBIC": "a B-spline, which smooths",
+    "LR_EXTENSION_EXTEND": "the colour of the edge",
+    "LR_EXTENSION_CLIP": "black",
+    "LR_COLOR_NONE": "white",
+    "LR_COLOR_VERTEX": "corner_colors; from 0 on: the texture of that number",
+    "LR_FILTER_RAMP": "linear in the distance to the surface",
+    "LR_FILTER_BOX": "the exact share of the voxel that is inside",
+    "LR_FILTER_CONE": "the hypercone of Wang and Kaufman: soft",
+    "LR_FILTER_GAUSS": "Gaussian: soft",
+    "LR_FILTER_BINARY": "inside or outside, nothing between",
+    "LR_SIMD_AUTO": "the best that processor and system offer",
+    "LR_EXACT_SHEETS": "those of open surfaces",
+    "LR_EXACT_ALL": "those of solids too: sharper, and larger",
+    "LR_EXACT_NONE": "none: a sheet ends with the cells that it touches",
+    "LR_EXACT_EVERY": "all cells that the surface meets: there is no error",
+    "LR_STAGE_LABELS": "where winding numbers tell inside from outside: which samples go together",
+    "LR_STAGE_WINDING": "and what their winding numbers are",
+    "LR_STAGE_CELLS": "triangle cells, where wanted",
+    "LR_REASON_ASKED": "the options say so",
+    "LR_REASON_CLOSED": "solid: every edge has two triangles of one winding",
+    "LR_REASON_CROSSING": "solid, closed too, but parts cross or lie in each other",
+    "LR_REASON_ENCLOSES": "solid: not closed, but it encloses a volume; holes are small",
+    "LR_REASON_HOLES": "sheet: it has holes that would be seen to be closed",
+    "LR_REASON_FLIPPED": "sheet: neighbouring faces disagree in winding",
+    "LR_REASON_EMPTY": "sheet: it encloses nothing",
+    "LR_METRIC_CHESSBOARD": "the largest of the three differences",
+    "LR_METRIC_CITYBLOCK": "their sum",
+    "LR_METRIC_CHAMFER345": "steps to a neighbour by face, edge, corner cost 3, 4, 5",
+    "LR_TRAVERSER_EXACT": "agrees with the integer oracle but for ties",
+    "LR_TRAVERSER_DEFAULT": "set for one of them",
+    "LR_TRAVERSER_UNEVEN": "takes rectilinear volumes",
+    "LR_MODE_SURFACE": "the first crossing of f = T, in either direction",
+    "LR_MODE_BINARY": "the first object cell: largest of its samples >= T",
+    "LR_HIT_EXTREMA": "also look at the field's extrema inside a cell, so that no surface is lost",
+    "LR_HIT_FACES": "look at the field on the faces of cells only: fast, but loses grazing surfaces",
+    "LR_HIT_UNIFORM": "look at the field at equal steps along the ray: loses what lies between them",
+    "LR_ROOT_NEWTON": "Newton's steps inside a bracket, to full precision",
+    "LR_ROOT_BISECT": "halving of a bracket, to full precision: slower",
+    "LR_ROOT_CUBIC": "the roots of the cubic in closed form, to full precision",
+    "LR_ROOT_LINEAR": "one linear interpolation: fast and approximate",
+    "LR_NORMAL_CENTRAL": "central differences, interpolated: smooth",
+    "LR_NORMAL_ANALYTIC": "the gradient of the field itself: faceted at cell borders",
+    "LR_NORMAL_SMOOTH": "the gradients of the eight cells around, blended: smooth, and slower",
+    "LR_VISIBLE_SHADOW": "instances: stop light; lights: are stopped by instances",
+    "LR_LIGHT_SPOT": "a point light behind a hole, within a cone",
+    "LR_LIGHT_AREA": "shines to one side",
+    "LR_LIGHT_ROUND": "area: an ellipse; point and spot: a disc that faces what it lights",
+    "LR_LIGHT_FULL": "area: a parallelogram; point and spot: a sphere",
+    "LR_LOBE_DIFFUSE": "Lambert's law",
+    "LR_LOBE_GLOSSY": "GGX microfacets that reflect color",
+    "LR_LOBE_GLASS": "GGX microfacets of a dielectric: reflect and refract, times color",
+    "LR_LOBE_REFRACTION": "refract all but what is reflected totally, which is lost",
+    "LR_LOBE_TRANSPARENT": "color goes straight through",
+    "LR_LOBE_EMISSION": "shines with the radiance color",
+    "LR_LOBE_PRINCIPLED": "Blender's Principled BSDF, without sheen, coat, subsurface, film",
+    "LR_LOBE_TEXTURED": "the volume's colours multiply color",
+    "LR_LOBE_MULTISCATTER": "light between microfacets is not lost",
+    "LR_FILM_BOX": "the mean over the pixel itself: sharp edges",
+    "LR_FILM_BLACKMAN_HARRIS": "Cycles' own: smooth edges, no stair steps",
+    "LR_RAY_CAMERA": "by none",
+    "LR_RAY_TRANSPARENT": "straight through",
+    "LR_EVENT_RAY": "a path starts its next ray",
+    "LR_EVENT_HIT": "that ray has ended, at a surface or nowhere",
+    "LR_EVENT_LIGHT": "a surface samples a light",
+    "LR_EVENT_FOUND": "a ray meets a light, the world, or a surface that shines",
+    "LR_SKIP_SAFE": "around a ray that misses, the pixels that are sure to miss too",
+    "LR_SKIP_NONE": "no pixel",
+    "LR_SKIP_PAPER": "those nearer than the least radius of its samples: loses pixels",
+    "LR_PIXEL_SKIPPED": "not traced: a miss",
 }

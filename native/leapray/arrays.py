@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
+from enum import IntEnum
 from typing import TypeVar
 
 import numpy as np
@@ -15,16 +16,38 @@ from ._lib import LeapRayError, OutOfMemory
 
 T = TypeVar("T")
 
-SAMPLE_TYPES: dict[str, tuple[int, np.dtype]] = {
-    "u8": (_abi.LR_U8, np.dtype(np.uint8)),
-    "u16": (_abi.LR_U16, np.dtype(np.uint16)),
-    "f32": (_abi.LR_F32, np.dtype(np.float32)),
+
+def members(enum: type[IntEnum]) -> dict[str, IntEnum]:
+    """An enum of leapray.h by the words that tell its members apart, in lower case."""
+    words = [member.name.lower().split("_") for member in enum]
+    common = next(k for k, column in enumerate(zip(*words, strict=False)) if len(set(column)) > 1)
+    return {"_".join(name[common:]): member for name, member in zip(words, enum, strict=True)}
+
+
+SAMPLE_TYPES = members(_abi.lr_sample_type)
+DTYPES = {name: np.dtype(f"{name[0]}{int(name[1:]) // 8}") for name in SAMPLE_TYPES}
+ONES = {  # the stored values of occupancy 1
+    name: 1.0 if dtype.kind == "f" else float(np.iinfo(dtype).max) for name, dtype in DTYPES.items()
 }
-NORMALS = {
-    "central": _abi.LR_NORMAL_CENTRAL,
-    "analytic": _abi.LR_NORMAL_ANALYTIC,
-    "smooth": _abi.LR_NORMAL_SMOOTH,
-}
+NORMALS = members(_abi.lr_normal)
+
+
+def about(choice: IntEnum) -> str:
+    """What leapray.h says of a member of an enum."""
+    return _abi.ABOUT.get(choice.name, "")
+
+
+def record(struct: type[ctypes.Structure]) -> np.dtype:
+    """A structure of leapray.h as numpy has it; pointers become integers."""
+    names, types = zip(*struct._fields_, strict=True)
+    return np.dtype(
+        {
+            "names": names,
+            "formats": [np.uintp if hasattr(t, "contents") else np.dtype(t) for t in types],
+            "offsets": [getattr(struct, name).offset for name in names],
+            "itemsize": ctypes.sizeof(struct),
+        }
+    )
 
 
 def pointer(array: NDArray | None, c_type=ctypes.c_double):

@@ -12,20 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import choice, numbers, pointer
+from .arrays import choice, members, numbers, pointer
 from .programs import Program
 
-INTERPOLATIONS = {
-    "linear": _abi.LR_INTERPOLATION_LINEAR,
-    "closest": _abi.LR_INTERPOLATION_CLOSEST,
-    "cubic": _abi.LR_INTERPOLATION_CUBIC,
-}
-EXTENSIONS = {
-    "repeat": _abi.LR_EXTENSION_REPEAT,
-    "extend": _abi.LR_EXTENSION_EXTEND,
-    "clip": _abi.LR_EXTENSION_CLIP,
-    "mirror": _abi.LR_EXTENSION_MIRROR,
-}
+INTERPOLATIONS = members(_abi.lr_interpolation)
+EXTENSIONS = members(_abi.lr_extension)
 WHITE, VERTEX = _abi.LR_COLOR_NONE, _abi.LR_COLOR_VERTEX
 
 

@@ -12,17 +12,13 @@ from numpy.typing import NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, lib
-from .arrays import choice, empty, pointer
+from .arrays import choice, empty, members, pointer
 from .rendering import Camera, camera_struct
 from .threads import check_threads, cores, run_parts
 from .tracing import METRICS, add_counters
 from .volume import Volume
 
-SKIPS = {
-    "safe": _abi.LR_SKIP_SAFE,
-    "none": _abi.LR_SKIP_NONE,
-    "paper": _abi.LR_SKIP_PAPER,
-}
+SKIPS = members(_abi.lr_pixel_skip)
 
 
 class Clearance:

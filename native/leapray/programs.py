@@ -16,23 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
+from ._abi import LR_PROGRAM_REGISTERS
 from ._lib import LeapRayError, check, lib
-from .arrays import pointer
+from .arrays import members, pointer, record
 
-REGISTERS = int(_abi.LR_PROGRAM_REGISTERS)
-PREFIX = "LR_OP_"
-OPERATIONS = {
-    name.removeprefix(PREFIX).lower(): int(value)
-    for name, value in vars(_abi).items()
-    if name.startswith(PREFIX)
-}
-NAMES = {number: name for name, number in OPERATIONS.items()}
+OPERATIONS = members(_abi.lr_operation)
+NAMES = {int(number): name for name, number in OPERATIONS.items()}
 TABLE = OPERATIONS["table"]
-KINDS = {
-    "linear": _abi.LR_TABLE_LINEAR,
-    "constant": _abi.LR_TABLE_CONSTANT,
-    "extrapolate": _abi.LR_TABLE_EXTRAPOLATE,
-}
+KINDS = members(_abi.lr_table_kind)
 
 
 class Table:
@@ -100,13 +91,12 @@ class Program:
         tables: Sequence[Table],
         outputs: Sequence[int],
     ) -> None:
-        self._code = np.array(instructions, np.uint16).reshape(-1, 5)
+        self._code = np.array(instructions, record(_abi.lr_instruction))
         self._constants = np.array(constants, np.float32)
-        rows = np.zeros((len(tables), 3), np.uint32)
-        rows[:, 1] = [len(table.values) for table in tables]
-        rows[:, 0] = np.cumsum(rows[:, 1]) - rows[:, 1]
-        rows[:, 2] = [table.kind for table in tables]
-        self._tables = rows
+        rows = self._tables = np.zeros(len(tables), record(_abi.lr_table))
+        rows["n"] = [len(table.values) for table in tables]
+        rows["first"] = np.cumsum(rows["n"]) - rows["n"]
+        rows["kind"] = [table.kind for table in tables]
         values = [table.values for table in tables]
         self._values = np.concatenate(values) if values else np.zeros(0, np.float32)
         self._outputs = tuple(outputs)
@@ -189,7 +179,7 @@ class _Compiler:
         self.constants: dict[float | str, int] = {}
         self.values: list[float] = []
         self.registers = {id(step): channel for channel, step in enumerate(inputs)}
-        self.free = list(range(REGISTERS - 1, len(INPUTS) - 1, -1))
+        self.free = list(range(LR_PROGRAM_REGISTERS - 1, len(INPUTS) - 1, -1))
         self.last: dict[int, int] = {}
         for number, step in enumerate(order):
             self.last.update((id(each), number) for each in step.arguments)
@@ -202,7 +192,7 @@ class _Compiler:
         if key not in self.constants:
             self.constants[key] = len(self.values)
             self.values.append(value)
-        operand = REGISTERS + self.constants[key]
+        operand = LR_PROGRAM_REGISTERS + self.constants[key]
         if operand > np.iinfo(np.uint16).max:
             raise LeapRayError("a program has too many constants")
         return operand
@@ -213,7 +203,8 @@ class _Compiler:
             if self.last[id(each)] == number and each.operation >= 0:
                 self.free.append(self.registers[id(each)])
         if not self.free:
-            raise LeapRayError(f"a program holds more than {REGISTERS - 4} values at once")
+            most = LR_PROGRAM_REGISTERS - len(INPUTS)
+            raise LeapRayError(f"a program holds more than {most} values at once")
         self.registers[id(step)] = self.free.pop()
         return self.registers[id(step)]
 

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
+from ._abi import LR_BOUNCES_MAX
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import choice, empty, numbers, pointer
+from .arrays import choice, empty, members, numbers, pointer, record
 from .attributes import Texture
 from .tracing import Structure, trace_options
 
@@ -56,38 +57,23 @@ SAMPLING: dict[str, float | str] = {
     "clamp_direct": 0.0,
     "clamp_indirect": 0.0,
 }
-PIXEL_FILTERS = {"box": _abi.LR_FILM_BOX, "blackman_harris": _abi.LR_FILM_BLACKMAN_HARRIS}
+PIXEL_FILTERS = members(_abi.lr_film_filter)
 MIST_POWERS = {"LINEAR": 1.0, "QUADRATIC": 2.0, "INVERSE_QUADRATIC": 0.5}  # Blender's falloffs
 
-PROJECTIONS = {"perspective": _abi.LR_PERSPECTIVE, "orthographic": _abi.LR_ORTHOGRAPHIC}
-VISIBILITIES = {
-    "visible_camera": _abi.LR_VISIBLE_CAMERA,
-    "visible_shadow": _abi.LR_VISIBLE_SHADOW,
-    "visible_diffuse": _abi.LR_VISIBLE_DIFFUSE,
-    "visible_glossy": _abi.LR_VISIBLE_GLOSSY,
-    "visible_transmission": _abi.LR_VISIBLE_TRANSMISSION,
-}
-LIGHTS = {
-    "sun": _abi.LR_LIGHT_SUN,
-    "point": _abi.LR_LIGHT_POINT,
-    "spot": _abi.LR_LIGHT_SPOT,
-    "area": _abi.LR_LIGHT_AREA,
-}
+PROJECTIONS = members(_abi.lr_projection)
+VISIBILITIES = {f"visible_{rays}": flag for rays, flag in members(_abi.lr_visibility).items()}
+LIGHTS = members(_abi.lr_light_kind)
 SHAPES = {
     "disc": _abi.LR_LIGHT_ROUND,
     "ellipse": _abi.LR_LIGHT_ROUND,
     "sphere": _abi.LR_LIGHT_FULL,
     "rectangle": _abi.LR_LIGHT_FULL,
 }
-LOBES = {
-    "diffuse": _abi.LR_LOBE_DIFFUSE,
-    "glossy": _abi.LR_LOBE_GLOSSY,
-    "glass": _abi.LR_LOBE_GLASS,
-    "refraction": _abi.LR_LOBE_REFRACTION,
-    "transparent": _abi.LR_LOBE_TRANSPARENT,
-    "emission": _abi.LR_LOBE_EMISSION,
-    "principled": _abi.LR_LOBE_PRINCIPLED,
-}
+LOBES = members(_abi.lr_lobe_kind)
+LOBE_FLAGS = members(_abi.lr_lobe_flag)
+
+
+Vector = Any  # three numbers: a tuple, a list or an array
 
 
 @dataclass(frozen=True)
@@ -95,11 +81,11 @@ class Camera:
     """Rays through the film, as lr_camera in leapray.h says; film points are in pixels."""
 
     projection: str  # "perspective" | "orthographic"
-    eye: ArrayLike  # (3,), world space, as all that follow
-    forward: ArrayLike
-    corner: ArrayLike
-    dx: ArrayLike
-    dy: ArrayLike
+    eye: Vector  # world space, as all that follow
+    forward: Vector
+    corner: Vector
+    dx: Vector
+    dy: Vector
     clip_start: float = 0.0  # depths
     clip_end: float = np.inf
 
@@ -109,17 +95,17 @@ class Light:
     """A light, as lr_light in leapray.h says."""
 
     kind: str  # "sun" | "point" | "spot" | "area"
-    color: ArrayLike  # sun: irradiance facing it; point, spot: radiant intensity; area: radiance
-    position: ArrayLike = (0.0, 0.0, 0.0)
-    direction: ArrayLike = (0.0, 0.0, 1.0)  # unit: towards a sun, the way that spot and area shine
-    axis_u: ArrayLike = (0.0, 0.0, 0.0)  # (3,) an area's whole side or diameter
-    axis_v: ArrayLike = (0.0, 0.0, 0.0)
+    color: Vector  # sun: irradiance facing it; point, spot: radiant intensity; area: radiance
+    position: Vector = (0.0, 0.0, 0.0)
+    direction: Vector = (0.0, 0.0, 1.0)  # unit: towards a sun, the way that spot and area shine
+    axis_u: Vector = (0.0, 0.0, 0.0)  # an area's whole side or diameter
+    axis_v: Vector = (0.0, 0.0, 0.0)
     radius: float = 0.0  # of point and spot
     angle: float = 0.0  # full: a sun's disc, a spot's cone, an area's spread
     blend: float = 0.0  # share of the cone in which a spot fades
     shape: str = "disc"  # area: "rectangle" | "ellipse"; point and spot: "sphere" | "disc"
     plane_margin: float = 0.0  # of an area that lies in a surface: see leapray.h
-    max_bounces: int = 1024  # surfaces behind more do not ask it
+    max_bounces: int = LR_BOUNCES_MAX  # surfaces behind more do not ask it
     casts_shadow: bool = True
     visible_camera: bool = False
     visible_diffuse: bool = True
@@ -132,7 +118,7 @@ class Lobe:
     """What one part of a surface does to light, as lr_lobe in leapray.h says."""
 
     kind: str  # of LOBES
-    color: ArrayLike = (0.8, 0.8, 0.8)  # (3,) emission: radiance
+    color: Vector = (0.8, 0.8, 0.8)  # emission: radiance
     weight: float = 1.0  # share in a mix
     roughness: float = 0.0  # as perceived: GGX's alpha is its square; diffuse: as in Cycles' node
     ior: float = 1.5
@@ -140,10 +126,10 @@ class Lobe:
     textured: bool = False  # the volume's colours multiply color
     metallic: float = 0.0  # this and all that follows: of principled lobes
     specular: float = 0.5
-    specular_tint: ArrayLike = (1.0, 1.0, 1.0)
+    specular_tint: Vector = (1.0, 1.0, 1.0)
     transmission: float = 0.0
     alpha: float = 1.0
-    emission: ArrayLike = (0.0, 0.0, 0.0)  # radiance
+    emission: Vector = (0.0, 0.0, 0.0)  # radiance
 
 
 @dataclass(frozen=True)
@@ -151,11 +137,11 @@ class Material:
     """What a surface does to light: the sum of its lobes."""
 
     lobes: Sequence[Lobe]
-    absorption: ArrayLike = (0.0, 0.0, 0.0)  # inside solids, per unit of world length
+    absorption: Vector = (0.0, 0.0, 0.0)  # inside solids, per unit of world length
     index: int = 0
 
     @classmethod
-    def diffuse(cls, color: ArrayLike) -> Material:
+    def diffuse(cls, color: Vector) -> Material:
         """A Lambertian surface of that reflectance. color: (3,), linear RGB."""
         return cls((Lobe("diffuse", color),))
 
@@ -164,11 +150,11 @@ class Material:
 class World:
     """What surrounds the scene: a color, which multiplies the image where there is one."""
 
-    color: ArrayLike = (0.0, 0.0, 0.0)  # (3,) radiance
+    color: Vector = (0.0, 0.0, 0.0)  # radiance
     image: NDArray[np.float32] | Texture | None = None  # (height, width, 3), as pixels of a
     # Texture, by longitude and latitude, rows from below; or one that repeats
     image_from_world: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    max_bounces: int = 1024  # of a world with an image: surfaces behind more do not ask it
+    max_bounces: int = LR_BOUNCES_MAX  # of a world with an image, as of a light
     visible_camera: bool = True
     visible_diffuse: bool = True
     visible_glossy: bool = True
@@ -206,7 +192,7 @@ class Record:
 
     def __init__(self, capacity: int = 1 << 16) -> None:
         capacity = numbers(capacity, np.uint32, "capacity").item()
-        self._events = np.zeros(capacity, _dtype(_abi.lr_event))
+        self._events = np.zeros(capacity, record(_abi.lr_event))
         self.struct = _abi.lr_record(pointer(self._events, _abi.lr_event), capacity)
 
     @property
@@ -388,19 +374,6 @@ def branches_for(samples: int) -> int:
     return max(1, min(4, 16 // max(samples, 1)))
 
 
-def _dtype(struct: type[ctypes.Structure]) -> np.dtype:
-    """The ctypes structure as a numpy record; pointers become integers."""
-    names, types = zip(*struct._fields_, strict=True)
-    return np.dtype(
-        {
-            "names": names,
-            "formats": [np.uintp if hasattr(t, "contents") else np.dtype(t) for t in types],
-            "offsets": [getattr(struct, name).offset for name in names],
-            "itemsize": ctypes.sizeof(struct),
-        }
-    )
-
-
 def _vector(values: ArrayLike, what: str, shape: tuple[int, ...] = (3,)) -> NDArray[np.float64]:
     array = np.asarray(values, np.float64)
     if array.shape != shape:
@@ -418,8 +391,21 @@ def camera_struct(camera: Camera) -> _abi.lr_camera:
     return result
 
 
+def _fill(row: np.void, thing: object, of: str) -> None:
+    """Copy those members of a structure that the thing has by the same names and that are numbers.
+
+    of: what the thing is called. Raises LeapRayError that names what is wrong.
+    """
+    for name in row.dtype.names or ():
+        value, dtype, what = getattr(thing, name, None), row.dtype[name], f"the {name} of {of}"
+        if dtype.shape and value is not None:
+            row[name] = _vector(value, what, dtype.shape)
+        elif not isinstance(value, str | None):
+            row[name] = numbers(value, dtype, what)
+
+
 def _instances(instances: Sequence[Instance]) -> NDArray:
-    table = np.zeros(len(instances), _dtype(_abi.lr_instance))
+    table = np.zeros(len(instances), record(_abi.lr_instance))
     if not len(instances):
         return table
     table["world_from_object"] = [
@@ -447,37 +433,28 @@ def _visibility(thing: object, **more: bool) -> int:
 
 
 def _lights(lights: Sequence[Light]) -> NDArray:
-    table = np.zeros(len(lights), _dtype(_abi.lr_light))
+    table = np.zeros(len(lights), record(_abi.lr_light))
     for i, (row, light) in enumerate(zip(table, lights, strict=True)):
+        _fill(row, light, f"light {i}")
         row["kind"] = choice(LIGHTS, light.kind, f"kind of light {i}")
         row["shape"] = choice(SHAPES, light.shape, f"shape of light {i}")
         row["visibility"] = _visibility(light, visible_shadow=light.casts_shadow)
-        for name in ("position", "direction", "axis_u", "axis_v", "color"):
-            row[name] = _vector(getattr(light, name), f"the {name} of light {i}")
-        for name in ("radius", "angle", "blend", "plane_margin", "max_bounces"):
-            row[name] = numbers(getattr(light, name), row.dtype[name], f"the {name} of light {i}")
     return table
 
 
 def _lobes(materials: Sequence[Material]) -> NDArray:
     """The lobes of all materials, one after the other."""
     lobes = [(i, lobe) for i, material in enumerate(materials) for lobe in material.lobes]
-    table = np.zeros(len(lobes), _dtype(_abi.lr_lobe))
+    table = np.zeros(len(lobes), record(_abi.lr_lobe))
     for row, (i, lobe) in zip(table, lobes, strict=True):
+        _fill(row, lobe, f"a lobe of material {i}")
         row["kind"] = choice(LOBES, lobe.kind, f"kind of a lobe of material {i}")
-        row["flags"] = (
-            _abi.LR_LOBE_TEXTURED * bool(lobe.textured)
-            | _abi.LR_LOBE_MULTISCATTER * bool(lobe.multiscatter)
-        )  # fmt: skip
-        for name in ("color", "specular_tint", "emission"):
-            row[name] = _vector(getattr(lobe, name), f"the {name} of a lobe of material {i}")
-        for name in ("weight", "roughness", "ior", "metallic", "specular", "transmission", "alpha"):
-            row[name] = getattr(lobe, name)
+        row["flags"] = sum(flag for name, flag in LOBE_FLAGS.items() if getattr(lobe, name))
     return table
 
 
 def _materials(materials: Sequence[Material], lobes: NDArray) -> NDArray:
-    table = np.zeros(len(materials), _dtype(_abi.lr_material_desc))
+    table = np.zeros(len(materials), record(_abi.lr_material_desc))
     first = 0
     for i, (row, material) in enumerate(zip(table, materials, strict=True)):
         row["lobes"] = lobes.ctypes.data + first * lobes.itemsize

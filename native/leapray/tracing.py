@@ -14,31 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import NORMALS, choice, columns, numbers, per_ray, pointer
+from .arrays import NORMALS, choice, columns, members, numbers, per_ray, pointer, record
 from .threads import check_threads, cores, run_parts, run_steps
 from .volume import Volume
 
 PART = 65536  # rays that a thread takes at a time
 WORTH_THREADS = 1 << 20  # cells whose distances take longer than threads take to start
 
-MODES = {"surface": _abi.LR_MODE_SURFACE, "binary": _abi.LR_MODE_BINARY}
-HIT_TESTS = {
-    "extrema": _abi.LR_HIT_EXTREMA,
-    "faces": _abi.LR_HIT_FACES,
-    "uniform": _abi.LR_HIT_UNIFORM,
-}
-ROOTS = {
-    "newton": _abi.LR_ROOT_NEWTON,
-    "bisect": _abi.LR_ROOT_BISECT,
-    "cubic": _abi.LR_ROOT_CUBIC,
-    "linear": _abi.LR_ROOT_LINEAR,
-}
-METRICS = {
-    "chessboard": _abi.LR_METRIC_CHESSBOARD,
-    "cityblock": _abi.LR_METRIC_CITYBLOCK,
-    "chamfer345": _abi.LR_METRIC_CHAMFER345,
-    "euclid": _abi.LR_METRIC_EUCLID,
-}
+MODES = members(_abi.lr_mode)
+HIT_TESTS = members(_abi.lr_hit_test)
+ROOTS = members(_abi.lr_root)
+METRICS = members(_abi.lr_metric)
 
 
 @dataclass(frozen=True)
@@ -337,7 +323,7 @@ def _starts(start: tuple[ArrayLike, ArrayLike], n: int) -> NDArray:
         raise LeapRayError(
             f"start must be cells ({n}, 3) and sides ({n},); they are {cells.shape}, {sides.shape}"
         )
-    table = np.zeros(n, np.dtype([("cell", np.int32, 3), ("side", np.int32)]))
+    table = np.zeros(n, record(_abi.lr_start))
     table["cell"] = numbers(cells, np.int32, "the cells of start")
     table["side"] = np.sign(sides)
     return table

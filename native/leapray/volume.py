@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import NORMALS, SAMPLE_TYPES, choice, empty, matrix, pointer, triple
+from .arrays import DTYPES, NORMALS, SAMPLE_TYPES, choice, empty, matrix, pointer, triple
 from .attributes import Texture
 
 BRICK = 8  # samples along a brick
@@ -80,7 +80,7 @@ class Volume:
         array = np.asarray(samples)
         if array.dtype == np.float64:
             array = array.astype(np.float32)
-        names = [name for name, (_, dtype) in SAMPLE_TYPES.items() if dtype == array.dtype]
+        names = [name for name, dtype in DTYPES.items() if dtype == array.dtype]
         if not names:
             raise LeapRayError(f"samples must be uint8, uint16 or float32; they are {array.dtype}")
         if array.ndim != 3 or array.size == 0:
@@ -159,7 +159,7 @@ class Volume:
         lib.lr_volume_get_info(self.handle, ctypes.byref(info))
         return VolumeInfo(
             size=(info.desc.nx, info.desc.ny, info.desc.nz),
-            dtype=next(n for n, (c, _) in SAMPLE_TYPES.items() if c == info.desc.sample_type),
+            dtype=next(n for n, c in SAMPLE_TYPES.items() if c == info.desc.sample_type),
             kind="sheet" if info.desc.kind == _abi.LR_KIND_SHEET else "solid",
             has_ids=bool(info.desc.has_ids),
             threshold=info.desc.threshold,
@@ -218,7 +218,7 @@ class Volume:
         It may reach beyond the lattice, where samples are 0. Raises LeapRayError for what are
         no three whole numbers.
         """
-        return self._get(origin, size, SAMPLE_TYPES[self.info.dtype][1], "samples")
+        return self._get(origin, size, DTYPES[self.info.dtype], "samples")
 
     def read_ids(self, origin=(0, 0, 0), size=None) -> NDArray[np.uint16]:
         """The ids of a block of samples; 0 without ids. origin, size: as for `read`."""
@@ -373,7 +373,7 @@ class VolumeBuilder:
     def __init__(
         self, size, dtype, threshold=0.5, object_from_index=None, has_ids=False, sheet=False
     ) -> None:
-        sample_type, self._dtype = choice(SAMPLE_TYPES, dtype, "dtype")
+        sample_type, self._dtype = choice(SAMPLE_TYPES, dtype, "dtype"), DTYPES[dtype]
         self._size = size = tuple(triple(size))
         desc = _abi.lr_volume_desc(
             nx=size[0],

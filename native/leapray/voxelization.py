@@ -11,35 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
-from ._lib import LeapRayError, OutOfMemory, Watch, call, lib
-from .arrays import SAMPLE_TYPES, choice, pointer
+from ._lib import LeapRayError, OutOfMemory, Watch, call, check, lib
+from .arrays import SAMPLE_TYPES, choice, members, pointer
 from .attributes import Attributes
 from .threads import check_threads, run_parts
 from .volume import Volume
 
-FILTERS = {
-    "ramp": _abi.LR_FILTER_RAMP,
-    "box": _abi.LR_FILTER_BOX,
-    "cone": _abi.LR_FILTER_CONE,
-    "gauss": _abi.LR_FILTER_GAUSS,
-    "binary": _abi.LR_FILTER_BINARY,
-}
-KINDS = {"auto": _abi.LR_KIND_AUTO, "solid": _abi.LR_KIND_SOLID, "sheet": _abi.LR_KIND_SHEET}
-SIMD = {
-    "auto": _abi.LR_SIMD_AUTO,
-    "portable": _abi.LR_SIMD_PORTABLE,
-    "avx2": _abi.LR_SIMD_AVX2,
-    "avx512": _abi.LR_SIMD_AVX512,
-}
-EXACT = {
-    "sheets": _abi.LR_EXACT_SHEETS,
-    "all": _abi.LR_EXACT_ALL,
-    "none": _abi.LR_EXACT_NONE,
-    "every": _abi.LR_EXACT_EVERY,
-}
-HALF_WIDTHS = {"u8": 1.8, "u16": 2.5, "f32": 2.5}  # of the ramp: clamping against quantisation
-OTHER_WIDTHS = {"cone": 3.0, "gauss": 1.0, "box": 0.5, "binary": 0.5}  # voxels; of gauss its sigma
-SOLID_FILTERS = ("box", "binary")  # they tell inside from outside, which a sheet has not
+FILTERS = members(_abi.lr_filter)
+KINDS = members(_abi.lr_kind)
+SIMD = members(_abi.lr_simd)
+EXACT = members(_abi.lr_exact_cells)
 
 # Scratch that does not count against max_nbytes: an interpreter with numpy takes more.
 SPARE = 8 << 20
@@ -84,15 +65,17 @@ class MeshInfo:
     scratch_nbytes: int = 0  # what making the volume took at most beside it
 
 
-def own_half_width(filter: str, dtype: str) -> float:
-    """The filter's half width in voxels, unless asked otherwise; of the Gaussian its sigma."""
-    return OTHER_WIDTHS.get(filter) or HALF_WIDTHS.get(dtype, 2.5)
+def filter_info(filter: str, dtype: str) -> _abi.lr_filter_info:
+    """What holds for a filter of samples of that type, see leapray.h. Raises LeapRayError."""
+    info, error = _abi.lr_filter_info(), _abi.lr_error()
+    kernel, sample_type = choice(FILTERS, filter, "filter"), choice(SAMPLE_TYPES, dtype, "dtype")
+    check(lib.lr_filter_get(kernel, sample_type, ctypes.byref(info), ctypes.byref(error)), error)
+    return info
 
 
 def slope(filter: str, width: float) -> float:
     """How much occupancy rises per voxel across a plane, at the plane."""
-    rise = {"ramp": 0.5 / width, "cone": 1.0 / width, "gauss": (2 * np.pi) ** -0.5 / width}
-    return rise.get(filter, 1.0)
+    return lib.lr_filter_slope(choice(FILTERS, filter, "filter"), width)
 
 
 def voxelize(
@@ -155,15 +138,13 @@ def voxelize(
     """
     points, corners, numbers = _mesh_arrays(vertices, triangles, ids)
     kernel = choice(FILTERS, filter, "filter")
-    width = own_half_width(filter, dtype) if half_width is None else float(half_width)
+    width = filter_info(filter, dtype).half_width if half_width is None else float(half_width)
     chosen = _abi.lr_voxelize_options(
         voxel_size=float(voxel_size),
         half_width=width,
         filter=kernel,
         kind=choice(KINDS, kind, "kind"),
-        sample_type=choice(
-            {name: code for name, (code, _) in SAMPLE_TYPES.items()}, dtype, "dtype"
-        ),
+        sample_type=choice(SAMPLE_TYPES, dtype, "dtype"),
         simd=choice(SIMD, simd, "simd"),
         exact=choice(EXACT, exact, "exact"),
         flat=bool(flat),
@@ -176,13 +157,7 @@ def voxelize(
     )
     limits = _Limits(max_nbytes, max_volume_nbytes, copied)
     limits.check_table(points, chosen.voxel_size, width)
-    mesh = _abi.lr_mesh(
-        pointer(points),
-        len(points),
-        pointer(corners, ctypes.c_int32),
-        len(corners),
-        pointer(numbers, ctypes.c_uint16),
-    )
+    mesh = _mesh(points, corners, numbers)
     if attributes is not None:
         mesh.attributes = ctypes.pointer(attributes.pack(len(corners)))
     volume = _run(mesh, chosen, threads, _Progress(watch or Watch()), limits)
@@ -232,9 +207,7 @@ def mesh_layers(
     stop.
     """
     points, corners, _ = _mesh_arrays(vertices, triangles, None)
-    mesh = _abi.lr_mesh(
-        pointer(points), len(points), pointer(corners, ctypes.c_int32), len(corners), None
-    )
+    mesh = _mesh(points, corners)
     layer, count = np.empty(max(len(corners), 1), np.int32), ctypes.c_int32()
     outputs = (ctypes.c_int32.from_buffer(layer.data), count)
     call(lib.lr_mesh_layers, ctypes.byref(mesh), float(margin), watch=watch, outputs=outputs)
@@ -266,9 +239,7 @@ def mesh_edges(
     Raises LeapRayError, as voxelize; Stopped when watch was told to stop.
     """
     points, corners, _ = _mesh_arrays(vertices, triangles, None)
-    mesh = _abi.lr_mesh(
-        pointer(points), len(points), pointer(corners, ctypes.c_int32), len(corners), None
-    )
+    mesh = _mesh(points, corners)
     room = FEW_PAIRS
     while True:
         pairs = np.empty((room, 2), np.uint32)
@@ -361,6 +332,17 @@ def _mesh_arrays(vertices: ArrayLike, triangles: ArrayLike, ids: ArrayLike | Non
     if corners.dtype.itemsize > 4 and corners.size and corners.min() < 0:
         raise LeapRayError(f"triangles name vertex {corners.min()}")
     return points, np.ascontiguousarray(corners, dtype=np.int32), _id_array(ids, len(corners))
+
+
+def _mesh(points: NDArray, corners: NDArray, ids: NDArray | None = None) -> _abi.lr_mesh:
+    """As C has it; the arrays are the caller's to keep."""
+    return _abi.lr_mesh(
+        pointer(points),
+        len(points),
+        pointer(corners, ctypes.c_int32),
+        len(corners),
+        pointer(ids, ctypes.c_uint16),
+    )
 
 
 def _id_array(ids: ArrayLike | None, n: int) -> NDArray[np.uint16] | None:

@@ -10,8 +10,8 @@ import scenes
 from addon import model, pipeline
 from addon.plan import culling
 
-SUN = model.Light("Sun", "sun", (3.0, 3.0, 3.0), direction=(0.0, 0.0, 1.0))
-LAMP = model.Light("Lamp", "point", (40.0, 40.0, 40.0), position=(3.0, -3.0, 5.0))
+SUN = model.Light("sun", (3.0, 3.0, 3.0), name="Sun", direction=(0.0, 0.0, 1.0))
+LAMP = model.Light("point", (40.0, 40.0, 40.0), name="Lamp", position=(3.0, -3.0, 5.0))
 
 
 def dark(*places, lights=(SUN,), **more):

@@ -12,10 +12,9 @@ import leapray
 from addon import model, pipeline
 from addon.plan import plan, sample_types
 from addon.store.memory_cache import Cache
-from leapray.voxelization import HALF_WIDTHS
 from tests import meshes, scenes
 
-GAIN = HALF_WIDTHS["u16"] / HALF_WIDTHS["u8"]
+GAIN = 2.5 / 1.8
 VOXEL = 1 / 16
 
 

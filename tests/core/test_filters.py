@@ -15,7 +15,7 @@ import leapray
 from addon import pipeline
 from addon.plan import plan
 from addon.store.memory_cache import Cache
-from leapray.voxelization import FILTERS, own_half_width, slope
+from leapray.voxelization import FILTERS, filter_info, slope
 
 TOP = {"u8": 255, "u16": 65535, "f32": 1.0}
 HALF_STEP = {"u8": 0.5 / 255, "u16": 0.5 / 65535, "f32": 1e-7}
@@ -63,11 +63,12 @@ def test_a_wall_has_the_profile_of_the_formula(name, dtype):
     places, g = positions(volume), occupancy(volume)
     inner = (np.abs(places[..., :2]).max(axis=-1) < 0.6) & (places[..., 2] > 0)
     s = (height - places[inner][:, 2]) / h
-    want = formula(name, s, own_half_width(name, dtype))
+    width = filter_info(name, dtype).half_width
+    want = formula(name, s, width)
     cut = 3.5e-6 if name == "gauss" else 0.0  # where its tail ends
     assert_allclose(g[inner], want, atol=HALF_STEP[dtype] + cut)
-    assert slope(name, own_half_width(name, dtype)) == pytest.approx(
-        {"ramp": 0.5 / own_half_width("ramp", dtype), "cone": 1 / 3, "gauss": 0.398942}.get(name, 1)
+    assert slope(name, width) == pytest.approx(
+        {"ramp": 0.5 / width, "cone": 1 / 3, "gauss": 0.398942}.get(name, 1)
     )
 
 
@@ -262,8 +263,8 @@ def test_normals_err_as_published_or_measured_before(name, width, dtype, radius,
 
 def test_the_default_widths_are_the_best_for_their_samples():
     eight = {w: mean_error("ramp", w, "u8", 25.6) for w in (1.4, 1.8, 2.5)}
-    assert min(eight, key=eight.get) == own_half_width("ramp", "u8") == 1.8
-    assert own_half_width("ramp", "u16") == own_half_width("ramp", "f32") == 2.5
+    assert min(eight, key=eight.get) == filter_info("ramp", "u8").half_width == 1.8
+    assert filter_info("ramp", "u16").half_width == filter_info("ramp", "f32").half_width == 2.5
     assert mean_error("ramp", 2.5, "u16", 25.6) < 0.5 * mean_error("ramp", 1.8, "u16", 8.0)
 
 

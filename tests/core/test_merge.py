@@ -230,7 +230,7 @@ def boxes(**settings):
             scenes.place(1, at=(0.99, 0, 0), object_index=5, materials=(1,)),
         ],
         view=view,
-        lights=(model.Light("Behind", "sun", (9.0, 9.0, 9.0), direction=(0.0, 1.0, 0.0)),),
+        lights=(model.Light("sun", (9.0, 9.0, 9.0), name="Behind", direction=(0.0, 1.0, 0.0)),),
         **{"layout": "scene", **settings},
     )
     return dataclasses.replace(made, world=model.World((0.0, 0.0, 0.0)))

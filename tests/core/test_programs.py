@@ -7,7 +7,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
 from leapray import INPUTS, LeapRayError, Table, compile_program, is_affine, operate
-from leapray.programs import OPERATIONS, REGISTERS, Program
+from leapray._abi import LR_PROGRAM_REGISTERS as REGISTERS
+from leapray.programs import OPERATIONS, Program
 
 RED, GREEN, BLUE, ALPHA = INPUTS
 

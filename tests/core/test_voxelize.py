@@ -32,7 +32,7 @@ OPEN = {
 
 def near_samples(volume, limit, n=2000, seed=0):
     """Up to n samples whose stored distance is below limit voxels: indices (n, 3) z y x, points."""
-    width = voxelization.HALF_WIDTHS[volume.info.dtype]
+    width = voxelization.filter_info("ramp", volume.info.dtype).half_width
     s = (volume.read() - 0.5) * 2 * width
     at = np.argwhere(np.abs(s) < min(limit, width - 1e-6))
     at = np.random.default_rng(seed).permutation(at)[:n]
@@ -69,9 +69,8 @@ def test_closed_meshes_are_the_clamped_ramp_everywhere(name):
 @pytest.mark.parametrize(("dtype", "most"), [("u8", 255), ("u16", 65535)])
 def test_integers_are_the_rounded_ramp(dtype, most):
     vertices, triangles = meshes.torus()
-    exact = voxelize(
-        vertices, triangles, 0.07, dtype="f32", half_width=voxelization.HALF_WIDTHS[dtype]
-    )
+    width = voxelization.filter_info("ramp", dtype).half_width
+    exact = voxelize(vertices, triangles, 0.07, dtype="f32", half_width=width)
     rounded = voxelize(vertices, triangles, 0.07, dtype=dtype)
     assert np.abs(rounded.read() - exact.read().astype(float) * most).max() <= 0.5 + most * 1e-7
 

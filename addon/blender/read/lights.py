@@ -32,7 +32,6 @@ from .textures import coordinates, look_up, shared_texels
 KINDS = {"SUN": "sun", "POINT": "point", "SPOT": "spot", "AREA": "area"}
 RAYS = ("camera", "diffuse", "glossy", "transmission")
 EVEN = 1e-3  # scales of an object that differ by less are taken as one
-UNLIMITED = 1024  # bounces: what Blender's limits begin with
 TURN = 1e-4  # a matrix that is no rotation by more than this is not one
 
 
@@ -89,22 +88,14 @@ def of_light(light, matrix: NDArray[np.float64], shown: list, name: str, notes):
         position=_tuple(matrix[:3, 3]),
         direction=_tuple(axes[:, 2] if sun else -axes[:, 2]),
         casts_shadow=light.use_shadow,
-        max_bounces=getattr(cycles, "max_bounces", UNLIMITED),
+        max_bounces=getattr(cycles, "max_bounces", model.Light.max_bounces),
         **seen,
         **more,
     )
-    if not _finite(found):
+    if not np.isfinite(model.numbers(found)).all():
         notes.skipped("its strength, its place or its size is not a finite number", name)
         return None
     return found
-
-
-def _finite(light: model.Light) -> bool:
-    """Whether all its numbers are, in the f32 of pictures too."""
-    numbers = (light.radius, light.angle, light.blend, *light.color, *light.position)
-    more = (*light.direction, *light.axis_u, *light.axis_v)
-    with np.errstate(over="ignore"):
-        return bool(np.isfinite(np.array((*numbers, *more), np.float32)).all())
 
 
 def _sides(light, matrix: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
@@ -146,7 +137,8 @@ def of_world(world, notes) -> model.World:
         return model.World()
     flags = getattr(world, "cycles_visibility", None)  # where Blender has Cycles
     seen: dict[str, Any] = {f"visible_{ray}": getattr(flags, ray, True) for ray in RAYS}
-    seen["max_bounces"] = getattr(getattr(world, "cycles", None), "max_bounces", UNLIMITED)
+    limit = model.World.max_bounces
+    seen["max_bounces"] = getattr(getattr(world, "cycles", None), "max_bounces", limit)
     output = output_of(world)
     if output is None:
         color = (0.0, 0.0, 0.0) if tree_of(world) else tuple(world.color)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from leapray import Step, numbers_of
+from leapray._abi import LR_LOBES_MAX
 
 from ... import model
 from .links import Triple, Values, tree_of
@@ -29,7 +30,6 @@ GREY = (0.8, 0.8, 0.8)  # what Blender gives to an empty slot
 BLACK = (0.0, 0.0, 0.0)
 WHITE = (1.0, 1.0, 1.0)
 LEAST = 1e-6  # of a weight: less is nothing
-MOST = 8  # lobes, in the core
 NO_NUMBER = "has a value that is no number (NaN or infinite) and is shown in black"
 
 # Inputs of nodes that change nothing while they have this value and are not linked.
@@ -64,13 +64,9 @@ def read(material, notes, images: dict | None = None) -> tuple[model.Material, T
 
 def _is_sound(material: model.Material) -> bool:
     """Whether all its numbers are such, as f32 holds them."""
-    numbers: list[model.Color | float] = [material.absorption]
-    for lobe in material.lobes:
-        numbers += [lobe.color, lobe.weight, lobe.roughness, lobe.ior, lobe.metallic]
-        numbers += [lobe.specular, lobe.specular_tint, lobe.transmission, lobe.alpha]
-        numbers.append(lobe.emission)
-    largest = np.abs(np.concatenate([np.ravel(each) for each in numbers])).max()
-    return bool(largest <= np.finfo(np.float32).max)  # not of NaN
+    if not np.abs(material.absorption).max() <= np.finfo(np.float32).max:  # so of NaN
+        return False
+    return all(np.isfinite(model.numbers(lobe)).all() for lobe in material.lobes)
 
 
 def plain(name: str, color, index: int = 0) -> model.Material:
@@ -106,9 +102,9 @@ class _Reader:
             self._add("transparent", 1.0, color=WHITE)
         if not self.lobes:
             self._add("diffuse", 1.0, color=BLACK)
-        if len(self.lobes) > MOST:
-            self.strange[f"more than {MOST} shaders"] = None
-            self.lobes = sorted(self.lobes, key=lambda lobe: -lobe.weight)[:MOST]
+        if len(self.lobes) > LR_LOBES_MAX:
+            self.strange[f"more than {LR_LOBES_MAX} shaders"] = None
+            self.lobes = sorted(self.lobes, key=lambda lobe: -lobe.weight)[:LR_LOBES_MAX]
         if self.strange:
             self.notes.strange(tuple(self.strange), self.material.name)
         made = model.Material(

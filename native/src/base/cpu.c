@@ -44,9 +44,9 @@ int32_t lr_cpu_simd(void)
 
 lr_status lr_cpu_choose(int32_t wanted, int32_t *simd, lr_error *error)
 {
-    if (wanted < LR_SIMD_AUTO || wanted > LR_SIMD_AVX512)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "simd %d is none of auto (0), portable (1), avx2 (2), avx512 (3)", wanted);
+    const lr_status known = lr_check_choice("simd", wanted, LR_SIMD_AVX512, error);
+    if (known != LR_OK)
+        return known;
     int32_t best = lr_cpu_simd();
     if (wanted > best)
         return lr_fail(error, LR_E_ARGUMENT, "simd %s is not offered by this processor",

@@ -33,6 +33,13 @@ lr_status lr_fail_memory(lr_error *error, uint64_t nbytes, const char *what)
                    (double)nbytes / 1e6);
 }
 
+lr_status lr_check_choice(const char *what, int32_t value, int32_t last, lr_error *error)
+{
+    if (value >= 0 && value <= last)
+        return LR_OK;
+    return lr_fail(error, LR_E_ARGUMENT, "%s must be 0 to %d, it is %d", what, last, value);
+}
+
 lr_status lr_fail_stopped(lr_error *error)
 {
     return lr_fail(error, LR_E_STOPPED, "stopped");

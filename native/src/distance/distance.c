@@ -11,21 +11,18 @@ static const lr_transform *const transforms[] = {
     [LR_METRIC_EUCLID] = &lr_distance_euclid,
 };
 
-enum { MAX_EUCLID = 26754 }; /* 3 (MAX_EUCLID - 1)^2 fits int32 */
-
 static lr_status check(const int32_t n[3], int32_t metric, lr_error *error)
 {
-    if (metric < LR_METRIC_CHESSBOARD || metric > LR_METRIC_EUCLID)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "metric %d is none of chessboard (0), city-block (1), chamfer 3-4-5 (2) "
-                       "and Euclid (3)",
-                       metric);
+    const lr_status status = lr_check_choice("metric", metric, LR_METRIC_EUCLID, error);
+    if (status != LR_OK)
+        return status;
     if (n[0] < 1 || n[1] < 1 || n[2] < 1)
         return lr_fail(error, LR_E_ARGUMENT, "a distance needs cells; there are %d x %d x %d", n[0],
                        n[1], n[2]);
-    if (metric == LR_METRIC_EUCLID && (n[0] > MAX_EUCLID || n[1] > MAX_EUCLID || n[2] > MAX_EUCLID))
+    if (metric == LR_METRIC_EUCLID &&
+        (n[0] > LR_EUCLID_MAX || n[1] > LR_EUCLID_MAX || n[2] > LR_EUCLID_MAX))
         return lr_fail(error, LR_E_SIZE, "Euclidean distances are limited to %d cells a side",
-                       (int)MAX_EUCLID);
+                       LR_EUCLID_MAX);
     return LR_OK;
 }
 

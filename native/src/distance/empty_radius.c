@@ -167,11 +167,9 @@ lr_status lr_radii_make(const lr_volume *v, int32_t metric, bool safe, const lr_
 lr_status lr_radii_build(const lr_volume *v, int32_t metric, const lr_watch *watch,
                          lr_radii **radii, lr_error *error)
 {
-    if (metric < LR_METRIC_CHESSBOARD || metric > LR_METRIC_EUCLID)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "metric %d is none of chessboard (0), city-block (1), chamfer 3-4-5 (2) "
-                       "and Euclid (3)",
-                       metric);
+    const lr_status known = lr_check_choice("metric", metric, LR_METRIC_EUCLID, error);
+    if (known != LR_OK)
+        return known;
     if (!v->finished)
         return lr_fail(error, LR_E_ARGUMENT, "the volume is not finished");
     if (v->planes[0] != NULL)

@@ -268,13 +268,10 @@ static lr_status check(const lr_camera *camera, int32_t skip, const lr_image *im
     if (camera->projection != LR_ORTHOGRAPHIC)
         return lr_fail(error, LR_E_ARGUMENT,
                        "pixels are skipped around parallel rays: the camera must be orthographic");
-    if (skip < LR_SKIP_SAFE || skip > LR_SKIP_PAPER)
-        return lr_fail(error, LR_E_ARGUMENT, "skip %d is none of safe (0), none (1), paper (2)",
-                       skip);
     if (image->width < 1 || image->height < 1)
         return lr_fail(error, LR_E_ARGUMENT, "an image needs pixels; there are %d x %d",
                        image->width, image->height);
-    return LR_OK;
+    return lr_check_choice("skip", skip, LR_SKIP_PAPER, error);
 }
 
 static void clear(const lr_image *image)

@@ -123,21 +123,15 @@ uint64_t lr_structure_nbytes(const lr_structure *s)
 
 static lr_status check_options(const lr_volume *volume, const lr_trace_options *o, lr_error *error)
 {
-    if (o->mode < LR_MODE_SURFACE || o->mode > LR_MODE_BINARY)
-        return lr_fail(error, LR_E_ARGUMENT, "mode %d is neither surface (0) nor binary (1)",
-                       o->mode);
-    if (o->hit_test < LR_HIT_FACES || o->hit_test > LR_HIT_UNIFORM)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "hit test %d is none of faces (0), extrema (1), uniform (2)", o->hit_test);
-    if (o->root < LR_ROOT_NEWTON || o->root > LR_ROOT_CUBIC)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "root finder %d is none of newton (0), linear (1), bisect (2), cubic (3)",
-                       o->root);
-    if (o->normal < LR_NORMAL_CENTRAL || o->normal > LR_NORMAL_SMOOTH)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "normal %d is none of central (0), analytic (1), smooth (2)", o->normal);
-    if (o->hit_test != LR_HIT_UNIFORM)
-        return LR_OK;
+    lr_status status = lr_check_choice("mode", o->mode, LR_MODE_BINARY, error);
+    if (status == LR_OK)
+        status = lr_check_choice("hit test", o->hit_test, LR_HIT_UNIFORM, error);
+    if (status == LR_OK)
+        status = lr_check_choice("root finder", o->root, LR_ROOT_CUBIC, error);
+    if (status == LR_OK)
+        status = lr_check_choice("normal", o->normal, LR_NORMAL_SMOOTH, error);
+    if (status != LR_OK || o->hit_test != LR_HIT_UNIFORM)
+        return status;
     if (o->root == LR_ROOT_NEWTON || o->root == LR_ROOT_CUBIC)
         return lr_fail(error, LR_E_ARGUMENT,
                        "the uniform hit test brackets across cells, where the field has no one "

@@ -32,16 +32,16 @@ lr_status lr_volume_normals(const lr_volume *v, const double *points, const uint
 {
     if (!v->finished || v->planes[0] != NULL)
         return lr_fail(error, LR_E_ARGUMENT, "the volume is not finished, or rectilinear");
-    if (normal_kind < LR_NORMAL_CENTRAL || normal_kind > LR_NORMAL_SMOOTH)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "normal %d is none of central (0), analytic (1), smooth (2)", normal_kind);
+    const lr_status status = lr_check_choice("normal", normal_kind, LR_NORMAL_SMOOTH, error);
+    if (status != LR_OK)
+        return status;
     for (uint64_t i = 0; i < n; i++) {
         double q[3], normal[3];
         lr_map_point(v->storage_from_object, points + 3 * i, q);
-        const bool known =
+        const bool found =
             lr_all_finite(q, 3) && normal_at(v, q, ids != NULL ? ids[i] : 0, normal_kind, normal);
         for (int a = 0; a < 3; a++)
-            normals[3 * i + (uint64_t)a] = known ? normal[a] : NAN;
+            normals[3 * i + (uint64_t)a] = found ? normal[a] : NAN;
     }
     return LR_OK;
 }

@@ -19,6 +19,36 @@
 #define LR_GAUSS_REACH 4.5    /* sigma: beyond, less than half a step of u16 is left */
 #define LR_BOX_REACH   0.8661 /* sqrt(3) / 2: farther voxels are of one side */
 
+#define LR_WIDEST 32.0 /* voxels that a filter may reach */
+
+/* What it has unless asked otherwise, in voxels. Steps of u8 are so coarse that a steeper ramp errs
+ * less, though its ends are cut off nearer to the surface. */
+LR_INLINE double lr_profile_half_width(int32_t filter, int32_t sample_type)
+{
+    switch (filter) {
+    case LR_FILTER_CONE:
+        return 3.0;
+    case LR_FILTER_GAUSS:
+        return 1.0;
+    case LR_FILTER_BOX:
+    case LR_FILTER_BINARY:
+        return 0.5;
+    default:
+        return sample_type == LR_U8 ? 1.8 : 2.5;
+    }
+}
+
+LR_INLINE double lr_profile_widest(int32_t filter)
+{
+    return filter == LR_FILTER_GAUSS ? LR_WIDEST / LR_GAUSS_REACH : LR_WIDEST;
+}
+
+/* Whether it tells inside from outside, which a sheet has not. */
+LR_INLINE bool lr_profile_of_solids(int32_t filter)
+{
+    return filter == LR_FILTER_BOX || filter == LR_FILTER_BINARY;
+}
+
 /* How far from the surface, in voxels, occupancy is neither 0 nor 1. */
 LR_INLINE double lr_profile_reach(int32_t filter, double r)
 {

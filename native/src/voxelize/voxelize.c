@@ -20,7 +20,6 @@
 
 /* A 4096^3 lattice; the tables of its bricks take 1.2 GB. */
 #define MOST_TABLE 134217728.0
-#define WIDEST     32.0 /* reach of a filter, voxels */
 
 /* Central differences at the corners of a surface cell reach sqrt(6) from the
  * surface (samples at offsets 2, 1, 1); the rest is for rounding. The lattice
@@ -32,6 +31,25 @@
 
 enum { ROOTS = 4096 /* components that a part asks for their winding number */ };
 
+/* ---- filters ----------------------------------------------------------- */
+
+lr_status lr_filter_get(int32_t filter, int32_t sample_type, lr_filter_info *info, lr_error *error)
+{
+    lr_status status = lr_check_choice("filter", filter, LR_FILTER_BINARY, error);
+    if (status == LR_OK)
+        status = lr_check_choice("sample type", sample_type, LR_F32, error);
+    if (status == LR_OK)
+        *info = (lr_filter_info){.half_width = lr_profile_half_width(filter, sample_type),
+                                 .widest = lr_profile_widest(filter),
+                                 .of_solids = lr_profile_of_solids(filter)};
+    return status;
+}
+
+double lr_filter_slope(int32_t filter, double half_width)
+{
+    return lr_profile_slope(filter, half_width);
+}
+
 /* ---- begin ------------------------------------------------------------- */
 
 static lr_status check_options(const lr_voxelize_options *o, lr_error *error)
@@ -39,25 +57,14 @@ static lr_status check_options(const lr_voxelize_options *o, lr_error *error)
     if (!(o->voxel_size >= 1e-100 && o->voxel_size <= 1e100))
         return lr_fail(error, LR_E_ARGUMENT, "voxel_size must be positive and finite; it is %g",
                        o->voxel_size);
-    if (o->filter < LR_FILTER_RAMP || o->filter > LR_FILTER_BINARY)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "filter %d is none of ramp (0), box (1), cone (2), gauss (3), binary (4)",
-                       o->filter);
-    const double widest = o->filter == LR_FILTER_GAUSS ? WIDEST / LR_GAUSS_REACH : WIDEST;
-    if (!(o->half_width > 0.0 && o->half_width <= widest))
-        return lr_fail(error, LR_E_ARGUMENT, "half_width must lie in (0, %.3g] voxels; it is %g",
-                       widest, o->half_width);
-    if (o->kind < LR_KIND_AUTO || o->kind > LR_KIND_SHEET)
-        return lr_fail(error, LR_E_ARGUMENT, "kind %d is none of auto (0), solid (1), sheet (2)",
-                       o->kind);
-    if (o->sample_type < LR_U8 || o->sample_type > LR_F32)
-        return lr_fail(error, LR_E_ARGUMENT, "sample type %d is none of u8 (0), u16 (1), f32 (2)",
-                       o->sample_type);
-    if (o->exact < LR_EXACT_SHEETS || o->exact > LR_EXACT_EVERY)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "triangle cells %d are none of sheets (0), all (1), none (2), every (3)",
-                       o->exact);
-    return LR_OK;
+    lr_filter_info filter;
+    lr_status status = lr_filter_get(o->filter, o->sample_type, &filter, error);
+    if (status == LR_OK && !(o->half_width > 0.0 && o->half_width <= filter.widest))
+        status = lr_fail(error, LR_E_ARGUMENT, "half_width must lie in (0, %.3g] voxels; it is %g",
+                         filter.widest, o->half_width);
+    if (status == LR_OK)
+        status = lr_check_choice("kind", o->kind, LR_KIND_SHEET, error);
+    return status == LR_OK ? lr_check_choice("exact", o->exact, LR_EXACT_EVERY, error) : status;
 }
 
 /* The lattice lies on multiples of the voxel size, with the band and one more
@@ -261,7 +268,7 @@ static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *
     if (status != LR_OK)
         return status;
     v->job.sheet = !v->judgement.solid;
-    if (v->job.sheet && (o->filter == LR_FILTER_BOX || o->filter == LR_FILTER_BINARY))
+    if (v->job.sheet && lr_profile_of_solids(o->filter))
         return lr_fail(error, LR_E_ARGUMENT,
                        "the filters box and binary tell inside from outside, but the mesh is taken "
                        "for a sheet, which has neither; use ramp, cone or gauss, or kind solid");

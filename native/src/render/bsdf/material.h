@@ -9,8 +9,6 @@
 
 #include "base/base.h"
 
-enum { LR_LOBES_MAX = 8 };
-
 typedef enum lr_material_flag {
     LR_MATERIAL_SCATTERS = 1, /* some lobe reflects or refracts */
     LR_MATERIAL_EMITS = 2,

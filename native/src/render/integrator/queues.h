@@ -19,8 +19,7 @@ enum {
     /* Measured on one sphere, a thousand and a hundred thousand: 512 to 4096 differ by
      * less than a tenth. Small tiles of memory, batches that end soon. */
     LR_STRETCH = 1024,
-    LR_BRANCHES_MAX = 16, /* places of a pixel in the queue */
-    LR_PARTS = 4          /* of a pixel's samples, for the estimate of its noise */
+    LR_PARTS = 4 /* of a pixel's samples, for the estimate of its noise */
 };
 
 typedef struct lr_rays_buffer {

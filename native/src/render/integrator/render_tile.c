@@ -19,10 +19,9 @@
 #include "render/integrator/path_trace.h"
 
 enum {
-    SIDE_MAX = 1 << 16,    /* pixels of a tile's side and */
-    PLACE_MAX = 1 << 24,   /* of its place in the image: f64 film points stay exact */
-    SAMPLES_MAX = 1 << 20, /* sums of f64 keep more than 30 bits */
-    BOUNCES_MAX = 1 << 10  /* counted in 16 bits */
+    SIDE_MAX = 1 << 16,   /* pixels of a tile's side and */
+    PLACE_MAX = 1 << 24,  /* of its place in the image: f64 film points stay exact */
+    SAMPLES_MAX = 1 << 20 /* sums of f64 keep more than 30 bits */
 };
 
 static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_passes *passes,
@@ -48,9 +47,9 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
     const int32_t bounces[] = {tile->max_bounces, tile->diffuse_bounces, tile->glossy_bounces,
                                tile->transmission_bounces, tile->transparent_bounces};
     for (size_t k = 0; k < sizeof bounces / sizeof *bounces; k++)
-        if (bounces[k] < 0 || bounces[k] > BOUNCES_MAX)
+        if (bounces[k] < 0 || bounces[k] > LR_BOUNCES_MAX)
             return lr_fail(error, LR_E_ARGUMENT, "limits of bounces must be 0 to %d, one is %d",
-                           BOUNCES_MAX, bounces[k]);
+                           LR_BOUNCES_MAX, bounces[k]);
     if (tile->filter != LR_FILM_BOX && tile->filter != LR_FILM_BLACKMAN_HARRIS)
         return lr_fail(error, LR_E_ARGUMENT, "the pixel's filter must be %d or %d, it is %d",
                        LR_FILM_BOX, LR_FILM_BLACKMAN_HARRIS, tile->filter);
