@@ -9,15 +9,13 @@ import importlib
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import leapray
-from leapray.voxelization import FILTERS
 
-from . import model
+from .settings import SETTINGS, number
 
-DEFAULTS = model.Settings()
-MOST_THREADS, LAST_FRAME = 1024, 1048574  # of Blender, which would quietly clamp
+LAST_FRAME = 1048574  # of Blender, which would quietly clamp
 MOST_PERCENT, LEAST_PIXELS, MOST_PIXELS = 32767, 4, 65536  # likewise
 VERBS = ("render", "compare", "study")
 FRAMES = re.compile(r"(-?\d+)(?:(?:-|\.\.)(-?\d+))?")
@@ -141,7 +139,7 @@ def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
     )
     verb.add_argument(
         "--percentage",
-        type=count(1, MOST_PERCENT),
+        type=number(1, MOST_PERCENT),
         metavar="P",
         help="of the resolution; default: the scene's, 100 where one of the next two is given",
     )
@@ -156,7 +154,7 @@ def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
     for axis, of in (("x", "the picture's width"), ("y", "its height")):
         verb.add_argument(
             f"--resolution-{axis}",
-            type=count(LEAST_PIXELS, MOST_PIXELS),
+            type=number(LEAST_PIXELS, MOST_PIXELS),
             metavar="N",
             help=f"{of} in pixels; default: the scene's",
         )
@@ -166,8 +164,8 @@ def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
     verb.add_argument("scene", type=Path, metavar="SCENE.blend")
     verb.add_argument("--output", type=Path, metavar="DIR", help="default: SCENE-compare here")
     verb.add_argument("--traversers", metavar="all|A,B,..", help="default: the default one")
-    verb.add_argument("--samples", type=count(1), default=16, metavar="N", help="per pixel")
-    verb.add_argument("--reference", type=count(1), metavar="N", help="default: 8 times --samples")
+    add_setting(verb, "samples", default=16)
+    verb.add_argument("--reference", type=number(1), metavar="N", help="default: 8 times --samples")
     verb.add_argument(
         "--references",
         type=Path,
@@ -192,21 +190,15 @@ def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
         default="scene",
         help="plain: all diffuse, and light does not bounce",
     )
+    add_setting(verb, "diffuse_bounces")
     verb.add_argument(
-        "--diffuse-bounces", type=count(0), metavar="N", help="of both; default: the scene's"
+        "--curve", type=number(1), metavar="N", help="chart both engines at 1, 4, 16 .. N samples"
     )
     verb.add_argument(
-        "--curve", type=count(1), metavar="N", help="chart both engines at 1, 4, 16 .. N samples"
+        "--percentage", type=number(1, MOST_PERCENT), metavar="P", help="of the resolution"
     )
-    verb.add_argument(
-        "--percentage", type=count(1, MOST_PERCENT), metavar="P", help="of the resolution"
-    )
-    verb.add_argument(
-        "--cache-folder",
-        metavar="DIR",
-        help="where volumes are kept as .vdb files, to be read instead of made by the next run",
-    )
-    verb.add_argument("--threads", type=count(0, MOST_THREADS), metavar="N", help="0: all cores")
+    for name in ("cache_folder", "threads"):
+        add_setting(verb, name)
 
     verb = verbs.add_parser("study", help="measure speed, accuracy, stability")
     names = verb.add_subparsers(
@@ -225,89 +217,32 @@ def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
 
 def add_settings(verb: Parser) -> None:
     """Options that replace settings of the scene; what is not given stays the scene's."""
-    verb.add_argument("--samples", type=count(1), metavar="N", help="rays per pixel")
-    for kind in ("max", "diffuse", "glossy", "transmission", "transparent"):
-        of = "in all" if kind == "max" else f"by {kind} surfaces"
-        verb.add_argument(
-            f"--{kind}-bounces", type=count(0), metavar="N", help=f"most bounces of light {of}"
-        )
-    verb.add_argument(
-        "--noise-threshold",
-        type=float,
-        metavar="X",
-        help="where a pixel has enough samples; 0: never",
-    )
-    verb.add_argument(
-        "--min-samples", type=count(0), metavar="N", help="before noise is judged; 0: as suits it"
-    )
-    verb.add_argument("--pixel-filter", choices=list(leapray.PIXEL_FILTERS))
-    verb.add_argument("--filter-width", type=float, metavar="X", help="of the pixel filter, pixels")
-    verb.add_argument("--clamp-direct", type=float, metavar="X", help="light of a sample; 0: off")
-    verb.add_argument("--clamp-indirect", type=float, metavar="X", help="after bounces; 0: off")
-    verb.add_argument(
-        "--nested",
-        action=argparse.BooleanOptionalAction,
-        help="whether glass in glass bends light by the ratio of their indices",
-    )
-    verb.add_argument(
-        "--ambient-distance", type=float, metavar="X", help="fast stand-in for bounces; 0: off"
-    )
-    verb.add_argument("--ao-distance", type=float, metavar="X", help="reach of ambient occlusion")
-    verb.add_argument("--seed", type=count(0), metavar="N", help="another pattern of rays")
-    verb.add_argument(
-        "--traverser",
-        metavar="NAME",
-        help=", ".join(entry.name for entry in leapray.traversers()),
-    )
-    verb.add_argument("--hit-test", choices=list(leapray.HIT_TESTS))
-    verb.add_argument("--root", choices=list(leapray.ROOTS))
-    verb.add_argument("--normal", choices=list(leapray.NORMALS))
-    verb.add_argument("--layout", choices=model.LAYOUTS)
-    verb.add_argument("--filter", choices=list(FILTERS), help="of the volumes' samples")
-    verb.add_argument(
-        "--resolution",
-        type=auto_or_count,
-        metavar="auto|N",
-        help="samples along the longest side of each volume",
-    )
-    verb.add_argument(
-        "--pixel-error",
-        type=float,
-        metavar="X",
-        help=f"of a pixel, for --resolution auto; {DEFAULTS.pixel_error} unless the scene says so",
-    )
-    verb.add_argument(
-        "--half-width", type=float, metavar="X", help="of that filter, voxels; 0: as suits"
-    )
-    verb.add_argument("--exact", choices=list(model.EXACT), help="whose cells keep their triangles")
-    verb.add_argument("--sample-type", choices=list(model.SAMPLE_TYPES), help="of the volumes")
-    verb.add_argument("--memory-mb", type=count(1), metavar="N", help="for all volumes")
-    verb.add_argument(
-        "--cache-folder",
-        metavar="DIR",
-        help="where volumes are kept as .vdb files, to be read instead of made by the next run",
-    )
-    verb.add_argument("--threads", type=count(0, MOST_THREADS), metavar="N", help="0: all cores")
+    for name, setting in SETTINGS.items():
+        if setting.option:
+            add_setting(verb, name)
 
 
-def count(least: int, most: int = 2**31 - 1):
-    """A type for argparse: an integer from least to most, as Blender can hold it."""
-
-    def number(word: str) -> int:
-        value = int(word)
-        if value < least:
-            raise argparse.ArgumentTypeError(f"must be at least {least}, not {value}")
-        if value > most:
-            raise argparse.ArgumentTypeError(f"must be at most {most}, not {value}")
-        return value
-
-    number.__name__ = "integer"  # argparse shows it
-    return number
-
-
-def auto_or_count(word: str) -> int:
-    """A type for argparse: "auto", which is 0, or an integer from 1 on."""
-    return 0 if word == "auto" else count(1)(word)
+def add_setting(verb: Parser, name: str, **changes) -> None:
+    """The option of a setting; None where it is not given."""
+    setting = SETTINGS[name]
+    more: dict[str, Any] = {}
+    if setting.kind is bool:
+        more["action"] = argparse.BooleanOptionalAction
+    elif setting.check is not None:  # by the verb, with the nearest word
+        more["metavar"] = "NAME"
+        entries = dict.fromkeys(name.partition(":")[0] for name in setting.names())
+        more["help"] = f"{setting.tooltip}: {', '.join(entries)}"
+    elif setting.choices:
+        more["choices"] = setting.names()
+    elif setting.kind is str:
+        more["metavar"] = "DIR"
+    else:
+        least = setting.minimum if not setting.zero_word else 1
+        more["type"] = number(least, setting.maximum, setting.kind, setting.zero_word)
+        letter = "N" if setting.kind is int else "X"
+        more["metavar"] = f"{setting.zero_word}|{letter}" if setting.zero_word else letter
+    words = {"help": setting.tooltip} | more | changes
+    verb.add_argument(f"--{name.replace('_', '-')}", **words)
 
 
 def pixel(word: str) -> tuple[int, int]:
@@ -318,8 +253,7 @@ def pixel(word: str) -> tuple[int, int]:
     return int(numbers[1]), int(numbers[2])
 
 
-auto_or_count.__name__ = '"auto" or integer'
-frame_number = count(-LAST_FRAME, LAST_FRAME)
+frame_number = number(-LAST_FRAME, LAST_FRAME)
 
 
 def frame_numbers(word: str) -> list[int]:

@@ -12,15 +12,16 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import leapray
 from leapray import LeapRayError
 
-from . import arguments, model, pixel_report, process
+from . import arguments, pixel_report, process
 from .blender.open_file import open_scene, render_frame, set_format
+from .settings import SETTINGS
 from .store import files
 from .store.files import check_file, check_folder, part_folder, resolved
 
@@ -215,19 +216,13 @@ def traverser_spec(word: str) -> str:
 
 
 def override(scene, args: argparse.Namespace) -> None:
-    """Put the settings that were given into the scene, which would quietly clamp them."""
-    for field in fields(model.Settings):
-        value = getattr(args, field.name, None)
-        known = scene.leapray.bl_rna.properties.get(field.name)
-        if value is None or known is None:  # not given; threads is Blender's
+    """Put the settings that were given into the scene."""
+    for name, setting in SETTINGS.items():
+        value = getattr(args, name, None)
+        if value is None or not setting.in_blender:
             continue
-        if not isinstance(value, str) and not known.hard_min <= value <= known.hard_max:
-            raise LeapRayError(
-                f"{known.name} must lie between {known.hard_min:g} and {known.hard_max:g}, "
-                f"and is {value}"
-            )
-        setattr(scene.leapray, field.name, value)
-        for layer in scene.view_layers if field.name == "samples" else ():
+        setattr(scene.leapray, name, value)
+        for layer in scene.view_layers if name == "samples" else ():
             layer.samples = 0  # its own, which would count more than the scene's
     if args.threads is not None:
         scene.render.threads_mode = "FIXED" if args.threads else "AUTO"

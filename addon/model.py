@@ -13,21 +13,9 @@ import leapray
 from leapray import Camera, Lobe, Program
 
 from .memory import Resident
+from .settings import Modelling, Settings
 
 Color = tuple[float, float, float]  # linear RGB
-
-
-SAMPLE_TYPES = ("auto", "u8", "u16", "f32")  # auto: the least that a volume's error permits
-
-
-@dataclass(frozen=True)
-class Modelling:
-    """How a mesh becomes a volume, where its object says more than the scene."""
-
-    kind: str = "auto"  # "auto" | "solid" | "sheet"
-    resolution: int = 0  # samples along its volume's longest side; 0: as the scene
-    filter: str = ""  # of the voxelization; "": the scene's
-    sample_type: str = ""  # one of SAMPLE_TYPES; "": the scene's
 
 
 def numbers(thing: Any) -> NDArray[np.float32]:
@@ -113,51 +101,6 @@ class World(leapray.World):
     """What surrounds the scene, as the core has it; the image is not its texture yet."""
 
     image: Image | None = None  # type: ignore[assignment]
-
-
-EXACT = ("auto", "sheets", "all", "none")  # auto: of sheets, and of solids where it is worth it
-LAYOUTS = ("objects", "scene")  # what shares a volume: the instances of a mesh, or all
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the user may choose, in the panel and on the command line alike.
-
-    The defaults are Cycles' own where it has the setting.
-    """
-
-    samples: int = 256
-    noise_threshold: float = 0.01  # at which a pixel gets no more samples; 0: never
-    min_samples: int = 0  # before that; 0: by the threshold
-    pixel_filter: str = "blackman_harris"  # or "box", of one pixel
-    filter_width: float = 1.5  # pixels, of the former
-    max_bounces: int = 12  # in all, without transparent_bounces
-    diffuse_bounces: int = 4
-    glossy_bounces: int = 4
-    transmission_bounces: int = 12
-    transparent_bounces: int = 8
-    branches: int = 0  # rays of one sample on their way at a time; 0: by the samples
-    clamp_direct: float = 0.0  # most that a sample brings of lights it sees; 0: all
-    clamp_indirect: float = 10.0  # of what is scattered more than once
-    nested: bool = False  # glass in glass bends by the ratio of indices; off: as in Cycles
-    ambient_distance: float = 0.0  # within it things darken the world's light; 0: no such light
-    ao_distance: float = 10.0  # reach of ambient occlusion, in world space
-    traverser: str = ""  # "" is the core's default
-    hit_test: str = "extrema"
-    root: str = "newton"
-    normal: str = "central"
-    layout: str = "objects"  # one of LAYOUTS
-    resolution: int = 0  # samples along the longest side of each volume; 0: the plan decides
-    pixel_error: float = 0.25  # of a pixel's footprint
-    memory_mb: int = 1024  # for volumes, structures and the scratch to make them
-    sample_type: str = "auto"  # one of SAMPLE_TYPES
-    filter: str = "ramp"  # how occupancy falls across the surface, see leapray.voxelize
-    half_width: float = 0.0  # of the filter, in voxels; 0: its own
-    exact: str = "auto"  # whose cells keep their triangles: one of EXACT
-    cache_folder: str = ""  # where volumes are kept as .vdb; "": nowhere
-    seed: int = 0
-    threads: int = 0  # 0: all cores
-    tile_size: int = 64
 
 
 @dataclass(frozen=True)

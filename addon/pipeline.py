@@ -24,14 +24,13 @@ import numpy as np
 import leapray
 from leapray._abi import lr_counters
 from leapray.threads import cores
-from leapray.voxelization import FILTERS
 
 from . import memory, model, pixel_report, tiles
 from .plan import plan
+from .settings import SETTINGS
 from .store.memory_cache import Cache
 
 POLL = 0.03  # seconds between two looks at `stop`
-WIDEST = 7.0  # half width of a filter, in voxels: what every one of them can have
 PLANNED = 0.3  # share of the progress bar that planning and voxelizing take
 
 
@@ -118,25 +117,10 @@ def render(
 
 def check(settings: model.Settings) -> None:
     """Refuse, in a sentence, settings that no scene could be rendered with."""
-    least = {"samples": 1, "resolution": 0, "memory_mb": 1, "threads": 0, "tile_size": 1}
-    for name, least_value in least.items():
-        value = getattr(settings, name)
-        if value < least_value:
-            raise leapray.LeapRayError(f"{name} must be at least {least_value}, it is {value}")
-    if not settings.pixel_error > 0:
-        raise leapray.LeapRayError(f"pixel_error must be above 0, it is {settings.pixel_error}")
-    if not 0 <= settings.half_width <= WIDEST:
-        raise leapray.LeapRayError(
-            f"half_width must lie in 0..{WIDEST:g} voxels, it is {settings.half_width}"
-        )
-    known_names = {"layout": model.LAYOUTS, "sample_type": model.SAMPLE_TYPES, "filter": FILTERS}
-    known_names["exact"] = model.EXACT
-    for name, known in known_names.items():
-        value = getattr(settings, name)
-        if value not in known:
-            raise leapray.LeapRayError(f"{name} is one of {', '.join(known)}, not {value!r}")
-    leapray.traverser(settings.traverser)
-    leapray.trace_options(hit_test=settings.hit_test, root=settings.root, normal=settings.normal)
+    for name, setting in SETTINGS.items():
+        wrong = setting.problem(getattr(settings, name))
+        if wrong:
+            raise leapray.LeapRayError(f"{name} {wrong}")
 
 
 def check_pixel(pixel: tuple[int, int], width: int, height: int) -> None:

@@ -20,6 +20,7 @@ sys.path.insert(0, str(DOCS))
 import make_architecture  # noqa: E402
 import make_library  # noqa: E402
 import make_methods  # noqa: E402
+import make_settings  # noqa: E402
 import walks  # noqa: E402
 
 
@@ -179,6 +180,14 @@ def test_the_drift_that_is_drawn_is_that_of_sums_in_32_bits():
     assert len(exact) > 12
     assert walks.far_cells("aw_accumulate") == exact
     assert walks.far_cells("aw_accumulate:precision=f32") != exact
+
+
+# ---- the settings --------------------------------------------------------------
+
+
+def test_the_page_of_the_settings_is_what_its_script_makes():
+    found = make_settings.PAGE.read_text(encoding="utf-8")
+    assert make_settings.page() == found, "run docs/make_settings.py"
 
 
 # ---- links ---------------------------------------------------------------------

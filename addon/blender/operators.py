@@ -9,6 +9,7 @@ from bpy_extras.io_utils import ExportHelper
 import leapray
 
 from ..plan import plan
+from ..settings import SETTINGS
 from ..store import volume_files
 from . import properties
 from .presets import PRESETS
@@ -56,8 +57,8 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
         description="Samples along the longest side of the volume",
         default=128,
         min=2,
-        soft_max=1024,
-        max=16384,
+        soft_max=SETTINGS["resolution"].soft_maximum,
+        max=SETTINGS["resolution"].maximum,
     )
 
     space: bpy.props.EnumProperty(

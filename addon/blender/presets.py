@@ -3,29 +3,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import leapray
 
-from .. import model
-
-# What a preset does not touch: where things are kept, and what the machine has.
-MACHINE = ("memory_mb", "cache_folder", "seed", "threads", "tile_size")
+from ..settings import SETTINGS
 
 
 @dataclass(frozen=True)
 class Preset:
-    """All settings but those of MACHINE: the defaults, and what differs."""
+    """All settings that are in presets: the defaults, and what differs."""
 
     label: str
     about: str
     differs: dict[str, object] = field(default_factory=dict)
 
     def values(self) -> dict[str, object]:
-        """By the names of model.Settings, each with a value that a scene can hold."""
-        defaults = model.Settings(traverser=leapray.traverser().spec)
-        names = (each.name for each in fields(defaults) if each.name not in MACHINE)
-        return {name: getattr(defaults, name) for name in names} | self.differs
+        """By the names of Settings, each with a value that a scene can hold."""
+        defaults = {name: s.default for name, s in SETTINGS.items() if s.in_presets}
+        return defaults | self.differs
 
 
 def _of_paper() -> str:

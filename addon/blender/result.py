@@ -18,7 +18,7 @@ class Pass:
     kind: str  # Blender's type of the values
     switch: str = ""  # the property that asks for it; "": always there
     old_name: str = ""  # before Blender 5.0
-    own: bool = False  # its switch is among LeapRay's properties of the view layer
+    own: str = ""  # the tooltip of a switch among LeapRay's properties of the view layer
 
     def blender_name(self) -> str:
         import bpy
@@ -44,9 +44,19 @@ PASSES = (
     Pass("Emission", "RGB", "COLOR", "use_pass_emit", old_name="Emit"),
     Pass("Environment", "RGB", "COLOR", "use_pass_environment", old_name="Env"),
     Pass("Ambient Occlusion", "RGB", "COLOR", "use_pass_ambient_occlusion", old_name="AO"),
-    Pass("Steps", "X", "VALUE", "use_pass_steps", own=True),
-    Pass("Error", "X", "VALUE", "use_pass_error", own=True),
-    Pass("Volume", "X", "VALUE", "use_pass_volume", own=True),
+    Pass(
+        *("Steps", "X", "VALUE", "use_pass_steps"),
+        own="How many cells the camera's rays stand in before they meet something: what the pixel "
+        "costs",
+    ),
+    Pass(
+        *("Error", "X", "VALUE", "use_pass_error"),
+        own="How far the surface that is seen may lie from its true place, in pixels",
+    ),
+    Pass(
+        *("Volume", "X", "VALUE", "use_pass_volume"),
+        own="The number of the volume that is seen, in the order of the report",
+    ),
 )
 
 

@@ -5,27 +5,19 @@ from __future__ import annotations
 
 import argparse
 
+from .. import settings
+
 
 def number(parser: argparse.ArgumentParser, name: str, words: str, *, least: int = 1) -> None:
     """An integer `--name N`; None where it is not given."""
-    parser.add_argument(f"--{name}", type=at_least(least), metavar="N", help=words)
+    parser.add_argument(f"--{name}", type=settings.number(least), metavar="N", help=words)
 
 
 def numbers(parser: argparse.ArgumentParser, name: str, words: str, *, least: int = 1) -> None:
     """One or more integers `--name N N ...`; None where they are not given."""
-    parser.add_argument(f"--{name}", type=at_least(least), metavar="N", nargs="+", help=words)
-
-
-def at_least(least: int):
-    """A type for argparse."""
-
-    def integer(word: str) -> int:
-        value = int(word)
-        if value < least:
-            raise argparse.ArgumentTypeError(f"must be at least {least}, not {value}")
-        return value
-
-    return integer
+    parser.add_argument(
+        f"--{name}", type=settings.number(least), metavar="N", nargs="+", help=words
+    )
 
 
 def chosen(args: argparse.Namespace, name: str, quick, full):

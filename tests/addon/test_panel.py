@@ -14,6 +14,7 @@ import addon
 import leapray
 from addon import model, pipeline
 from addon.blender import engine, operators, presets, properties, ui, ui_report
+from addon.settings import SETTINGS
 
 SAMPLES = sorted((Path(addon.__file__).resolve().parent.parent / "blend_samples").glob("*.blend"))
 
@@ -126,7 +127,8 @@ def test_the_defaults_are_cycles_own(scene):
 
 
 def test_a_preset_gives_every_setting_its_value(scene):
-    before = {name: getattr(scene.leapray, name) for name in presets.MACHINE if name != "threads"}
+    kept = [name for name, s in SETTINGS.items() if s.in_blender and not s.in_presets]
+    before = {name: getattr(scene.leapray, name) for name in kept}
     seen = []
     for name, preset in presets.PRESETS.items():
         scene.leapray.resolution, scene.leapray.hit_test = 77, "uniform"
@@ -136,6 +138,7 @@ def test_a_preset_gives_every_setting_its_value(scene):
             assert getattr(got, key) == (np.float32(value) if isinstance(value, float) else value)
         seen.append(got)
         assert all(getattr(scene.leapray, key) == value for key, value in before.items())
+        assert set(preset.differs) <= set(SETTINGS) - set(kept)
         pipeline.check(got)
         assert preset.label and preset.about
     assert len(set(seen)) == len(presets.PRESETS)

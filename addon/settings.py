@@ -1,0 +1,495 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The settings, each described once (no bpy).
+
+`Settings` is what the user chooses for a scene, `Modelling` for an object. Blender's
+properties, the options of the command line, what is refused before a render and
+docs/settings.md follow from the fields' descriptions; choices of the core's are its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from enum import IntEnum
+from typing import Any
+
+import leapray
+from leapray._abi import LR_BOUNCES_MAX, LR_BRANCHES_MAX
+from leapray.arrays import SAMPLE_TYPES, about
+from leapray.voxelization import EXACT, FILTERS, KINDS, filter_info
+
+WHOLE_MAX = 2**31 - 1  # that Blender holds
+
+
+# ---- what a description says -------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An entry of a menu; without a name the heading of those that follow."""
+
+    name: str
+    label: str
+    tooltip: str
+    stored: int | None = None  # the number in files; None: one made of the name
+
+    @property
+    def number(self) -> int:
+        """Of the name, so that it stays right when entries come and go."""
+        return zlib.crc32(self.name.encode()) & WHOLE_MAX if self.stored is None else self.stored
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A check box for a setting whose 0 has a meaning of its own; it is not stored."""
+
+    label: str
+    tooltip: str
+    on: float  # what the setting becomes where it was 0
+    automatic: bool = True  # 0: LeapRay chooses, and the box is ticked; else 0 is off
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is to be known of a setting beside its name; kinds are int, float, bool and str."""
+
+    default: Any
+    label: str
+    tooltip: str
+    minimum: float | None = None
+    maximum: float | None = None
+    soft_minimum: float | None = None  # of a slider
+    soft_maximum: float | None = None
+    unit: str = "NONE"  # Blender's subtype
+    digits: int = 2  # behind the point, in the panel
+    choices: tuple[Choice, ...] = ()
+    check: Callable[[str], object] | None = None  # raises LeapRayError; in place of `choices`
+    zero: Switch | None = None
+    option: bool = True  # on the command line, by the name with hyphens
+    zero_word: str = ""  # what the command line calls 0, which it then does not take
+    in_blender: bool = True  # a property of LeapRay's; else Blender has its own
+    in_presets: bool = True  # not where things are kept, and what the machine has
+
+    @property
+    def kind(self) -> type:
+        return type(self.default)
+
+    @property
+    def animates(self) -> bool:
+        """Whether it can be keyed: Blender does so for numbers and choices."""
+        return self.in_blender and (self.kind is not str or bool(self.choices))
+
+    def problem(self, value: Any) -> str:
+        """What is wrong with a value, as the end of a sentence; "" where nothing is."""
+        if self.check is not None:
+            try:
+                self.check(value)
+            except leapray.LeapRayError as error:
+                return f"cannot be {value}: {error}"
+        elif self.choices and value not in self.names():
+            return f"is one of {', '.join(self.names())}, not {value}"
+        return out_of_range(value, self.minimum, self.maximum)
+
+    def names(self) -> list[str]:
+        return [choice.name for choice in self.choices if choice.name]
+
+
+def out_of_range(value: float, minimum: float | None, maximum: float | None) -> str:
+    """What is wrong with a number, as the end of a sentence; "" where nothing is."""
+    if minimum is not None and not value >= minimum:
+        return f"must be at least {minimum}, not {value}"
+    if maximum is not None and value > maximum:
+        return f"must be at most {maximum}, not {value}"
+    return ""
+
+
+def number(
+    minimum: float | None, maximum: float | None = WHOLE_MAX, kind: type = int, zero_word: str = ""
+) -> Callable[[str], Any]:
+    """A type for argparse: a number from minimum to maximum, or the word for 0."""
+
+    def parse(word: str) -> Any:
+        if zero_word and word == zero_word:
+            return 0
+        value = kind(word)
+        wrong = out_of_range(value, minimum, maximum)
+        if wrong:
+            raise argparse.ArgumentTypeError(wrong)
+        return value
+
+    plain = "integer" if kind is int else "number"
+    parse.__name__ = f'"{zero_word}" or {plain}' if zero_word else plain  # argparse shows it
+    return parse
+
+
+def setting(
+    default: Any,
+    label: str,
+    tooltip: str,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    **more: Any,
+) -> Any:
+    """A field of a dataclass with its description."""
+    told = Setting(default, label, tooltip, minimum, maximum, **more)
+    return field(default=default, metadata={"setting": told})
+
+
+def described(owner: type) -> dict[str, Setting]:
+    """The descriptions of a dataclass's fields, by name."""
+    return {each.name: each.metadata["setting"] for each in fields(owner)}
+
+
+# ---- choices -----------------------------------------------------------------
+
+LABELS = {
+    "u8": "8 Bit (u8)",
+    "u16": "16 Bit (u16)",
+    "f32": "32 Bit Float (f32)",
+    "auto": "Automatic",
+    "blackman_harris": "Blackman-Harris",
+}
+
+
+def label_of(name: str) -> str:
+    return LABELS.get(name, name.capitalize())
+
+
+def sentence(text: str) -> str:
+    """It begins with a capital letter."""
+    return text[:1].upper() + text[1:]
+
+
+def choices(members: Mapping[str, IntEnum], auto: str = "") -> tuple[Choice, ...]:
+    """Of an enum of the core, as leapray.h describes them; auto: what "auto" does, if it is one."""
+    told = {"auto": auto} if auto else {}
+    told |= {name: sentence(about(member)) for name, member in members.items()}
+    return tuple(Choice(name, label_of(name), tooltip) for name, tooltip in told.items())
+
+
+def traversers() -> Iterable[Choice]:
+    """Every traverser with every choice of its options, below what they promise.
+
+    An entry is called as in charts, and as on the command line.
+    """
+    for exact, heading, promise in (
+        (True, "Exact", "They miss no cell that the ray touches"),
+        (False, "Inexact", "They may miss cells, or find wrong ones: for measurements"),
+    ):
+        yield Choice("", heading, promise)
+        for entry in leapray.variants():
+            if entry.exact == exact:
+                tooltip = f"{sentence(entry.about)} ({entry.source})"
+                yield Choice(entry.spec, f"{entry.label} ({entry.spec})", tooltip)
+
+
+AS_SCENE = Choice("scene", "As Scene", "What the scene's settings say", 0)
+FILTER_CHOICES = choices(FILTERS)
+LAYOUT_CHOICES = (
+    Choice("objects", "Objects", "One volume for each distinct mesh, shared by its instances"),
+    Choice("scene", "Scene", "One volume for the whole scene"),
+)
+SAMPLE_TYPE_CHOICES = choices(
+    SAMPLE_TYPES,
+    "What a volume's error permits: 8 bit where nobody sees it, 32 where 16 are too few",
+)
+EXACT_CHOICES = choices(
+    {name: member for name, member in EXACT.items() if name != "every"},  # for measurements
+    "Those of open surfaces, and of solids where creases or thin walls are worth it",
+)
+# The half width in whole voxels that every filter takes.
+WIDEST = math.floor(min(filter_info(name, "f32").widest for name in FILTERS))
+
+
+# ---- the settings ------------------------------------------------------------
+
+
+def bounces(default: int, label: str, tooltip: str) -> Any:
+    """A limit of bounces, as Cycles has it."""
+    return setting(default, label, tooltip, 0, LR_BOUNCES_MAX, soft_maximum=64)
+
+
+def samples_along(label: str, tooltip: str, **more: Any) -> Any:
+    """A number of samples along the longest side of a volume; 0 leaves it to others."""
+    return setting(0, label, tooltip, 0, 16384, soft_maximum=1024, **more)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the user may choose, in the panel and on the command line alike.
+
+    The defaults are Cycles' own where it has the setting.
+    """
+
+    samples: int = setting(
+        256,
+        "Samples",
+        "Rays per pixel, spread over the pixel; the geometry passes use its centre",
+        1,
+        65536,
+        soft_maximum=256,
+    )
+    noise_threshold: float = setting(
+        0.01,
+        "Noise Threshold",
+        "Pixels whose estimated noise is below this get no more samples; 0 gives all pixels the "
+        "same",
+        0.0,
+        10.0,
+        soft_maximum=1.0,
+        digits=4,
+        zero=Switch(
+            "Use Noise Threshold",
+            "Give no more samples to pixels that are good enough",
+            0.01,
+            automatic=False,
+        ),
+    )
+    min_samples: int = setting(
+        0,
+        "Min Samples",
+        "Samples that every pixel gets before its noise is judged; 0 takes what suits the "
+        "threshold",
+        0,
+        4096,
+        soft_maximum=256,
+        zero=Switch("Automatic Min Samples", "Take as many as suit the noise threshold", 64),
+    )
+    pixel_filter: str = setting(
+        "blackman_harris",
+        "Pixel Filter",
+        "How samples near a pixel are weighted",
+        choices=choices(leapray.PIXEL_FILTERS),
+    )
+    filter_width: float = setting(
+        1.5,
+        "Filter Width",
+        "Width of the pixel filter in pixels",
+        0.01,
+        10.0,
+        soft_maximum=3.0,
+        unit="PIXEL",
+    )
+    max_bounces: int = bounces(12, "Max Bounces", "Most bounces of light in all")
+    diffuse_bounces: int = bounces(
+        4,
+        "Diffuse Bounces",
+        "Most diffuse bounces; 0 leaves surfaces without light from each other, which is fast",
+    )
+    glossy_bounces: int = bounces(4, "Glossy Bounces", "Most reflections")
+    transmission_bounces: int = bounces(12, "Transmission Bounces", "Most refractions")
+    transparent_bounces: int = bounces(
+        8,
+        "Transparent Bounces",
+        "Most surfaces that light passes straight, by alpha or a Transparent BSDF",
+    )
+    branches: int = setting(
+        0,
+        "Branches",
+        "Rays of one sample that may be on their way at a time: where a surface both reflects and "
+        "refracts, more are followed and fewer left to chance; 0 takes what suits the samples",
+        0,
+        LR_BRANCHES_MAX,
+        option=False,
+        zero=Switch("Automatic Branches", "Take as many as suit the samples", 4),
+    )
+    clamp_direct: float = setting(
+        0.0,
+        "Clamp Direct",
+        "The most light that one sample brings from lights that its surface sees; 0 lets all "
+        "through",
+        0.0,
+        1e8,
+        soft_maximum=100.0,
+        zero=Switch("Use Clamp Direct", "Limit direct light", 10.0, automatic=False),
+    )
+    clamp_indirect: float = setting(
+        10.0,
+        "Clamp Indirect",
+        "The most light that one sample brings after more than one bounce: less noise, some light "
+        "lost; 0 lets all through",
+        0.0,
+        1e8,
+        soft_maximum=100.0,
+        zero=Switch("Use Clamp Indirect", "Limit bounced light", 10.0, automatic=False),
+    )
+    nested: bool = setting(
+        False,
+        "Nested Glass",
+        "Solids that lie in each other or touch bend light by the ratio of their indices, as "
+        "water in a tumbler does; off, every surface bends it by its own index, as in Cycles",
+    )
+    ambient_distance: float = setting(
+        0.0,
+        "Ambient Distance",
+        "Where no diffuse bounce is left, surfaces still see the world where nothing lies within "
+        "this distance: a fast stand-in for bounced light, as Cycles' Fast GI; 0 is off",
+        0.0,
+        1e9,
+        soft_maximum=100.0,
+        unit="DISTANCE",
+        zero=Switch(
+            "Use Ambient Distance",
+            "Let the world stand in for light that would bounce further",
+            10.0,
+            automatic=False,
+        ),
+    )
+    ao_distance: float = setting(
+        10.0,
+        "AO Distance",
+        "How far away things darken the Ambient Occlusion pass",
+        1e-6,
+        1e9,
+        soft_minimum=0.01,
+        soft_maximum=100.0,
+        unit="DISTANCE",
+    )
+    traverser: str = setting(
+        leapray.traverser().spec,
+        "Traverser",
+        "How a ray finds the next cell of a volume that may hold a surface",
+        choices=tuple(traversers()),
+        check=leapray.traverser,
+    )
+    hit_test: str = setting(
+        "extrema",
+        "Hit Test",
+        "How a cell is asked whether the ray meets the surface inside it",
+        choices=choices(leapray.HIT_TESTS),
+    )
+    root: str = setting(
+        "newton", "Root", "How the place of the hit is found", choices=choices(leapray.ROOTS)
+    )
+    normal: str = setting(
+        "central",
+        "Normal",
+        "How the surface's normal is found",
+        choices=choices(leapray.NORMALS),
+    )
+    layout: str = setting("objects", "Layout", "What shares a volume", choices=LAYOUT_CHOICES)
+    resolution: int = samples_along(
+        "Resolution",
+        "Samples along the longest side of each volume; 0 takes as many as the pixel error asks "
+        "for",
+        zero_word="auto",
+        zero=Switch(
+            "Automatic Resolution",
+            "Take as many samples as the pixel error asks for, for each volume its own",
+            256,
+        ),
+    )
+    pixel_error: float = setting(
+        0.25,
+        "Pixel Error",
+        "How far a surface may lie from its true place, as a fraction of a pixel",
+        0.001,
+        1000.0,
+        soft_minimum=0.05,
+        soft_maximum=4.0,
+        digits=3,
+    )
+    memory_mb: int = setting(
+        1024,
+        "Memory (MB)",
+        "Megabytes that volumes and their structures may take, with what making them takes; what "
+        "does not fit is modelled more coarsely, with a warning",
+        1,
+        1 << 24,
+        soft_minimum=64,
+        in_presets=False,
+    )
+    sample_type: str = setting(
+        "auto",
+        "Sample Type",
+        "How the samples of volumes are stored",
+        choices=SAMPLE_TYPE_CHOICES,
+    )
+    filter: str = setting(
+        "ramp",
+        "Filter",
+        "How occupancy falls across the surface of volumes",
+        choices=FILTER_CHOICES,
+    )
+    half_width: float = setting(
+        0.0,
+        "Half Width",
+        "Voxels over which the filter reaches to either side, of gauss its sigma; 0 takes what "
+        "suits filter and sample type",
+        0.0,
+        float(WIDEST),
+        soft_maximum=4.0,
+        zero=Switch("Automatic Half Width", "Take what suits the filter and the sample type", 2.5),
+    )
+    exact: str = setting(
+        "auto",
+        "Exact Cells",
+        "Whose cells keep their triangles where samples cannot hold the surface: at borders, "
+        "junctions, creases, thin walls and gaps",
+        choices=EXACT_CHOICES,
+    )
+    cache_folder: str = setting(
+        "",
+        "Cache Folder",
+        "Where volumes are kept as .vdb files, to be read instead of made by the next render; "
+        "empty: nowhere",
+        unit="DIR_PATH",
+        in_presets=False,
+    )
+    seed: int = setting(
+        0,
+        "Seed",
+        "Choose another pattern of rays inside the pixels",
+        0,
+        WHOLE_MAX,
+        in_presets=False,
+    )
+    threads: int = setting(
+        0,
+        "Threads",
+        "Threads that render; 0 takes one for each core",
+        0,
+        1024,
+        in_blender=False,
+        in_presets=False,
+    )
+    tile_size: int = setting(
+        64,
+        "Tile Size",
+        "Pixels along the side of a tile, the piece of the image that a thread takes",
+        8,
+        4096,
+        soft_maximum=256,
+        option=False,
+        in_presets=False,
+    )
+
+
+@dataclass(frozen=True)
+class Modelling:
+    """How a mesh becomes a volume, where its object says more than the scene."""
+
+    kind: str = setting("auto", "Kind", "What the object's mesh stands for", choices=choices(KINDS))
+    resolution: int = samples_along(
+        "Resolution",
+        "Samples along the longest side of the object's volume; 0 leaves it to the scene",
+        zero=Switch("Resolution as Scene", "Leave it to the scene's settings", 128),
+    )
+    filter: str = setting(  # "": the scene's
+        "",
+        "Filter",
+        "How the object's mesh becomes samples",
+        choices=(AS_SCENE, *FILTER_CHOICES),
+    )
+    sample_type: str = setting(  # "": the scene's
+        "",
+        "Sample Type",
+        "How the samples of the object's volume are stored",
+        choices=(AS_SCENE, *SAMPLE_TYPE_CHOICES),
+    )
+
+
+SETTINGS = described(Settings)
