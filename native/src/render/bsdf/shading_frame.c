@@ -3,17 +3,11 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/bsdf/shading_frame.h"
 
-/* Basis: Duff et al., Building an orthonormal basis, revisited, 2017. */
 void lr_basis_set(lr_basis *basis, const double n[3], const double view[3])
 {
-    const double sign = copysign(1.0, n[2]);
-    const double p = -1 / (sign + n[2]), q = n[0] * n[1] * p;
-    const double axis[3][3] = {{1 + sign * n[0] * n[0] * p, sign * q, -sign * n[0]},
-                               {q, sign + n[1] * n[1] * p, -n[1]},
-                               {n[0], n[1], n[2]}};
-    memcpy(basis->axis, axis, sizeof axis);
+    lr_axes_of(n, basis->axis);
     for (int a = 0; a < 3; a++)
-        basis->view[a] = lr_dot(axis[a], view);
+        basis->view[a] = lr_dot(basis->axis[a], view);
 }
 
 /* Bend the normal n towards the face so far that the view's mirror image stands `least` over

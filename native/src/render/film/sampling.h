@@ -135,18 +135,15 @@ LR_INLINE void lr_film_sample(uint32_t hash, uint32_t sample, double *x, double 
     *y = lr_fraction(hash & 2 ? 0u - q : q);
 }
 
-/* A direction about n (unit), its density proportional to the cosine.
- * Basis: Duff et al., Building an orthonormal basis, revisited, 2017. */
+/* A direction about n (unit), its density proportional to the cosine. */
 LR_INLINE void lr_cosine_direction(const double n[3], double u, double v, double d[3])
 {
-    const double two_pi = 6.283185307179586;
-    const double r = sqrt(u), x = r * cos(two_pi * v), y = r * sin(two_pi * v);
+    const double r = sqrt(u), x = r * cos(2 * LR_PI * v), y = r * sin(2 * LR_PI * v);
     const double z = sqrt(1 - u);
-    const double sign = copysign(1.0, n[2]);
-    const double a = -1 / (sign + n[2]), b = n[0] * n[1] * a;
-    d[0] = x * (1 + sign * n[0] * n[0] * a) + y * b + z * n[0];
-    d[1] = x * sign * b + y * (sign + n[1] * n[1] * a) + z * n[1];
-    d[2] = -x * sign * n[0] - y * n[1] + z * n[2];
+    double axis[3][3];
+    lr_axes_of(n, axis);
+    for (int a = 0; a < 3; a++)
+        d[a] = x * axis[0][a] + y * axis[1][a] + z * axis[2][a];
 }
 
 #endif
