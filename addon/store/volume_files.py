@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from leapray import LeapRayError, MeshInfo, Volume, VolumeBuilder
 from leapray.arrays import DTYPES, ONES
+from leapray.volume import BRICK
 
 BLOCK = 64  # samples along a block that is read at a time; a multiple of a brick
 LEAST = -1  # block: bricks start two samples before the lattice
@@ -247,7 +248,9 @@ def _grid_of_bricks(grid, name: str, volume: Volume, read, dtype):
     grid.name = name
     grid.creator = "LeapRay"
     origins, n_stored = volume.bricks()
-    corners = np.stack(np.meshgrid(*[(0, 7)] * 3), -1).reshape(-1, 1, 3) + origins[:n_stored]
+    corners = (
+        np.stack(np.meshgrid(*[(0, BRICK - 1)] * 3), -1).reshape(-1, 1, 3) + origins[:n_stored]
+    )
     found = corners.reshape(-1, 3) // COPIED - LEAST  # none is below
     sizes = tuple(found.max(axis=0, initial=0) + 1)
     numbers = np.unique(np.ravel_multi_index(tuple(found.T), sizes))
@@ -261,7 +264,7 @@ def _grid_of_bricks(grid, name: str, volume: Volume, read, dtype):
 
 def _boxes(origins: NDArray[np.int32]) -> list[tuple[tuple, tuple]]:
     """Bricks joined to boxes (first, past the last): runs along x, then along y, then z."""
-    boxes = [(tuple(first), tuple(x + 8 for x in first)) for first in origins.tolist()]
+    boxes = [(tuple(first), tuple(x + BRICK for x in first)) for first in origins.tolist()]
     for axis in range(3):
 
         def across(box, axis=axis):

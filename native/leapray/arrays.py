@@ -81,6 +81,17 @@ def numbers(values: ArrayLike, dtype, what: str) -> NDArray:
     return array.astype(dtype)
 
 
+def id_array(ids: ArrayLike | None, n: int, *, one: bool = False) -> NDArray[np.uint16] | None:
+    """Ids as (n,), where wanted from one for all; None stays None. Raises LeapRayError."""
+    if ids is None:
+        return None
+    array = np.asarray(ids)
+    if array.shape not in ((n,), *([()] * one)) or array.dtype.kind not in "iu":
+        wanted = f"{n} whole numbers" + ", or one" * one
+        raise LeapRayError(f"ids must be {wanted}; they are {array.dtype} of shape {array.shape}")
+    return np.ascontiguousarray(np.broadcast_to(numbers(array, np.uint16, "ids"), n))
+
+
 def triple(values, c_type=ctypes.c_int32):
     """Three numbers as a C array. Raises LeapRayError where ctypes would wrap one around."""
     values = tuple(values)

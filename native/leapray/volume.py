@@ -13,7 +13,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import DTYPES, NORMALS, SAMPLE_TYPES, choice, empty, matrix, pointer, triple
+from .arrays import (
+    DTYPES,
+    NORMALS,
+    SAMPLE_TYPES,
+    choice,
+    empty,
+    id_array,
+    matrix,
+    numbers,
+    pointer,
+    triple,
+)
 from .attributes import Texture
 
 BRICK = 8  # samples along a brick
@@ -157,27 +168,21 @@ class Volume:
     def _read_info(self, planes) -> VolumeInfo:
         info = _abi.lr_volume_info()
         lib.lr_volume_get_info(self.handle, ctypes.byref(info))
+        counts = {name: getattr(info, name) for name, _ in info._fields_ if name[:2] == "n_"}
         return VolumeInfo(
+            nbytes=info.nbytes,
+            triangle_cells_nbytes=info.triangle_cells_nbytes,
             size=(info.desc.nx, info.desc.ny, info.desc.nz),
             dtype=next(n for n, c in SAMPLE_TYPES.items() if c == info.desc.sample_type),
             kind="sheet" if info.desc.kind == _abi.LR_KIND_SHEET else "solid",
             has_ids=bool(info.desc.has_ids),
             threshold=info.desc.threshold,
             object_from_index=np.array(info.desc.object_from_index[:]).reshape(4, 4),
-            n_bricks=info.n_bricks,
-            n_full=info.n_full,
-            n_surface_cells=info.n_surface_cells,
-            n_triangle_cells=info.n_triangle_cells,
-            n_cell_triangles=info.n_cell_triangles,
-            nbytes=info.nbytes,
-            triangle_cells_nbytes=info.triangle_cells_nbytes,
             surface_lo=tuple(info.surface_lo),
             surface_hi=tuple(info.surface_hi),
             has_colors=bool(info.has_colors),
             has_normals=bool(info.has_normals),
-            n_objects=info.n_objects,
-            n_shared=info.n_shared,
-            n_dropped=info.n_dropped,
+            **counts,
             planes=planes,
         )
 
@@ -258,7 +263,7 @@ class Volume:
         shapes and unknown ids.
         """
         where = _points(points)
-        ids = _ids(ids, len(where))
+        ids = id_array(ids, len(where), one=True)
         value, gradient = np.empty(len(where)), np.empty((len(where), 3))
         error = _abi.lr_error()
         status = lib.lr_volume_sample(
@@ -284,7 +289,7 @@ class Volume:
         NaN where the volume carries none. Raises LeapRayError for other shapes and unknown ids.
         """
         where = _points(points)
-        ids = _ids(ids, len(where))
+        ids = id_array(ids, len(where), one=True)
         colors, normals = np.empty(where.shape), np.empty(where.shape)
         error = _abi.lr_error()
         status = lib.lr_volume_attributes(
@@ -309,7 +314,7 @@ class Volume:
         `trace`. NaN where the field vanishes. Raises LeapRayError for other shapes and names.
         """
         where = _points(points)
-        ids = _ids(ids, len(where))
+        ids = id_array(ids, len(where), one=True)
         found = np.empty(where.shape)
         error = _abi.lr_error()
         status = lib.lr_volume_normals(
@@ -454,20 +459,6 @@ class VolumeBuilder:
         return Volume.from_handle(self.release())
 
 
-def _ids(ids: ArrayLike | None, n: int) -> NDArray[np.uint16] | None:
-    if ids is None:
-        return None
-    numbers = np.asarray(ids)
-    if numbers.shape not in ((), (n,)) or numbers.dtype.kind not in "iu":
-        raise LeapRayError(
-            f"ids must be one whole number or {n}; they are {numbers.dtype} of shape "
-            f"{numbers.shape}"
-        )
-    if numbers.size and not 0 <= numbers.min() <= numbers.max() < 65536:
-        raise LeapRayError(f"ids must lie in 0..65535; they reach {numbers.min()}..{numbers.max()}")
-    return np.ascontiguousarray(np.broadcast_to(numbers.astype(np.uint16), n))
-
-
 def _points(points: ArrayLike) -> NDArray[np.float64]:
     where = np.ascontiguousarray(points, dtype=np.float64)
     if where.ndim != 2 or where.shape[1] != 3:
@@ -479,7 +470,4 @@ def _same_shape(values: ArrayLike, shape: tuple, dtype, name: str) -> NDArray:
     array = np.asarray(values)
     if array.shape != shape:
         raise LeapRayError(f"{name} must have the samples' shape {shape}; it is {array.shape}")
-    whole = array.dtype.kind in "bui"
-    if not whole or (array.size and not 0 <= array.min() <= array.max() < 65536):
-        raise LeapRayError(f"{name} must be whole numbers from 0 to 65535")
-    return np.ascontiguousarray(array, dtype=dtype)
+    return np.ascontiguousarray(numbers(array, dtype, name))

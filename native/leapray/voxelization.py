@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, OutOfMemory, Watch, call, check, lib
-from .arrays import SAMPLE_TYPES, choice, members, pointer
+from .arrays import SAMPLE_TYPES, choice, id_array, members, pointer
 from .attributes import Attributes
 from .threads import check_threads, run_parts
-from .volume import Volume
+from .volume import BRICK, Volume
 
 FILTERS = members(_abi.lr_filter)
 KINDS = members(_abi.lr_kind)
@@ -331,7 +331,7 @@ def _mesh_arrays(vertices: ArrayLike, triangles: ArrayLike, ids: ArrayLike | Non
         raise LeapRayError(f"triangles name vertex {corners.max()}, but there are {len(points)}")
     if corners.dtype.itemsize > 4 and corners.size and corners.min() < 0:
         raise LeapRayError(f"triangles name vertex {corners.min()}")
-    return points, np.ascontiguousarray(corners, dtype=np.int32), _id_array(ids, len(corners))
+    return points, np.ascontiguousarray(corners, dtype=np.int32), id_array(ids, len(corners))
 
 
 def _mesh(points: NDArray, corners: NDArray, ids: NDArray | None = None) -> _abi.lr_mesh:
@@ -343,20 +343,6 @@ def _mesh(points: NDArray, corners: NDArray, ids: NDArray | None = None) -> _abi
         len(corners),
         pointer(ids, ctypes.c_uint16),
     )
-
-
-def _id_array(ids: ArrayLike | None, n: int) -> NDArray[np.uint16] | None:
-    if ids is None:
-        return None
-    numbers = np.asarray(ids)
-    if numbers.shape != (n,) or numbers.dtype.kind not in "iu":
-        raise LeapRayError(
-            f"ids must be {n} whole numbers, one per triangle; they are {numbers.dtype} of shape "
-            f"{numbers.shape}"
-        )
-    if n and not 0 <= numbers.min() <= numbers.max() < 65536:
-        raise LeapRayError(f"ids must lie in 0..65535; they reach {numbers.min()}..{numbers.max()}")
-    return np.ascontiguousarray(numbers, dtype=np.uint16)
 
 
 @dataclass(frozen=True)
@@ -373,7 +359,7 @@ class _Limits:
         if unlimited or not len(points) or not voxel_size > 0.0:
             return
         extent = points.max(axis=0) - points.min(axis=0)
-        bricks = np.prod(np.ceil((extent / voxel_size + 2.0 * width) / 8.0))
+        bricks = np.prod(np.ceil((extent / voxel_size + 2.0 * width) / BRICK))
         self.check(4.0 * bricks, 0)
 
     def check(self, volume: float, scratch: int) -> None:
