@@ -4,7 +4,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from pathlib import Path
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table in Markdown."""
+    names = list(head)
+    line = "|---" * len(names) + "|"
+    first, *rest = (" ".join(["|", *" | ".join(cells).split(), "|"]) for cells in (names, *rows))
+    return "\n".join([first, line, *rest])
 
 
 def write(outputs: dict[Path, str], script: str) -> int:

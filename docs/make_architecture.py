@@ -225,16 +225,16 @@ def first_line(path: Path) -> str:
 
 def c_list() -> str:
     assert set(C_MODULES) == set(c_modules()), set(C_MODULES) ^ set(c_modules())
-    rows = [f"| `{name}` | {words} |" for name, words in C_MODULES.items()]
-    return "\n".join(["| module | holds |", "|---|---|", *rows])
+    rows = ((f"`{name}`", words) for name, words in C_MODULES.items())
+    return generated.table(("module", "holds"), rows)
 
 
 def python_list(package: Path, graph: Graph) -> str:
     rows = []
     for name in sorted(graph, key=lambda n: (n.count(".") > 0, n)):
         path = Path(*name.split(".")).with_suffix(".py")
-        rows.append(f"| `{path.as_posix()}` | {first_line(package / path)} |")
-    return "\n".join(["| module | its first line |", "|---|---|", *rows])
+        rows.append((f"`{path.as_posix()}`", first_line(package / path)))
+    return generated.table(("module", "its first line"), rows)
 
 
 def page(text: str) -> str:

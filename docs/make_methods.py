@@ -179,15 +179,13 @@ def yes(value: bool) -> str:
 
 
 def index_table() -> str:
-    head = "| traverser | name | source | how it goes | exact | cells | nodes |"
-    rows = [head, "|---|---|---|---|---|---|---|"]
+    rows = []
     for t in leapray.traversers():
         counters = walks.trace(leapray.build(walks.volume(), t)).counters
-        told = (
-            f"| [{t.label}]({t.name}.md) | `{t.name}` | {t.source} | {t.about} | {yes(t.exact)} |"
-        )
-        rows.append(f"{told} {counters['cells']} | {counters['nodes'] or ''} |")
-    return "\n".join(rows)
+        told = (f"[{t.label}]({t.name}.md)", f"`{t.name}`", t.source, t.about, yes(t.exact))
+        rows.append((*told, str(counters["cells"]), str(counters["nodes"] or "")))
+    head = ("traverser", "name", "source", "how it goes", "exact", "cells", "nodes")
+    return generated.table(head, rows)
 
 
 def registry_table(entry: leapray.Traverser) -> str:
@@ -203,7 +201,7 @@ def registry_table(entry: leapray.Traverser) -> str:
             f"`{c}`" + " (not exact)" * (c in option.inexact) for c in option.choices
         )
         rows.append((f"option `{option.name}`", f"{choices}; the first is the default"))
-    return "\n".join(["| in the registry | |", "|---|---|", *(f"| {a} | {b} |" for a, b in rows)])
+    return generated.table(("in the registry", ""), rows)
 
 
 def filled(path: Path, table: str) -> str:

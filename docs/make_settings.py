@@ -74,14 +74,14 @@ def option(name: str, setting: Setting) -> str:
 
 
 def table(owner: dict[str, Setting], options: bool) -> str:
-    rows = ["| setting | in the panel | default | range |" + " option |" * options + " what |"]
-    rows.append("|---" * (5 + options) + "|")
+    rows = []
     for name, setting in owner.items():
         cells = [f"`{name}`", setting.label + " (Blender's)" * (not setting.in_blender)]
         cells += [default(setting), limits(setting)]
         cells += [option(name, setting)] * options + [setting.tooltip]
-        rows.append(f"| {' | '.join(cells)} |")
-    return "\n".join(rows)
+        rows.append(cells)
+    head = ["setting", "in the panel", "default", "range", *["option"] * options, "what"]
+    return generated.table(head, rows)
 
 
 def choices(owner: dict[str, Setting]) -> str:
