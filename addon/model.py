@@ -117,7 +117,7 @@ class Scene:
     width: int  # pixels rendered (the border's size where there is one)
     height: int
     settings: Settings
-    passes: tuple[str, ...] = ("Combined", "Depth", "Normal", "Position", "Object Index")
+    passes: tuple[str, ...] = leapray.rendering.USUAL_PASSES
     mist: tuple[float, float, str] = (5.0, 25.0, "QUADRATIC")  # start, depth, Blender's falloff
     film_exposure: float = 1.0  # multiplies the light of the passes
     warnings: tuple[str, ...] = ()

@@ -27,10 +27,10 @@ from leapray.threads import cores
 
 from . import memory, model, pixel_report, tiles
 from .plan import plan
+from .process import POLL
 from .settings import SETTINGS
 from .store.memory_cache import Cache
 
-POLL = 0.03  # seconds between two looks at `stop`
 PLANNED = 0.3  # share of the progress bar that planning and voxelizing take
 
 

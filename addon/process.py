@@ -30,6 +30,7 @@ SENTENCES: dict[int, str] = {
 }
 PATIENCE = 0.2  # seconds for the main thread to hear a signal itself
 GRACE = 1.5  # seconds for a cancelled render to end
+POLL = 0.03  # seconds between two looks at whether a render is cancelled
 
 temporary_folders: set[Path] = set()  # removed where a signal ends the process
 

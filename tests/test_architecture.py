@@ -42,7 +42,7 @@ LAYERS = {
     ],
     "addon": [
         "blender blender.read plan store",
-        "memory settings",
+        "arrays memory settings",
         "model process",
         "store.files",
         "plan.culling plan.light_planes plan.mesh_colors plan.objects plan.probes",

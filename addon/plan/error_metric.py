@@ -26,7 +26,7 @@ import leapray
 from leapray.voxelization import filter_info, slope
 
 from .. import model
-from .mesh_colors import unit
+from ..arrays import unit
 from .probes import Probes, Weights
 
 ONES = {"u8": 255, "u16": 65535, "f32": 1 << 24}  # steps of a sample's type between 0 and 1

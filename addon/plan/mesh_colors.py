@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 import leapray
 from leapray import VERTEX, WHITE
 
-from .. import model
+from .. import arrays, model
+from ..arrays import unit
 from ..memory import pieces
 
 LEAN = np.radians(0.5)  # light on a surface that it grazes changes by less than 1 %
@@ -177,23 +178,12 @@ def digest(mesh: model.Mesh, color_set: ColorSet) -> str:
     used.append(mesh.corner_uvs if color_set.images else None)
     if not color_set.sources and mesh.corner_normals is None:
         return ""
-    name = hashlib.blake2b(repr(color_set).encode(), digest_size=16)
-    for array in used:
-        if array is not None:
-            name.update(np.ascontiguousarray(array).view(np.uint8).data)
-        name.update(b"|")
-    return name.hexdigest()
+    return arrays.digest(used, repr(color_set).encode())
 
 
 def corners_digest(mesh: model.Mesh) -> str:
     """A name for all that the mesh's corners hold, whether a colour set takes it or not."""
-    name = hashlib.blake2b(digest_size=16)
-    for key in CORNERS:
-        array = getattr(mesh, key)
-        if array is not None:
-            name.update(key.encode())
-            name.update(np.ascontiguousarray(array).view(np.uint8).data)
-    return name.hexdigest()
+    return arrays.digest(getattr(mesh, key) for key in CORNERS)
 
 
 def slot_sources(mesh: model.Mesh, color_set: ColorSet) -> NDArray[np.int32] | None:
@@ -229,12 +219,6 @@ def facet_normals(mesh: model.Mesh, some: slice = slice(None)) -> NDArray[np.flo
     corners = mesh.triangles[some]
     a, b, c = (mesh.vertices[corners[:, k]].astype(np.float64) for k in range(3))
     return np.broadcast_to(np.cross(b - a, c - a)[:, None], (len(a), 3, 3))
-
-
-def unit(vectors: NDArray) -> NDArray:
-    """(..., 3), of length 1; those of length 0 stay so."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 # ---- what a mesh's corners carry when it changes -------------------------------

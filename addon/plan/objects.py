@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 import leapray
 from leapray.rendering import VISIBILITIES
 
-from .. import model
+from .. import arrays, model
 from ..memory import pieces
 from . import mesh_colors
 
@@ -25,12 +24,7 @@ class SceneError(leapray.LeapRayError):
 
 def digest(mesh: model.Mesh) -> str:
     """A name for the mesh's contents."""
-    name = hashlib.blake2b(digest_size=16)
-    for array in (mesh.vertices, mesh.triangles, mesh.slots, mesh.solids):
-        if array is not None:
-            name.update(np.ascontiguousarray(array).view(np.uint8).data)
-        name.update(b"|")
-    return name.hexdigest()
+    return arrays.digest((mesh.vertices, mesh.triangles, mesh.slots, mesh.solids))
 
 
 def bounds(mesh: model.Mesh) -> NDArray[np.float64]:

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 import leapray
 
 from .. import model
+from ..arrays import unit
 from ..memory import pieces
-from .mesh_colors import unit
 
 N_SURFACE = 8192
 N_EDGE = 2048

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 import leapray
 
 from .. import model
-from .mesh_colors import unit
+from ..arrays import unit
 from .probes import Probes
 
 REACH = 3.0  # times both errors, which are quantiles, and one of which the rays see: 2 at least

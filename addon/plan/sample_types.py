@@ -24,7 +24,7 @@ import leapray
 from leapray.voxelization import filter_info
 
 from .. import model
-from .mesh_colors import unit
+from ..arrays import unit
 
 TURN = math.radians(0.15)  # of normals, the mean: diffuse light changes by a quarter of a per cent
 LOBE_SHARE = 1 / 60  # likewise, of the width of a glossy lobe

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 import leapray
 
+from ..arrays import unit
 from . import charts, embree, methods, page, shapes
 from .folder import study_folder, write_figures
 from .options import chosen, number, numbers
@@ -96,9 +97,8 @@ def rays(count: int) -> tuple[NDArray, NDArray]:
     """Parallel rays of a film that is turned to eight sides, in f32 so that Embree has the same."""
     random = np.random.default_rng(SEED)
     directions = np.repeat(random.normal(size=(8, 3)), -(-count // 8), axis=0)[:count]
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    across = np.cross(directions, (0.3, 0.5, 0.8))
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    directions = unit(directions)
+    across = unit(np.cross(directions, (0.3, 0.5, 0.8)))
     film = random.uniform(-1, 1, (count, 2))
     origins = film[:, :1] * across + film[:, 1:] * np.cross(directions, across) - 3 * directions
     origins, directions = (part.astype(np.float32).astype(float) for part in (origins, directions))

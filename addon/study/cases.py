@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import leapray
 
+from ..arrays import unit
 from . import oracle
 
 SEED = 1992
@@ -136,8 +137,7 @@ def from_inside(rng, count, size):
 
 def from_afar(rng, count, size):
     """Origins a million voxels away."""
-    away = rng.normal(size=(count, 3))
-    away *= 1e6 / np.linalg.norm(away, axis=1, keepdims=True)
+    away = 1e6 * unit(rng.normal(size=(count, 3)))
     targets = rng.random((count, 3)) * (size + 1) - 1
     origins, _ = dyadic(targets + away, away)
     return dyadic(origins, (targets - origins) * 2.0**8)

@@ -19,6 +19,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from .. import pipeline
+from ..arrays import LUMINANCE, from_srgb
 
 # Okabe and Ito's colours, told apart by the colour-blind too; black stays for references.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A800")
@@ -68,8 +69,7 @@ def ink_on(color: tuple[float, ...]) -> str:
 
     Source: the contrast ratio of the Web Content Accessibility Guidelines 2.
     """
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color[:3]]
-    luminance = float(np.dot(linear, (0.2126, 0.7152, 0.0722)))
+    luminance = float(np.dot(from_srgb(np.array(color[:3], np.float32)), LUMINANCE))
     dark = 0.0159  # of INK
     return INK if (luminance + 0.05) ** 2 > (dark + 0.05) * 1.05 else "#FFFFFF"
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 import leapray
 from leapray import LeapRayError
 
+from ..arrays import srgb
 from ..store import files
 from . import charts, metrics, report
 from .folder import result_folder
@@ -309,7 +310,7 @@ class Light:
     def __post_init__(self) -> None:
         g = self.geometry
         self.rims = metrics.rims(g.index, g.other, g.is_lit, g.other_lit)
-        self.shown = metrics.srgb(self.reference)
+        self.shown = srgb(self.reference)
 
     def of(self, frame) -> Json:
         """The figures of a frame."""
@@ -329,7 +330,7 @@ class Light:
         """FLIP's map (height, width) in the Standard view. Source: Andersson et al. 2020."""
         found, _, _ = flip_evaluator.evaluate(
             np.ascontiguousarray(self.shown),
-            np.ascontiguousarray(metrics.srgb(image)),
+            np.ascontiguousarray(srgb(image)),
             "LDR",
             inputsRGB=True,
             applyMagma=False,

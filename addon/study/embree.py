@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import unit
+
 Array = NDArray[np.float64]
 
 
@@ -27,7 +29,6 @@ def first_hits(
     del mesh
     triangle = np.asarray(found["primID"], np.int32)
     corner = vertices[triangles[np.maximum(triangle, 0)]].astype(np.float64)
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    normal = unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
     normal *= -np.sign((normal * directions).sum(axis=1, keepdims=True))
     return np.where(triangle >= 0, found["tfar"], np.inf).astype(float), normal, triangle

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 import leapray
 from leapray.threads import cores
 
+from ..arrays import unit
 from . import charts, methods, oracle, page, reference, shapes, skips
 from .compiled import library, pointer
 from .folder import study_folder, write_figures
@@ -255,7 +256,7 @@ def directions(count: int) -> NDArray[np.float64]:
         z = 1 - (2 * k + 1) / (count - 3)
         flat = np.sqrt(1 - z * z)
         found.append((flat * np.cos(turn * k), flat * np.sin(turn * k), z))
-    return np.array(found) / np.linalg.norm(found, axis=1, keepdims=True)
+    return unit(np.array(found))
 
 
 def closed(solid: Solid, views: int, image: int) -> Closed:

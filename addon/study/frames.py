@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from leapray import LeapRayError
 
 from ..blender import open_file
+from ..blender.read.images import openimageio
 from .metrics import View
 
 CHANNELS = {  # our name: the layer's names in Blender 5 and 4, and its channels
@@ -338,16 +339,13 @@ def write_to(scene: bpy.types.Scene, path: Path) -> None:
 
 def open_image_io():
     """OpenImageIO's module; LeapRayError where this Blender has none."""
-    if hasattr(bpy.utils, "expose_bundled_modules"):
-        bpy.utils.expose_bundled_modules()
-    try:
-        import OpenImageIO
-    except ImportError as error:
+    oiio = openimageio()
+    if oiio is None:
         raise LeapRayError(
             "A comparison reads EXR files by OpenImageIO's Python module, which this Blender has "
             "not; start it by build.py"
-        ) from error
-    return OpenImageIO
+        )
+    return oiio
 
 
 def read(path: Path) -> dict[str, NDArray[np.float32]]:

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import unit
+
 Mask = NDArray[np.bool_]
 PERCENTILES = {"median": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
 TURNED = 5.0  # degrees: a normal that is farther off is another one to the eye
@@ -148,20 +150,13 @@ def depth_error(
     """Error in footprints: |difference along the ray| x |n.d| / footprint, per pixel."""
     direction, along = view.rays(position)
     difference = np.abs(np.asarray(other_depth, np.float64) - depth) * along
-    facing = np.abs((unit(normal) * direction).sum(axis=-1))
+    facing = np.abs((unit(np.asarray(normal, np.float64)) * direction).sum(axis=-1))
     return difference * facing / view.footprint(depth)
-
-
-def unit(vectors: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Vectors (..., 3) of length 1; zero stays zero."""
-    vectors = np.asarray(vectors, np.float64)
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(length > 0, length, 1.0)
 
 
 def angle(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.float64]:
     """Degrees between vectors (..., 3), right for small angles too."""
-    a, b = unit(a), unit(b)
+    a, b = (unit(np.asarray(each, np.float64)) for each in (a, b))
     across = np.linalg.norm(np.cross(a, b), axis=-1)
     return np.degrees(np.arctan2(across, (a * b).sum(axis=-1)))
 
@@ -235,10 +230,3 @@ def light_error(
         "psnr": -20 * float(np.log10(rmse)) if rmse else None,
         "max": float(np.abs(got - want).max()) / white,
     }
-
-
-def srgb(linear: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Linear RGB as the Standard view shows it: sRGB in 0..1. Source: IEC 61966-2-1."""
-    linear = np.clip(np.asarray(linear, np.float32), 0.0, 1.0)
-    curved = 1.055 * np.power(np.maximum(linear, 1e-8), 1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, curved).astype(np.float32)

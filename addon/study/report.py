@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..arrays import srgb
 from . import charts, metrics
 from .page import data, esc, table, whole
 from .page import figure as framed
@@ -36,7 +37,7 @@ def pictures(folder: Path, geometry, light, images: dict) -> list[list[str]]:
         ("reference", "Reference", light.reference),
     ):
         caption = "linear light in the Standard view"
-        add(name, title, caption, charts.as_bytes(metrics.srgb(image)))
+        add(name, title, caption, charts.as_bytes(srgb(image)))
     difference = 0.5 + GAIN * (ours - light.reference) / (2 * white)
     add(
         "difference",

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from leapray import LeapRayError
 
 from .. import model
+from ..arrays import unit
 from . import embree, metrics
 
 SAMPLES = Path(__file__).resolve().parents[2] / "blend_samples"
@@ -111,17 +112,17 @@ def scan(n: int = 300) -> model.Mesh:
         np.rint(points * n).astype(np.int64), axis=0, return_index=True, return_inverse=True
     )
     points, triangles = points[first], inverse.reshape(-1)[triangles]
-    unit = points / np.linalg.norm(points, axis=1, keepdims=True)
+    ways = unit(points)
     rng = np.random.default_rng(1994)
-    radius = np.ones(len(unit))
+    radius = np.ones(len(ways))
     for octave, height in ((2.0, 0.16), (5.0, 0.06), (12.0, 0.02), (40.0, 0.004)):
         for _ in range(4):
             towards = rng.normal(size=3)
             towards *= octave / np.linalg.norm(towards)
-            radius += height / 2 * np.sin(unit @ towards + rng.uniform(0, 2 * np.pi))
-    radius += rng.normal(scale=2e-4, size=len(unit))
+            radius += height / 2 * np.sin(ways @ towards + rng.uniform(0, 2 * np.pi))
+    radius += rng.normal(scale=2e-4, size=len(ways))
     return model.Mesh(
-        "Scan", (unit * radius[:, None]).astype(np.float32), triangles.astype(np.int32)
+        "Scan", (ways * radius[:, None]).astype(np.float32), triangles.astype(np.int32)
     )
 
 
@@ -153,7 +154,7 @@ def truth(scene: model.Scene) -> Truth:
         owner.append(np.full(len(mesh.triangles), each.object_index, np.int32))
         corners = np.zeros((len(mesh.triangles), 3, 3))
         if mesh.corner_normals is not None:
-            corners = metrics.unit(mesh.corner_normals @ np.linalg.inv(matrix[:3, :3]))
+            corners = unit(mesh.corner_normals @ np.linalg.inv(matrix[:3, :3]))
         smooth.append(corners)
         base += len(mesh.vertices)
     vertices, triangles = np.concatenate(vertices), np.concatenate(triangles)
@@ -208,7 +209,7 @@ def shading_normals(
     metric[flat] = np.eye(2)
     places = np.linalg.solve(metric, np.einsum("nka,na->nk", sides, reach)[..., None])[..., 0]
     weights = np.clip(np.column_stack([1 - places.sum(axis=1), places]), 0, 1)
-    made = metrics.unit(np.einsum("nk,nka->na", weights, normals))
+    made = unit(np.einsum("nk,nka->na", weights, normals))
     winding = np.einsum("na,na->n", np.cross(sides[:, 0], sides[:, 1]), facing)
     made *= np.where(winding < 0, -1.0, 1.0)[:, None]
     return np.where(made.any(axis=1)[:, None], made, facing)

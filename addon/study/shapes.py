@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import unit
+
 Array = NDArray[np.float64]
 LEVELS = {"u8": (np.uint8, 255, 1.8), "u16": (np.uint16, 65535, 2.5), "f32": (np.float32, 1, 2.5)}
 BLOCK, PART = 8, 2000  # samples along a block, and blocks at a time
@@ -28,8 +30,7 @@ class Shape:
         h = 1e-6
         steps = h * np.eye(3)
         slopes = [self.distance(points + s) - self.distance(points - s) for s in steps]
-        found = np.stack(slopes, axis=1)
-        return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)
+        return unit(np.stack(slopes, axis=1))
 
     def first_hit(self, origins: Array, directions: Array) -> Array:
         """t (n,) where rays with unit directions from outside enter; infinity where they miss.
@@ -156,10 +157,8 @@ def knot(n_along: int = 360, n_around: int = 40) -> tuple[Array, NDArray[np.int3
         [np.sin(u) + 2 * np.sin(2 * u), np.cos(u) - 2 * np.cos(2 * u), -1.4 * np.sin(3 * u)], axis=1
     )
     line *= 0.74 / np.abs(line).max()
-    tangent = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    side = np.cross(tangent, (0.0, 0.0, 1.0))
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    tangent = unit(np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0))
+    side = unit(np.cross(tangent, (0.0, 0.0, 1.0)))
     up = np.cross(tangent, side)
     v = np.arange(n_around) / n_around * 2 * np.pi
     ring = side[:, None] * np.cos(v)[:, None] + up[:, None] * np.sin(v)[:, None]

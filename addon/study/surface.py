@@ -27,6 +27,7 @@ import numpy as np
 
 import leapray
 
+from ..arrays import unit
 from . import charts, methods, page, reference, shapes
 from .folder import study_folder, write_figures
 from .options import chosen, number
@@ -82,10 +83,8 @@ def parallel_rays(image: int):
 def rays_of_all_angles(count: int):
     """Rays (count, 3) from everywhere whose angles of incidence are even between 0 and 90."""
     random = np.random.default_rng(1994)
-    outward = random.normal(size=(count, 3))
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    across = np.cross(outward, random.normal(size=(count, 3)))
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    outward = unit(random.normal(size=(count, 3)))
+    across = unit(np.cross(outward, random.normal(size=(count, 3))))
     angle = np.radians(random.uniform(0, 89.9, count))[:, None]
     directions = -np.cos(angle) * outward + np.sin(angle) * across
     return RADIUS * outward - 3.0 * directions, directions, np.degrees(angle[:, 0])

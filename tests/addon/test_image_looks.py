@@ -209,7 +209,7 @@ def test_what_lies_outside(tmp_path):
 def test_without_openimageio_blenders_own_pixels_are_taken(tmp_path, monkeypatch):
     """In Blenders of distributions; what they cannot tell is named."""
     fresh()
-    monkeypatch.setattr(images, "_openimageio", lambda: None)
+    monkeypatch.setattr(images, "openimageio", lambda: None)
     monkeypatch.setattr(images, "_to_scene_linear", lambda space: None)
     made, names = [], []
     for file, mode in itertools.product((FILES[0], FILES[1], FILES[10]), ("STRAIGHT", "NONE")):

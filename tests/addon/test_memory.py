@@ -14,7 +14,7 @@ import scenes
 from meshes import grid_surface
 
 import leapray
-from addon import memory, pipeline
+from addon import arrays, memory, pipeline
 from addon.model import Mesh
 from addon.plan import mesh_colors, mesh_split, objects, probes
 from leapray.voxelization import SPARE, mesh_scratch_nbytes
@@ -67,7 +67,7 @@ def closed() -> Mesh:
 
 def smooth() -> Mesh:
     mesh = bumpy()
-    normals = np.repeat(mesh_colors.unit(mesh_colors.facet_normals(mesh)[:, :1]), 3, axis=1)
+    normals = np.repeat(arrays.unit(mesh_colors.facet_normals(mesh)[:, :1]), 3, axis=1)
     return Mesh("Smooth", mesh.vertices, mesh.triangles, corner_normals=normals.astype(np.float32))
 
 
@@ -182,7 +182,7 @@ def edges_of(vertices, triangles, cosine, weld):
     count = np.diff(np.append(starts, len(order)))
     pairs = np.stack([order[starts], order[np.minimum(starts + 1, len(order) - 1)]], axis=1)
     p = vertices[triangles].astype(np.float64)
-    normal = mesh_colors.unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))
+    normal = arrays.unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))
     first, second = normal[pairs // 3].transpose(1, 0, 2)
     real = first.any(axis=1) & second.any(axis=1)
     turns = (count > 1) & real & (np.einsum("nc,nc->n", first, second) < cosine)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from blender_scenes import diffuse, exr, fresh, light, polygons, put
 
+from addon import arrays
 from addon.blender import open_file
 from addon.study import metrics
 
@@ -23,8 +24,8 @@ def leaves(n=40):
     """Bent quads that lie about in all directions."""
     points, faces = [], []
     for _ in range(n):
-        middle, along = rng.uniform(-0.8, 0.8, 3), metrics.unit(rng.normal(size=3))
-        across = metrics.unit(np.cross(along, rng.normal(size=3)))
+        middle, along = rng.uniform(-0.8, 0.8, 3), arrays.unit(rng.normal(size=3))
+        across = arrays.unit(np.cross(along, rng.normal(size=3)))
         first = len(points)
         for s in (-1, 0, 1):
             bend = 0.05 * (1 - s * s) * np.cross(along, across)
@@ -116,7 +117,7 @@ def lean(data):
     """Custom normals: all of them lean to one side."""
     normals = np.empty((len(data.loops), 3), np.float32)
     data.corner_normals.foreach_get("vector", normals.ravel())
-    data.normals_split_custom_set(metrics.unit(normals + np.array([0.4, 0, 0.2])).tolist())
+    data.normals_split_custom_set(arrays.unit(normals + np.array([0.4, 0, 0.2])).tolist())
 
 
 @pytest.fixture

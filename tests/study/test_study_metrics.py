@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from addon import arrays
 from addon.study import metrics
 
 HEIGHT, WIDTH = 48, 64
@@ -65,7 +66,7 @@ def test_a_point_is_drawn_where_its_ray_starts(perspective):
 def test_a_plane_moved_along_its_normal_errs_by_that_way_over_the_footprint(perspective, slope):
     camera = view(perspective)
     rays = pixel_rays(camera)
-    normal = metrics.unit(np.array([slope, 0.0, 1.0]))
+    normal = arrays.unit(np.array([slope, 0.0, 1.0]))
     start = camera.eye if perspective else camera.eye + rays * (1, 1, 0)
     forward = rays if perspective else np.broadcast_to(camera.forward, rays.shape)
 
@@ -173,7 +174,7 @@ def test_light_errors_follow_white():
 
 
 def test_the_standard_view_knows_srgb():
-    got = metrics.srgb(np.array([-1.0, 0.0, 0.001, 0.18, 0.5, 1.0, 7.0]))
+    got = arrays.srgb(np.array([-1.0, 0.0, 0.001, 0.18, 0.5, 1.0, 7.0]))
     assert_allclose(got, [0, 0, 0.01292, 0.46135, 0.73536, 1, 1], atol=2e-5)
 
 

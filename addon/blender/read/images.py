@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 from leapray import INPUTS, Value, operate
 
+from ...arrays import from_srgb
+
 MISSING = (1.0, 0.0, 1.0)  # the colour of an image that cannot be read, as in Cycles
 LINEAR = ("Linear Rec.709", "Linear", "scene_linear")
 DATA = ("Non-Color", "Raw")
@@ -124,7 +126,7 @@ class _Stored(NamedTuple):
 def _stored(image) -> _Stored | None:
     """None where an image cannot be read."""
     if image.source == "FILE" and not image.packed_file:
-        oiio = _openimageio()
+        oiio = openimageio()
         if oiio is not None:
             return _of_file(oiio, image)
     width, height = image.size
@@ -153,7 +155,7 @@ def _four_channels(stored: NDArray) -> NDArray:
 
 
 @cache
-def _openimageio():
+def openimageio():
     """The module, None where this Blender lacks it."""
     import bpy
 
@@ -275,10 +277,3 @@ def _converted(rgba: NDArray[np.float32], processor, halves: bool) -> NDArray[np
 def _as_half(values: NDArray[np.float32]) -> NDArray[np.float32]:
     most = np.finfo(np.float16).max
     return np.clip(values, -most, most).astype(np.float16).astype(np.float32)
-
-
-def from_srgb(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Linear values of the sRGB ones."""
-    values = np.maximum(values, np.float32(0))
-    high = np.power((values + np.float32(0.055)) / np.float32(1.055), np.float32(2.4))
-    return np.where(values < np.float32(0.04045), values / np.float32(12.92), high)

@@ -25,11 +25,10 @@ from ... import model
 from .images import MISSING, Texels
 from .links import Triple, Values, own_values, tree_of
 from .node_values import each
-from .nodes import Folder, Place, Unfolded, output_of, source, title
-from .shaders import flattened
+from .nodes import Folder, Place, Unfolded, output_of, title
+from .shaders import Walk, flattened
 from .textures import coordinates, look_up, shared_texels
 
-KINDS = {"SUN": "sun", "POINT": "point", "SPOT": "spot", "AREA": "area"}
 RAYS = ("camera", "diffuse", "glossy", "transmission")
 EVEN = 1e-3  # scales of an object that differ by less are taken as one
 TURN = 1e-4  # a matrix that is no rotation by more than this is not one
@@ -41,7 +40,7 @@ def of_light(light, matrix: NDArray[np.float64], shown: list, name: str, notes):
     matrix: world from object, with axes that are not 0. shown: the objects whose
     flags must all let it be seen.
     """
-    kind = KINDS[light.type]
+    kind = light.type.lower()
     cycles = getattr(light, "cycles", None)
     if kind == "area" and cycles and cycles.is_portal:
         notes.unsupported("Light portals are", name)
@@ -172,16 +171,12 @@ def _checked(world: model.World, name: str, notes) -> model.World:
     return world
 
 
-class _Emitters:
+class _Emitters(Walk):
     """The sum of the emitting shaders at an output."""
 
     def __init__(self, folder: Folder, name: str, notes) -> None:
-        self.folder, self.name, self.notes = folder, name, notes
-        self.strange: dict[str, None] = {}
-
-    def tell(self) -> None:
-        if self.strange:
-            self.notes.strange(tuple(self.strange), self.name)
+        super().__init__(name, notes)
+        self.folder = folder
 
     def sum(self, place: Place) -> Triple:
         total: Triple = (0.0, 0.0, 0.0)
@@ -191,13 +186,6 @@ class _Emitters:
 
     def _factor(self, out: Place) -> Value:
         return cast(Value, self._value(out.input("Fac")))
-
-    def source(self, place: Place) -> Place | None:
-        try:
-            return source(place)[0]
-        except Unfolded as error:
-            self.strange[str(error)] = None
-            return None
 
     def _of(self, out: Place) -> Triple:
         """What a shader shines, or a colour, by itself."""

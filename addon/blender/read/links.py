@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from leapray import Value, operate
 
-LUMINANCE = (0.2126729, 0.7151522, 0.0721750)  # Rec. 709
+from ...arrays import LUMINANCE
+
 TRIPLES = ("RGBA", "VECTOR", "ROTATION")
 WHOLE = ("INT", "BOOLEAN")
 NUMBERS = ("VALUE", *WHOLE, *TRIPLES)

@@ -22,8 +22,8 @@ from leapray._abi import LR_LOBES_MAX
 
 from ... import model
 from .links import Triple, Values, tree_of
-from .nodes import Folder, Place, Unfolded, output_of, own_value, source, title
-from .shaders import flattened
+from .nodes import Folder, Place, Unfolded, output_of, own_value, title
+from .shaders import Walk, flattened
 from .textures import Leaves, Texture
 
 GREY = (0.8, 0.8, 0.8)  # what Blender gives to an empty slot
@@ -74,13 +74,13 @@ def plain(name: str, color, index: int = 0) -> model.Material:
     return model.Material(name, lobes=(model.Lobe("diffuse", color=color),), index=index)
 
 
-class _Reader:
-    """Walks the shaders of one material."""
+class _Reader(Walk):
+    """The lobes of one material."""
 
     def __init__(self, material, notes, images: dict) -> None:
-        self.material, self.notes, self.images = material, notes, images
+        super().__init__(material.name, notes)
+        self.material, self.images = material, images
         self.lobes: list[model.Lobe] = []
-        self.strange: dict[str, None] = {}  # what is not understood, in order
         self.texture: Texture | None = None
         self.image: model.Image | None = None
         self._baked: Place | None = None  # the output whose colours are baked
@@ -89,7 +89,7 @@ class _Reader:
         output = output_of(self.material)
         inputs = {} if output is None else output.node.inputs
         displaced = inputs.get("Displacement")
-        if displaced and self._source(Place(displaced)):
+        if displaced and self.source(Place(displaced)):
             self.notes.unsupported("Displacement is", self.material.name)
         volumes = self._flattened(inputs.get("Volume"))
         absorption = np.zeros(3)
@@ -105,8 +105,7 @@ class _Reader:
         if len(self.lobes) > LR_LOBES_MAX:
             self.strange[f"more than {LR_LOBES_MAX} shaders"] = None
             self.lobes = sorted(self.lobes, key=lambda lobe: -lobe.weight)[:LR_LOBES_MAX]
-        if self.strange:
-            self.notes.strange(tuple(self.strange), self.material.name)
+        self.tell()
         made = model.Material(
             self.material.name,
             lobes=tuple(self.lobes),
@@ -118,18 +117,11 @@ class _Reader:
         )
         return made, self.texture
 
-    def _source(self, place: Place) -> Place | None:
-        try:
-            return source(place)[0]
-        except Unfolded as error:
-            self.strange[str(error)] = None
-            return None
-
     def _flattened(self, socket) -> list[tuple[Place, float]]:
         """The shaders that an output node's input adds up, and their weights."""
         if socket is None:
             return []
-        found = flattened(Place(socket), self._source, lambda out: self._number(out, "Fac"))
+        found = flattened(Place(socket), self.source, lambda out: self._number(out, "Fac"))
         return cast(list[tuple[Place, float]], found)
 
     # -- shaders

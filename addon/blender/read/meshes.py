@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from leapray import LeapRayError
 
 from ... import model
+from ...arrays import unit
 from .materials import Texture
 
 NO_FACES = "its mesh has no faces"
@@ -127,10 +128,7 @@ class _Corners:
         flat = self._flat()
         if flat is not None:
             a, b, c = (self.vertices[self.triangles[flat, k]].astype(np.float64) for k in range(3))
-            own = np.cross(b - a, c - a)
-            length = np.linalg.norm(own, axis=1, keepdims=True)
-            own = np.divide(own, length, out=np.zeros_like(own), where=length > 0)
-            normals[flat] = own[:, None].astype(np.float32)
+            normals[flat] = unit(np.cross(b - a, c - a))[:, None].astype(np.float32)
         return normals
 
     def _of_vertices(self) -> bool:

@@ -16,19 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from leapray import LeapRayError, Stopped
+from leapray.rendering import VISIBILITIES
 
 from ... import model
 from ...memory import Resident
+from ...process import POLL
 from .. import properties, result
 from . import lights, materials
 from .meshes import NO_FACES, read_mesh, read_object_mesh
 from .warnings import Warnings
-
-VISIBILITIES = tuple(
-    f"visible_{rays}" for rays in ("camera", "shadow", "diffuse", "glossy", "transmission")
-)
-
-POLL = 0.03  # seconds between two looks at `stop`
 
 # A 4x4 of float32 whose axes lie in a plane still shows this much thickness.
 FLAT = 4 * np.finfo(np.float32).eps

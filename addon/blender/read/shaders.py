@@ -8,10 +8,31 @@ from collections.abc import Callable, Iterator
 from leapray import Step, Value, operate
 
 from .node_values import clamp
-from .nodes import Place
+from .nodes import Place, Unfolded, source
 
 SIDES = ("Shader", "Shader_001")
 MIX, ADD = "ShaderNodeMixShader", "ShaderNodeAddShader"
+
+
+class Walk:
+    """A walk through the shaders of a material, light or world, which is told what it does not
+    understand: once, under the name of what has the shaders."""
+
+    def __init__(self, name: str, notes) -> None:
+        self.name, self.notes = name, notes
+        self.strange: dict[str, None] = {}  # what is not understood, in order
+
+    def tell(self) -> None:
+        if self.strange:
+            self.notes.strange(tuple(self.strange), self.name)
+
+    def source(self, place: Place) -> Place | None:
+        """The output that feeds an input; None where there is none, or it is not understood."""
+        try:
+            return source(place)[0]
+        except Unfolded as error:
+            self.strange[str(error)] = None
+            return None
 
 
 def flattened(

@@ -26,7 +26,6 @@ from .links import Triple, Values, average, is_used
 from .nodes import Folder, Place, Unfolded, source, title
 
 TEXTURES = ("ShaderNodeTexImage", "ShaderNodeVertexColor", "ShaderNodeAttribute")
-EXTENSIONS = {"REPEAT": "repeat", "EXTEND": "extend", "CLIP": "clip", "MIRROR": "mirror"}
 INTERPOLATIONS = {"Linear": "linear", "Closest": "closest"}  # the others are cubic
 
 
@@ -105,7 +104,7 @@ class Leaves:
                 return self._of_corners(color)
             place = Place(self.node.inputs["Vector"], self._groups)
             return coordinates(place, "UV"), look_up(
-                self.node, self.texels, color, EXTENSIONS[self.node.extension]
+                self.node, self.texels, color, self.node.extension.lower()
             )
         except LeapRayError as error:
             raise Unfolded(f"so many nodes after {title(self.node)} ({error})") from None

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What numpy arrays are asked again and again: directions, sRGB, names of contents (no bpy)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+LUMINANCE = (0.2126729, 0.7151522, 0.0721750)  # Rec. 709
+
+
+def unit(vectors: NDArray) -> NDArray:
+    """(..., 3), of length 1; those of length 0 stay so."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def from_srgb(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Linear values of the sRGB ones. Source: IEC 61966-2-1."""
+    values = np.maximum(values, np.float32(0))
+    high = np.power((values + np.float32(0.055)) / np.float32(1.055), np.float32(2.4))
+    return np.where(values < np.float32(0.04045), values / np.float32(12.92), high)
+
+
+def srgb(linear: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Linear RGB as the Standard view shows it: sRGB in 0..1. Source: IEC 61966-2-1."""
+    linear = np.clip(np.asarray(linear, np.float32), 0.0, 1.0)
+    curved = 1.055 * np.power(np.maximum(linear, 1e-8), 1 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, 12.92 * linear, curved).astype(np.float32)
+
+
+def digest(arrays: Iterable[NDArray | None], told: bytes = b"") -> str:
+    """A name for what arrays hold, some of which may be missing, and for what is told beside."""
+    name = hashlib.blake2b(told, digest_size=16)
+    for array in arrays:
+        if array is not None:
+            name.update(np.ascontiguousarray(array).view(np.uint8).data)
+        name.update(b"|")
+    return name.hexdigest()
