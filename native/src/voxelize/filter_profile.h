@@ -21,6 +21,8 @@
 
 #define LR_WIDEST 32.0 /* voxels that a filter may reach */
 
+enum { LR_FILTER_LAST = LR_FILTER_BINARY };
+
 /* What it has unless asked otherwise, in voxels. Steps of u8 are so coarse that a steeper ramp errs
  * less, though its ends are cut off nearer to the surface. */
 LR_INLINE double lr_profile_half_width(int32_t filter, int32_t sample_type)

@@ -35,7 +35,7 @@ enum { ROOTS = 4096 /* components that a part asks for their winding number */ }
 
 lr_status lr_filter_get(int32_t filter, int32_t sample_type, lr_filter_info *info, lr_error *error)
 {
-    lr_status status = lr_check_choice("filter", filter, LR_FILTER_BINARY, error);
+    lr_status status = lr_check_choice("filter", filter, LR_FILTER_LAST, error);
     if (status == LR_OK)
         status = lr_check_choice("sample type", sample_type, LR_F32, error);
     if (status == LR_OK)
