@@ -7,6 +7,7 @@ import numpy as np
 from svg import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, Picture, number
 
 import leapray
+from leapray.voxelization import FILTERS
 
 COLOURS = (BLUE, ORANGE, GREEN, RED, "#7d3c98")
 
@@ -63,8 +64,8 @@ def filters() -> Picture:
     chart = Chart((-4, 4), (0, 1), range(-4, 5), (0, 0.5, 1),
                   "signed distance to the surface in voxels, inside to the right", "occupancy",
                   size=(560, 320))  # fmt: skip
-    names = ("ramp", "cone", "gauss", "box", "binary")
-    for name, colour in zip(names, COLOURS, strict=True):
+    curves = tuple(zip(FILTERS, COLOURS[: len(FILTERS)], strict=True))
+    for name, colour in curves:
         found = {}
         for shift in np.arange(16) / 16 + 1 / 32:
             mesh = box_mesh((shift - 8, -8, -8), (shift, 8, 8))
@@ -77,7 +78,7 @@ def filters() -> Picture:
                     found[distance] = float(value)
         x = sorted(found)
         chart.curve(x, [found[a] for a in x], colour, width=1.8)
-    chart.key(zip(names, COLOURS, strict=True), -3.8, 0.95)
+    chart.key(curves, -3.8, 0.95)
     return chart.picture
 
 

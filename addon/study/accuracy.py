@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
+from leapray.arrays import SAMPLE_TYPES
 
 from ..arrays import unit
 from . import charts, embree, methods, page, shapes
@@ -30,7 +31,6 @@ STUDY = True
 
 SEED = 1994
 SIDE = 2.2  # of the lattice's cube
-SAMPLE_TYPES = tuple(shapes.LEVELS)
 LEAST = 1e-5  # what a chart on a logarithmic scale shows for nothing
 
 

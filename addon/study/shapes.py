@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from leapray.arrays import DTYPES, ONES
+from leapray.voxelization import filter_info
+
 from ..arrays import unit
 
 Array = NDArray[np.float64]
-LEVELS = {"u8": (np.uint8, 255, 1.8), "u16": (np.uint16, 65535, 2.5), "f32": (np.float32, 1, 2.5)}
 BLOCK, PART = 8, 2000  # samples along a block, and blocks at a time
 NEAR = 1e-8  # where marching ends
 MARCHES = 3000  # steps; free distance shrinks by 1 - cos(incidence) each: enough up to 89.6 degrees
@@ -57,7 +59,8 @@ class Shape:
         which is in voxels, as where the core voxelizes. Blocks whose middle is farther from the
         surface than their corners and the ramp reach are 0 or 1 throughout.
         """
-        kind, top, half_width = LEVELS[dtype]
+        kind, top = DTYPES[dtype], ONES[dtype]
+        half_width = filter_info("ramp", dtype).half_width
         voxel = 2.2 / (size - 1)
         n = -(-size // BLOCK)
         middles = grid((np.arange(n) * BLOCK + (BLOCK - 1) / 2) * voxel - 1.1)

@@ -13,6 +13,8 @@ pytest.importorskip("embreex")
 
 import leapray
 from addon.study import accuracy, embree, shapes
+from leapray.arrays import DTYPES, ONES
+from leapray.voxelization import filter_info
 
 pytestmark = pytest.mark.slow  # the studies run
 
@@ -76,14 +78,15 @@ def test_nothing_beats_the_front(made, rows):
         assert any(b.mrays >= p.mrays and b.hit_99 <= p.hit_99 for b in best)
 
 
-@pytest.mark.parametrize("dtype", shapes.LEVELS)
+@pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("shape", [shapes.sphere(), shapes.torus(), shapes.rods(), shapes.box()],
                          ids=lambda shape: shape.name)  # fmt: skip
 def test_samples_are_those_of_the_distance_at_every_point(shape, dtype):
     samples, matrix = shape.samples(45, dtype)
     z, y, x = np.indices(samples.shape)
     points = np.stack([x, y, z], axis=-1).reshape(-1, 3) * matrix[0, 0] - 1.1
-    kind, top, half_width = shapes.LEVELS[dtype]
+    kind, top = DTYPES[dtype], ONES[dtype]
+    half_width = filter_info("ramp", dtype).half_width
     ramp = np.clip(0.5 - shape.distance(points) / (2 * half_width * matrix[0, 0]), 0, 1) * top
     want = ramp if dtype == "f32" else np.rint(ramp)
     assert samples.dtype == kind and samples.min() == 0
