@@ -25,6 +25,7 @@ from leapray import LeapRayError
 
 from ..blender import open_file
 from ..blender.read.images import openimageio
+from ..blender.read.links import tree_of
 from .metrics import View
 
 CHANNELS = {  # our name: the layer's names in Blender 5 and 4, and its channels
@@ -187,7 +188,7 @@ def node_tree(owner):
 
 def base_color(material: bpy.types.Material) -> tuple[tuple[float, ...], bool]:
     """The colour by which LeapRay draws a material, and whether it is diffuse already."""
-    tree = material.node_tree if bpy.app.version >= (5, 0) or material.use_nodes else None
+    tree = tree_of(material)
     output = tree and (tree.get_output_node("CYCLES") or tree.get_output_node("ALL"))
     if output is not None and output.inputs["Surface"].is_linked:
         shader = output.inputs["Surface"].links[0].from_node

@@ -95,6 +95,19 @@ def test_sheets_take_cone_and_gauss():
         )  # linear within the cell
 
 
+@pytest.mark.parametrize("name", FILTERS)
+def test_what_the_core_says_of_a_filter_is_what_it_does(name):
+    told = filter_info(name, "u16")
+    leapray.voxelize(*box(), 4.0, filter=name, half_width=told.widest)
+    with pytest.raises(leapray.LeapRayError, match="half_width must lie"):
+        leapray.voxelize(*box(), 4.0, filter=name, half_width=1.001 * told.widest)
+    if told.of_solids:
+        with pytest.raises(leapray.LeapRayError, match="tell inside from outside"):
+            leapray.voxelize(*plane(2), 0.5, filter=name)
+    else:
+        assert leapray.voxelize(*plane(2), 0.5, filter=name).info.kind == "sheet"
+
+
 # ---- the box -------------------------------------------------------------------
 
 CLOSED = {
