@@ -43,7 +43,7 @@ TOPICS = {
     "Voxelization": (
         "`voxelize` turns triangles into a volume. Attributes let hits take colours and smooth "
         "normals from the triangles.",
-        "voxelize MeshInfo mesh_layers mesh_edges Attributes Texture VERTEX WHITE",
+        "voxelize FILTERS MeshInfo mesh_layers mesh_edges Attributes Texture VERTEX WHITE",
     ),
     "Texture programs": (
         "A texture may carry a program that computes the colour from what is looked up in the "
@@ -88,6 +88,7 @@ TOPICS = {
 }
 
 CONSTANTS = {
+    "FILTERS": "Names of the filters of `voxelize`; see [filters](methods/filters.md).",
     "HIT_TESTS": "Names of the hit tests, for `trace`; see [hit tests](methods/hit_tests.md).",
     "INPUTS": "The four steps that stand for red, green, blue and alpha of what is looked up.",
     "METRICS": "Names of the metrics of `distance` and `Clearance`.",

@@ -27,6 +27,8 @@ import walks  # noqa: E402
 from svg import BLUE, INK, ORANGE, PALE, RED, Picture  # noqa: E402
 
 import leapray  # noqa: E402
+from leapray.arrays import about  # noqa: E402
+from leapray.voxelization import FILTERS, filter_info  # noqa: E402
 
 FOLDER = ROOT / "docs" / "methods"
 SIDE = 14  # pixels of a cell
@@ -204,6 +206,18 @@ def registry_table(entry: leapray.Traverser) -> str:
     return generated.table(("in the registry", ""), rows)
 
 
+def filter_table() -> str:
+    """What the core says of the filters, widths in voxels."""
+    rows = []
+    for name, member in FILTERS.items():
+        wide, narrow = (filter_info(name, dtype) for dtype in ("u16", "u8"))
+        width = f"{wide.half_width:g}" + f"; {narrow.half_width:g} for u8" * (
+            wide.half_width != narrow.half_width
+        )
+        rows.append((f"`{name}`", about(member), width, yes(not wide.of_solids)))
+    return generated.table(("filter", "", "half width unless asked", "for sheets"), rows)
+
+
 def filled(path: Path, table: str) -> str:
     """The page with its table made anew, between two comments."""
     text = path.read_text("utf-8")
@@ -223,7 +237,7 @@ def pictures() -> dict[Path, str]:
 def outputs() -> dict[Path, str]:
     """All that the script writes."""
     tables = {f"{t.name}.md": registry_table(t) for t in leapray.traversers()}
-    tables["README.md"] = index_table()
+    tables |= {"README.md": index_table(), "filters.md": filter_table()}
     return pictures() | {FOLDER / name: filled(FOLDER / name, tables[name]) for name in tables}
 
 

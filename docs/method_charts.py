@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from svg import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, Picture, number
 
@@ -64,7 +66,7 @@ def filters() -> Picture:
     chart = Chart((-4, 4), (0, 1), range(-4, 5), (0, 0.5, 1),
                   "signed distance to the surface in voxels, inside to the right", "occupancy",
                   size=(560, 320))  # fmt: skip
-    curves = tuple(zip(FILTERS, COLOURS[: len(FILTERS)], strict=True))
+    curves = tuple(zip(FILTERS, itertools.cycle(COLOURS), strict=False))
     for name, colour in curves:
         found = {}
         for shift in np.arange(16) / 16 + 1 / 32:

@@ -51,9 +51,10 @@ from .tracing import (
     variants,
 )
 from .volume import Volume, VolumeBuilder, VolumeInfo, merge
-from .voxelization import MeshInfo, mesh_edges, mesh_layers, voxelize
+from .voxelization import FILTERS, MeshInfo, mesh_edges, mesh_layers, voxelize
 
 __all__ = [
+    "FILTERS",
     "HIT_TESTS",
     "INPUTS",
     "METRICS",

@@ -104,11 +104,9 @@ def voxelize(
     samples near the surface take that of the nearest triangle. attributes: colours
     and smooth normals that hits take from the triangles they lie on, which the volume
     keeps, as long as samples at the surface name them; textures stay as sharp as they are.
-    filter: "ramp", linear in the signed distance, over half_width voxels to either side (default
-    2.5, for u8 1.8); "cone", a hypercone of radius half_width (3); "gauss", a
-    Gaussian with sigma half_width (1); "box", the exactly covered share of the
-    voxel; "binary", 1 inside and 0 outside. The last two are for solids only. Where
-    shells cross, "box" takes the share of their union, exactly where at most 32 triangles
+    filter: of FILTERS, how occupancy falls across the surface, over half_width voxels to either
+    side, of "gauss" its sigma; None: the filter's own. "box" and "binary" are for solids only.
+    Where shells cross, "box" takes the share of their union, exactly where at most 32 triangles
     meet in the voxel; of more, where some place is covered twice, by 6^3 points, a few
     hundredths of the voxel off.
     kind "solid" takes what the triangles enclose, "sheet" the triangles as a surface
