@@ -16,6 +16,8 @@ from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from typing import Any
 
+import numpy as np
+
 import leapray
 from leapray._abi import LR_BOUNCES_MAX, LR_BRANCHES_MAX
 from leapray.arrays import SAMPLE_TYPES, about
@@ -98,11 +100,16 @@ class Setting:
 
 
 def out_of_range(value: float, minimum: float | None, maximum: float | None) -> str:
-    """What is wrong with a number, as the end of a sentence; "" where nothing is."""
-    if minimum is not None and not value >= minimum:
-        return f"must be at least {minimum}, not {value}"
-    if maximum is not None and value > maximum:
-        return f"must be at most {maximum}, not {value}"
+    """What is wrong with a number, as the end of a sentence; "" where nothing is.
+
+    Floats are taken as Blender holds them, whose single precision may round a limit past itself.
+    """
+    held = np.float32 if float in (type(value), type(minimum)) else int
+    with np.errstate(over="ignore"):
+        if minimum is not None and not held(value) >= held(minimum):
+            return f"must be at least {minimum}, not {value}"
+        if maximum is not None and held(value) > held(maximum):
+            return f"must be at most {maximum}, not {value}"
     return ""
 
 

@@ -78,7 +78,7 @@ def numbers(values: ArrayLike, dtype, what: str) -> NDArray:
         if not (whole and array.min() >= least and array.max() <= most):
             came = f"{array.min()}..{array.max()}" if whole else f"{array.ravel()[:3].tolist()}"
             raise LeapRayError(f"{what} must be whole numbers in {least}..{most}; came {came}")
-    return array.astype(dtype)
+    return array.astype(dtype, copy=False)
 
 
 def id_array(ids: ArrayLike | None, n: int, *, one: bool = False) -> NDArray[np.uint16] | None:

@@ -11,6 +11,7 @@ import pytest
 from blender_scenes import fresh, mesh, put
 
 from addon import arguments, cli, pipeline
+from addon.blender import properties
 from addon.blender.presets import PRESETS
 from addon.settings import SETTINGS, Modelling, Settings, described
 from leapray import LeapRayError
@@ -21,8 +22,7 @@ def outside():
     for name, setting in SETTINGS.items():
         if setting.minimum is None:
             continue
-        step = setting.kind(1 if setting.kind is int else 1e-9)
-        yield name, setting.minimum - step
+        yield name, setting.minimum - (1 if setting.kind is int else 1e-3 * setting.maximum)
         yield name, setting.maximum + (setting.kind is int or setting.maximum)
         if setting.kind is float:
             yield name, math.nan
@@ -88,3 +88,13 @@ def test_blender_holds_what_is_described():
             if setting.minimum is not None:
                 limits = (told.hard_min, told.hard_max)
                 assert limits == pytest.approx((setting.minimum, setting.maximum))
+
+
+@pytest.mark.parametrize("end", ["hard_min", "hard_max"])
+def test_what_the_panel_takes_can_be_rendered(end):
+    scene = fresh(settings={})
+    known = scene.leapray.bl_rna.properties
+    for name, setting in SETTINGS.items():
+        if setting.in_blender and setting.minimum is not None:
+            setattr(scene.leapray, name, getattr(known[name], end))
+    pipeline.check(properties.settings(scene))
