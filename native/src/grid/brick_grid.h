@@ -25,7 +25,8 @@ enum {
     LR_BRICK_ZERO = 0,
     LR_BRICK_ONE = 1,
     LR_FIRST_STORED = 2,
-    LR_MAX_BRICKS = 1 << 24 /* 24 bits of a table entry */
+    LR_MAX_BRICKS = 1 << 24, /* 24 bits of a table entry */
+    LR_MAX_SIDE = 1 << 20    /* samples per axis: storage coordinates stay far inside int32 */
 };
 
 struct lr_triangle_cells;      /* grid/triangle_cells.h */
@@ -107,6 +108,9 @@ LR_INLINE size_t lr_table_count(const lr_volume *v)
 /* Can there be such a volume, whatever object_from_index is? */
 lr_status lr_volume_check(const lr_volume_desc *desc, lr_error *error);
 
+/* Fill a stored brick with zeros or ones; it has neither ids nor names nor touched cells. */
+void lr_volume_fill_brick(lr_volume *volume, uint32_t brick, bool ones);
+
 /* The brick at a table position, for writing: a constant one is first stored,
  * filled with its constant. Not after lr_volume_finish. */
 lr_status lr_volume_open_brick(lr_volume *volume, size_t at, uint32_t *brick, lr_error *error);
@@ -117,19 +121,8 @@ void lr_volume_move_brick(lr_volume *volume, uint32_t to, uint32_t from);
 /* Room for so many stored bricks, so that filling them does not copy. */
 lr_status lr_volume_reserve(lr_volume *volume, uint64_t n_stored, lr_error *error);
 
-/* Attributes (grid/attributes/triangle_attributes.c): after lr_volume_reserve make room for those
- * of so many bricks; give a brick the numbers of its 512 samples' faces, or NULL for none, in
- * blocks from *next_block on; move a brick's blocks down to n_blocks; drop the blocks that no hit
- * can read. */
-lr_status lr_volume_carry(lr_volume *volume, uint64_t n_bricks, lr_error *error);
-void lr_volume_set_nearest(lr_volume *volume, uint32_t brick, const uint32_t *nearest_triangle,
-                           uint32_t *next_block);
-void lr_volume_move_names(lr_volume *volume, uint32_t brick);
-lr_status lr_volume_trim_blocks(lr_volume *volume, const lr_watch *watch, lr_error *error);
-
 /* Bytes of the table for a lattice of n samples, and of one stored brick. */
 uint64_t lr_volume_table_nbytes(const int32_t n[3]);
 uint64_t lr_volume_brick_nbytes(int32_t sample_type, bool has_ids);
-uint64_t lr_volume_block_nbytes(void);
 
 #endif

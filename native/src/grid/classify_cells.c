@@ -7,8 +7,10 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <immintrin.h>
 
+#include "grid/classify_cells.h"
+
 #include "base/error.h"
-#include "grid/triangle_cells.h"
+#include "grid/attributes/triangle_attributes.h"
 
 /* 0: zero throughout, 1: one throughout, 2: neither. Ids other than 0, touched
  * cells and attributes are something to keep. */
@@ -33,19 +35,6 @@ static uint32_t constant_of(const lr_volume *v, uint32_t brick)
         if (lr_load(v, at + (size_t)i) != first)
             return 2;
     return first == 0.0 ? LR_BRICK_ZERO : LR_BRICK_ONE;
-}
-
-void lr_volume_move_brick(lr_volume *v, uint32_t to, uint32_t from)
-{
-    size_t nbytes = LR_BRICK_SAMPLES * lr_sample_nbytes(v->desc.sample_type);
-    memcpy(v->samples + to * nbytes, v->samples + from * nbytes, nbytes);
-    memcpy(v->cells[to], v->cells[from], sizeof v->cells[to]);
-    if (v->block_of != NULL)
-        memcpy(v->block_of + 8 * (size_t)to, v->block_of + 8 * (size_t)from,
-               8 * sizeof *v->block_of);
-    if (v->ids != NULL)
-        memcpy(v->ids + (size_t)to * LR_BRICK_SAMPLES, v->ids + (size_t)from * LR_BRICK_SAMPLES,
-               LR_BRICK_SAMPLES * sizeof *v->ids);
 }
 
 /* Drop constant bricks and close the gaps. moved[b] is where brick b went. */

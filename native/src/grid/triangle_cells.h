@@ -158,13 +158,8 @@ typedef struct lr_triangle_cells_source {
     const void *mesh;
 } lr_triangle_cells_source;
 
-/* lr_volume_finish with triangle cells, which count as surface cells, too. */
-lr_status lr_volume_finish_triangle_cells(lr_volume *volume, const lr_triangle_cells_part *parts,
-                                          uint32_t n_parts, const lr_triangle_cells_source *source,
-                                          const lr_watch *watch, lr_error *error);
-
-/* Its part: make the cells of the parts triangle cells of a volume whose other surface
- * cells are known. */
+/* Make the cells of the parts triangle cells of a volume whose other surface cells are
+ * known. */
 lr_status lr_triangle_cells_attach(lr_volume *volume, const lr_triangle_cells_part *parts,
                                    uint32_t n_parts, const lr_triangle_cells_source *source,
                                    const lr_watch *watch, lr_error *error);

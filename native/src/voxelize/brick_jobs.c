@@ -3,6 +3,7 @@
  * gaps are closed, in place.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "grid/attributes/triangle_attributes.h"
 #include "voxelize/coverage_bsp.h"
 #include "voxelize/voxelizer.h"
 

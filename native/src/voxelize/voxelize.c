@@ -14,6 +14,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/cpu.h"
 #include "grid/attributes/triangle_attributes.h"
+#include "grid/classify_cells.h"
 #include "voxelize/filter_profile.h"
 #include "voxelize/hole_fill.h"
 #include "voxelize/voxelizer.h"

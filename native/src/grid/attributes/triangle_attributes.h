@@ -10,8 +10,8 @@
  * Source: Cigolle, Donow, Evangelakos et al. 2014 (octahedral unit vectors).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef LR_GRID_ATTRIBUTES_NEAREST_TRIANGLES_H
-#define LR_GRID_ATTRIBUTES_NEAREST_TRIANGLES_H
+#ifndef LR_GRID_ATTRIBUTES_TRIANGLE_ATTRIBUTES_H
+#define LR_GRID_ATTRIBUTES_TRIANGLE_ATTRIBUTES_H
 
 #include "grid/brick_grid.h"
 
@@ -50,6 +50,16 @@ typedef struct lr_triangle_attributes_part {
 /* All of them; what a part lacks and another has is white, or no normal. */
 lr_status lr_triangle_attributes_join(lr_triangle_attributes_part *parts, uint32_t n_parts,
                                       lr_triangle_attributes **faces, lr_error *error);
+
+/* Blocks of names: after lr_volume_reserve make room for those of so many bricks; give a brick
+ * the numbers of its 512 samples' faces, or NULL for none, in blocks from *next_block on; move a
+ * brick's blocks down to n_blocks; drop the blocks that no hit can read. */
+lr_status lr_volume_carry(lr_volume *volume, uint64_t n_bricks, lr_error *error);
+void lr_volume_set_nearest(lr_volume *volume, uint32_t brick, const uint32_t *nearest_triangle,
+                           uint32_t *next_block);
+void lr_volume_move_names(lr_volume *volume, uint32_t brick);
+lr_status lr_volume_trim_blocks(lr_volume *volume, const lr_watch *watch, lr_error *error);
+uint64_t lr_volume_block_nbytes(void);
 
 /* n need not be unit; 0 of nothing. */
 LR_INLINE uint32_t lr_normal_encode(const double n[3])
