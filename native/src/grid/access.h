@@ -1,53 +1,29 @@
-/* The one accessor of the brick store: is a cell a surface cell, its eight corners, the
- * stencil of its gradient. All coordinates are storage coordinates.
+/* The samples of the brick store: one, the eight corners of a cell, the stencil of its gradient.
+ * All coordinates are storage coordinates.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_GRID_ACCESS_H
 #define LR_GRID_ACCESS_H
 
-#include "grid/brick_grid.h"
-
-LR_INLINE uint32_t lr_entry(const lr_volume *v, int32_t x, int32_t y, int32_t z)
-{
-    return v->table[lr_table_at(v, x >> 3, y >> 3, z >> 3)];
-}
-
-LR_INLINE uint32_t lr_sub_of(int32_t x, int32_t y, int32_t z)
-{
-    return (uint32_t)(((x >> 2) & 1) | ((y >> 2) & 1) << 1 | ((z >> 2) & 1) << 2);
-}
-
-LR_INLINE uint32_t lr_bit_of(int32_t x, int32_t y, int32_t z)
-{
-    return (uint32_t)((x & 3) | (y & 3) << 2 | (z & 3) << 4);
-}
-
-/* Is it a surface cell? */
-LR_INLINE bool lr_is_surface_cell(const lr_volume *v, const int32_t c[3])
-{
-    uint32_t entry = lr_entry(v, c[0], c[1], c[2]);
-    uint32_t sub = lr_sub_of(c[0], c[1], c[2]);
-    if (!(entry >> sub & 1))
-        return false;
-    return v->cells[entry >> 8][sub] >> lr_bit_of(c[0], c[1], c[2]) & 1;
-}
+#include "grid/surface_cells.h"
 
 LR_INLINE double lr_load(const lr_volume *v, size_t at)
 {
-    switch (v->desc.sample_type) {
-    case LR_U8:
-        return v->samples[at];
-    case LR_U16:
-        return ((const uint16_t *)(const void *)v->samples)[at];
-    default:
-        return (double)((const float *)(const void *)v->samples)[at];
-    }
+    return lr_load_from(v->samples, v->desc.sample_type, at);
 }
 
 LR_INLINE size_t lr_sample_at(const lr_volume *v, int32_t x, int32_t y, int32_t z)
 {
-    return (size_t)(lr_entry(v, x, y, z) >> 8) * LR_BRICK_SAMPLES +
-           (size_t)((x & 7) | (y & 7) << 3 | (z & 7) << 6);
+    return (size_t)(lr_entry(v, x, y, z) >> 8) * LR_CELLS + (size_t)lr_in_brick(x, y, z);
+}
+
+/* Is there such a sample? Beyond the table all are 0. */
+LR_INLINE bool lr_has_sample(const lr_volume *v, const int32_t c[3])
+{
+    bool has = true;
+    for (int a = 0; a < 3; a++)
+        has = has && c[a] >= 0 && lr_brick_of(c[a]) < v->table_size[a];
+    return has;
 }
 
 LR_INLINE double lr_sample(const lr_volume *v, int32_t x, int32_t y, int32_t z)
@@ -55,15 +31,22 @@ LR_INLINE double lr_sample(const lr_volume *v, int32_t x, int32_t y, int32_t z)
     return lr_load(v, lr_sample_at(v, x, y, z));
 }
 
+/* The id of a sample; 0 where the volume has none. */
+LR_INLINE int32_t lr_id(const lr_volume *v, int32_t x, int32_t y, int32_t z)
+{
+    return v->ids != NULL ? v->ids[lr_sample_at(v, x, y, z)] : 0;
+}
+
 /* The block of n^3 samples from (x, y, z), n <= 4; x varies fastest. */
 LR_INLINE void lr_block(const lr_volume *v, int32_t x, int32_t y, int32_t z, int n, double *out)
 {
-    if ((x & 7) + n <= 8 && (y & 7) + n <= 8 && (z & 7) + n <= 8) {
+    const int in[3] = {lr_in_brick(x, 0, 0), lr_in_brick(y, 0, 0), lr_in_brick(z, 0, 0)};
+    if (in[0] + n <= LR_SIDE && in[1] + n <= LR_SIDE && in[2] + n <= LR_SIDE) {
         size_t at = lr_sample_at(v, x, y, z);
         for (int k = 0; k < n; k++)
             for (int j = 0; j < n; j++)
                 for (int i = 0; i < n; i++)
-                    *out++ = lr_load(v, at + (size_t)(i + 8 * j + 64 * k));
+                    *out++ = lr_load(v, at + (size_t)lr_in_brick(i, j, k));
         return;
     }
     size_t brick[8]; /* of the two along each axis that the block may lie in */
@@ -71,14 +54,31 @@ LR_INLINE void lr_block(const lr_volume *v, int32_t x, int32_t y, int32_t z, int
         brick[b] = (size_t)(lr_entry(v, x + (b & 1) * (n - 1), y + (b >> 1 & 1) * (n - 1),
                                      z + (b >> 2) * (n - 1)) >>
                             8) *
-                   LR_BRICK_SAMPLES;
+                   LR_CELLS;
     for (int k = 0; k < n; k++)
         for (int j = 0; j < n; j++)
             for (int i = 0; i < n; i++) {
-                const int at[3] = {(x & 7) + i, (y & 7) + j, (z & 7) + k};
-                const int in = at[0] >> 3 | at[1] >> 3 << 1 | at[2] >> 3 << 2;
-                *out++ = lr_load(
-                    v, brick[in] + (size_t)((at[0] & 7) | (at[1] & 7) << 3 | (at[2] & 7) << 6));
+                const int at[3] = {in[0] + i, in[1] + j, in[2] + k};
+                const int b =
+                    lr_brick_of(at[0]) | lr_brick_of(at[1]) << 1 | lr_brick_of(at[2]) << 2;
+                *out++ = lr_load(v, brick[b] + (size_t)lr_in_brick(at[0], at[1], at[2]));
+            }
+}
+
+/* The samples of the brick whose first is given, and the layer beyond it on each axis, which with
+ * them are the corners of its cells; x varies fastest. */
+LR_INLINE void lr_brick_corners(const lr_volume *v, const int32_t first[3],
+                                double out[(LR_SIDE + 1) * (LR_SIDE + 1) * (LR_SIDE + 1)])
+{
+    const size_t own = lr_sample_at(v, first[0], first[1], first[2]);
+    for (int z = 0; z <= LR_SIDE; z++)
+        for (int y = 0; y <= LR_SIDE; y++)
+            for (int x = 0; x <= LR_SIDE; x++) {
+                const int32_t c[3] = {first[0] + x, first[1] + y, first[2] + z};
+                if (x < LR_SIDE && y < LR_SIDE && z < LR_SIDE)
+                    *out++ = lr_load(v, own + (size_t)lr_in_brick(x, y, z));
+                else
+                    *out++ = lr_has_sample(v, c) ? lr_sample(v, c[0], c[1], c[2]) : 0.0;
             }
 }
 

@@ -9,14 +9,14 @@ uint64_t lr_volume_table_nbytes(const int32_t n[3])
 {
     uint64_t count = 1;
     for (int a = 0; a < 3; a++)
-        count *= ((uint64_t)n[a] + 2 * LR_PAD + 7) / 8;
+        count *= (uint64_t)lr_bricks_along(n[a]);
     return count * sizeof(uint32_t);
 }
 
 uint64_t lr_volume_brick_nbytes(int32_t sample_type, bool has_ids)
 {
-    return LR_BRICK_SAMPLES * (lr_sample_nbytes(sample_type) + (has_ids ? sizeof(uint16_t) : 0)) +
-           8 * sizeof(uint64_t);
+    return LR_CELLS * (lr_sample_nbytes(sample_type) + (has_ids ? sizeof(uint16_t) : 0)) +
+           sizeof(lr_mask);
 }
 
 lr_status lr_volume_check(const lr_volume_desc *d, lr_error *error)
@@ -26,9 +26,9 @@ lr_status lr_volume_check(const lr_volume_desc *d, lr_error *error)
         return lr_fail(error, LR_E_SIZE,
                        "a volume has 1 to %d samples per axis; %d x %d x %d were wanted",
                        LR_MAX_SIDE, d->nx, d->ny, d->nz);
-    if (d->sample_type < LR_U8 || d->sample_type > LR_F32)
-        return lr_fail(error, LR_E_ARGUMENT, "sample type %d is none of u8 (0), u16 (1), f32 (2)",
-                       d->sample_type);
+    lr_status status = lr_sample_type_check(d->sample_type, error);
+    if (status != LR_OK)
+        return status;
     if (d->kind != LR_KIND_SOLID && d->kind != LR_KIND_SHEET)
         return lr_fail(error, LR_E_ARGUMENT, "kind %d is neither solid (1) nor sheet (2)", d->kind);
     if (!(d->threshold > 0.0 && d->threshold <= 1.0))
@@ -46,22 +46,22 @@ lr_status lr_volume_reserve(lr_volume *v, uint64_t n_stored, lr_error *error)
                        LR_MAX_BRICKS - LR_FIRST_STORED, (unsigned long long)n_stored);
     if (wanted <= v->capacity)
         return LR_OK;
-    size_t sample_nbytes = LR_BRICK_SAMPLES * lr_sample_nbytes(v->desc.sample_type);
+    size_t sample_nbytes = LR_CELLS * lr_sample_nbytes(v->desc.sample_type);
     unsigned char *samples = realloc(v->samples, wanted * sample_nbytes);
     if (samples != NULL)
         v->samples = samples;
-    uint64_t (*cells)[8] = realloc(v->cells, wanted * sizeof *cells);
+    lr_mask *cells = realloc(v->cells, wanted * sizeof *cells);
     if (cells != NULL)
         v->cells = cells;
     uint16_t *ids = NULL;
     if (v->desc.has_ids) {
-        ids = realloc(v->ids, wanted * LR_BRICK_SAMPLES * sizeof *ids);
+        ids = realloc(v->ids, wanted * LR_CELLS * sizeof *ids);
         if (ids != NULL)
             v->ids = ids;
     }
     uint32_t *block_of = NULL;
     if (v->block_of != NULL) {
-        block_of = realloc(v->block_of, wanted * 8 * sizeof *block_of);
+        block_of = realloc(v->block_of, wanted * LR_WORDS * sizeof *block_of);
         if (block_of != NULL)
             v->block_of = block_of;
     }
@@ -76,19 +76,13 @@ lr_status lr_volume_reserve(lr_volume *v, uint64_t n_stored, lr_error *error)
 
 void lr_volume_fill_brick(lr_volume *v, uint32_t brick, bool ones)
 {
-    size_t at = (size_t)brick * LR_BRICK_SAMPLES;
-    if (v->desc.sample_type == LR_F32) {
-        float *samples = (float *)(void *)v->samples + at;
-        for (int i = 0; i < LR_BRICK_SAMPLES; i++)
-            samples[i] = ones ? 1.0f : 0.0f;
-    } else { /* the largest integer has all bits set */
-        size_t nbytes = lr_sample_nbytes(v->desc.sample_type);
-        memset(v->samples + at * nbytes, ones ? 0xff : 0, LR_BRICK_SAMPLES * nbytes);
-    }
+    const size_t at = (size_t)brick * LR_CELLS;
+    for (size_t i = 0; i < LR_CELLS; i++)
+        lr_store_to(v->samples, v->desc.sample_type, at + i, ones ? v->one : 0.0);
     if (v->ids != NULL)
-        memset(v->ids + at, 0, LR_BRICK_SAMPLES * sizeof *v->ids);
+        memset(v->ids + at, 0, LR_CELLS * sizeof *v->ids);
     if (v->block_of != NULL)
-        memset(v->block_of + 8 * (size_t)brick, 0, 8 * sizeof *v->block_of);
+        memset(v->block_of + LR_WORDS * (size_t)brick, 0, LR_WORDS * sizeof *v->block_of);
     memset(v->cells[brick], 0, sizeof v->cells[brick]);
 }
 
@@ -115,13 +109,54 @@ lr_status lr_volume_open_brick(lr_volume *v, size_t at, uint32_t *brick, lr_erro
 
 void lr_volume_move_brick(lr_volume *v, uint32_t to, uint32_t from)
 {
-    size_t nbytes = LR_BRICK_SAMPLES * lr_sample_nbytes(v->desc.sample_type);
+    size_t nbytes = LR_CELLS * lr_sample_nbytes(v->desc.sample_type);
     memcpy(v->samples + to * nbytes, v->samples + from * nbytes, nbytes);
     memcpy(v->cells[to], v->cells[from], sizeof v->cells[to]);
     if (v->block_of != NULL)
-        memcpy(v->block_of + 8 * (size_t)to, v->block_of + 8 * (size_t)from,
-               8 * sizeof *v->block_of);
+        memcpy(v->block_of + LR_WORDS * (size_t)to, v->block_of + LR_WORDS * (size_t)from,
+               LR_WORDS * sizeof *v->block_of);
     if (v->ids != NULL)
-        memcpy(v->ids + (size_t)to * LR_BRICK_SAMPLES, v->ids + (size_t)from * LR_BRICK_SAMPLES,
-               LR_BRICK_SAMPLES * sizeof *v->ids);
+        memcpy(v->ids + (size_t)to * LR_CELLS, v->ids + (size_t)from * LR_CELLS,
+               LR_CELLS * sizeof *v->ids);
+}
+
+void lr_volume_write_brick(lr_volume *v, uint32_t brick, const float *occupancy,
+                           const uint16_t *ids, const uint64_t *touched)
+{
+    const size_t at = (size_t)brick * LR_CELLS;
+    lr_store_occupancies(v->samples, v->desc.sample_type, at, occupancy, LR_CELLS);
+    if (v->ids != NULL)
+        memcpy(v->ids + at, ids, LR_CELLS * sizeof *ids);
+    if (touched != NULL)
+        memcpy(v->cells[brick], touched, sizeof(lr_mask));
+    else
+        memset(v->cells[brick], 0, sizeof(lr_mask));
+}
+
+uint32_t lr_volume_enter_brick(lr_volume *v, size_t place, uint32_t brick)
+{
+    const uint32_t to = v->n_bricks++;
+    if (to != brick)
+        lr_volume_move_brick(v, to, brick);
+    v->table[place] = to << 8;
+    return to;
+}
+
+void lr_volume_enter_full(lr_volume *v, size_t place)
+{
+    v->table[place] = LR_BRICK_ONE << 8;
+}
+
+void lr_volume_empty_table(lr_volume *v)
+{
+    memset(v->table, 0, lr_table_count(v) * sizeof *v->table);
+}
+
+lr_status lr_volume_touch(lr_volume *v, size_t place, const lr_mask touched, lr_error *error)
+{
+    uint32_t brick;
+    const lr_status status = lr_volume_open_brick(v, place, &brick, error);
+    for (int w = 0; w < LR_WORDS && status == LR_OK; w++)
+        v->cells[brick][w] |= touched[w];
+    return status;
 }

@@ -1,33 +1,33 @@
-/* The brick store: samples in bricks of 8^3 without apron behind a dense table.
+/* The brick store: samples in bricks (layout.h) without apron behind a dense table.
  *
  * Inside the core everything is in *storage* coordinates: lattice index + LR_PAD.
  * The pad makes room for the virtual layer of zeros around the lattice and for
  * the gradient stencil of its cells, so that no read needs a bounds check:
  * lattice cells -1..n-1 are storage cells 1..n+1, whose stencils reach 0..n+3.
  *
- * A table entry is brick << 8 | sub: bit s of sub tells whether sub-brick s (4^3
- * cells) holds a surface cell. Brick 0 is zero throughout and brick 1 is one
- * throughout; both exist in memory, so that reads have no special case. Within
- * a brick sample (x, y, z) is at x + 8 y + 64 z; surface cells are eight words of
- * 64 bits, cell (x, y, z) bit x%4 + 4 (y%4) + 16 (z%4) of word x/4 + 2 (y/4) +
- * 4 (z/4).
+ * A table entry is brick << 8 | words: bit w of words tells whether word w of the brick's mask
+ * of surface cells holds one. Brick 0 is zero throughout and brick 1 is one throughout; both
+ * exist in memory, so that reads have no special case.
+ *
+ * Nothing outside grid/ reads the table, the arrays or the constants below: surface_cells.h,
+ * access.h and gather.h read them for all.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_GRID_BRICK_GRID_H
 #define LR_GRID_BRICK_GRID_H
 
-#include "base/base.h"
+#include "grid/layout.h"
+#include "grid/sample_types.h"
 
 enum {
-    LR_PAD = 2,
-    LR_BRICK_SAMPLES = 512,
-    LR_BLOCK_SAMPLES = 64,
     LR_BRICK_ZERO = 0,
     LR_BRICK_ONE = 1,
     LR_FIRST_STORED = 2,
     LR_MAX_BRICKS = 1 << 24, /* 24 bits of a table entry */
     LR_MAX_SIDE = 1 << 20    /* samples per axis: storage coordinates stay far inside int32 */
 };
+
+#define LR_MOST_TABLE 134217728.0 /* bricks: a lattice of 4096^3, whose tables take 1.2 GB */
 
 struct lr_triangle_cells;      /* grid/triangle_cells.h */
 struct lr_triangle_attributes; /* grid/attributes/triangle_attributes.h */
@@ -47,13 +47,13 @@ struct lr_volume {
     uint32_t *table;
     uint32_t n_bricks; /* with the two constant ones */
     uint32_t capacity;
-    unsigned char *samples; /* [n_bricks][512] of desc.sample_type */
-    uint16_t *ids;          /* [n_bricks][512], or NULL */
-    uint64_t (*cells)[8];   /* [n_bricks]: surface cells; until lr_volume_finish the touched
+    unsigned char *samples; /* [n_bricks][LR_CELLS] of desc.sample_type */
+    uint16_t *ids;          /* [n_bricks][LR_CELLS], or NULL */
+    lr_mask *cells;         /* [n_bricks]: surface cells; until lr_volume_finish the touched
                                cells of a sheet */
-    uint32_t *block_of;     /* [capacity][8]: attribute blocks of sub-bricks, 0: none; or NULL */
+    uint32_t *block_of;     /* [capacity][LR_WORDS]: attribute blocks of words, 0: none; or NULL */
     uint32_t n_blocks;      /* with block 0, which is never read */
-    uint32_t *nearest_triangle; /* [n_blocks][64]: faces that are nearest, 0: none; or NULL */
+    uint32_t *nearest_triangle; /* [n_blocks][LR_WORD_CELLS]: nearest faces, 0: none; or NULL */
     struct lr_triangle_attributes *faces; /* NULL: the surface carries nothing */
     struct lr_triangle_cells
         *triangle_cells;        /* cells with triangles of their own; NULL: there are none */
@@ -73,31 +73,32 @@ LR_INLINE void lr_bound_nothing(lr_volume *v)
     }
 }
 
-/* then also of a word of 64 cells, that of sub-brick `sub` of the brick whose first
- * storage cell is `first`. */
-LR_INLINE void lr_bound_word(lr_volume *v, const int32_t first[3], int sub, uint64_t word)
+/* then also of the cells of a word of the mask of the brick whose first storage cell is `first`. */
+LR_INLINE void lr_bound_word(lr_volume *v, const int32_t first[3], int word, uint64_t cells)
 {
-    for (; word != 0; word &= word - 1) {
-        const int bit = __builtin_ctzll(word);
-        const int32_t c[3] = {first[0] + 4 * (sub & 1) + (bit & 3),
-                              first[1] + 4 * (sub >> 1 & 1) + (bit >> 2 & 3),
-                              first[2] + 4 * (sub >> 2) + (bit >> 4)};
+    for (; cells != 0; cells &= cells - 1) {
+        const int cell = lr_cell_of_bit(word, __builtin_ctzll(cells));
         for (int a = 0; a < 3; a++) {
-            v->surface_lo[a] = lr_min_i(v->surface_lo[a], c[a]);
-            v->surface_hi[a] = lr_max_i(v->surface_hi[a], c[a]);
+            v->surface_lo[a] = lr_min_i(v->surface_lo[a], first[a] + lr_along(cell, a));
+            v->surface_hi[a] = lr_max_i(v->surface_hi[a], first[a] + lr_along(cell, a));
         }
     }
 }
 
 LR_INLINE size_t lr_sample_nbytes(int32_t sample_type)
 {
-    return sample_type == LR_U8 ? 1 : sample_type == LR_U16 ? 2 : 4;
+    return lr_sample_types[sample_type].nbytes;
 }
 
 LR_INLINE size_t lr_table_at(const lr_volume *v, int32_t bx, int32_t by, int32_t bz)
 {
-    return ((size_t)bz * (size_t)v->table_size[1] + (size_t)by) * (size_t)v->table_size[0] +
-           (size_t)bx;
+    return lr_place_of(v->table_size, bx, by, bz);
+}
+
+/* The place in the table of the brick of a storage cell. */
+LR_INLINE size_t lr_table_of(const lr_volume *v, int32_t x, int32_t y, int32_t z)
+{
+    return lr_table_at(v, lr_brick_of(x), lr_brick_of(y), lr_brick_of(z));
 }
 
 LR_INLINE size_t lr_table_count(const lr_volume *v)
@@ -117,6 +118,32 @@ lr_status lr_volume_open_brick(lr_volume *volume, size_t at, uint32_t *brick, lr
 
 /* Copy a stored brick to another number; the blocks of its names stay where they are. */
 void lr_volume_move_brick(lr_volume *volume, uint32_t to, uint32_t from);
+
+/* ---- bricks by number: for those who make them side by side, each its own ---- */
+
+/* The number of stored brick i. */
+LR_INLINE uint32_t lr_stored_brick(uint32_t i)
+{
+    return LR_FIRST_STORED + i;
+}
+
+/* Give a brick, for which there is room, its samples, of occupancies 0..1; its ids, where the
+ * volume has some, and its touched cells (NULL: none). */
+void lr_volume_write_brick(lr_volume *volume, uint32_t brick, const float *occupancy,
+                           const uint16_t *ids, const uint64_t *touched);
+
+/* Enter such a brick into the table as the next of the volume, to whose place it moves; returns
+ * its number there. Those before it have all been entered. */
+uint32_t lr_volume_enter_brick(lr_volume *volume, size_t place, uint32_t brick);
+
+/* Make the brick at a place of the table one that is 1 throughout. */
+void lr_volume_enter_full(lr_volume *volume, size_t place);
+
+/* Forget all that was entered. */
+void lr_volume_empty_table(lr_volume *volume);
+
+/* Add touched cells to those of the brick at a place of a sheet's table. */
+lr_status lr_volume_touch(lr_volume *volume, size_t place, const lr_mask touched, lr_error *error);
 
 /* Room for so many stored bricks, so that filling them does not copy. */
 lr_status lr_volume_reserve(lr_volume *volume, uint64_t n_stored, lr_error *error);

@@ -16,22 +16,22 @@
  * cells and attributes are something to keep. */
 static uint32_t constant_of(const lr_volume *v, uint32_t brick)
 {
-    size_t at = (size_t)brick * LR_BRICK_SAMPLES;
-    for (size_t s = 0; v->block_of != NULL && s < 8; s++)
-        if (v->block_of[8 * (size_t)brick + s] != 0)
+    size_t at = (size_t)brick * LR_CELLS;
+    for (size_t s = 0; v->block_of != NULL && s < LR_WORDS; s++)
+        if (v->block_of[LR_WORDS * (size_t)brick + s] != 0)
             return 2;
     if (v->ids != NULL)
-        for (int i = 0; i < LR_BRICK_SAMPLES; i++)
+        for (int i = 0; i < LR_CELLS; i++)
             if (v->ids[at + (size_t)i] != 0)
                 return 2;
     if (v->desc.kind == LR_KIND_SHEET)
-        for (int s = 0; s < 8; s++)
+        for (int s = 0; s < LR_WORDS; s++)
             if (v->cells[brick][s] != 0)
                 return 2;
     double first = lr_load(v, at);
     if (first != 0.0 && first != v->one)
         return 2;
-    for (int i = 1; i < LR_BRICK_SAMPLES; i++)
+    for (int i = 1; i < LR_CELLS; i++)
         if (lr_load(v, at + (size_t)i) != first)
             return 2;
     return first == 0.0 ? LR_BRICK_ZERO : LR_BRICK_ONE;
@@ -64,8 +64,8 @@ static lr_status drop_constants(lr_volume *v, const lr_watch *watch, lr_error *e
     return stopped ? lr_fail_stopped(error) : LR_OK;
 }
 
-/* Eight samples in a row that are at or above T, as bits. For integers that is at or above
- * the next whole number, for floats the next float. */
+/* A row's samples that are at or above T, as bits. Whole numbers are where they are at or above the
+ * next whole number, f32 at or above the next float. */
 static uint32_t above_row(const lr_volume *v, size_t at)
 {
     const double t = ceil(v->threshold);
@@ -82,7 +82,7 @@ static uint32_t above_row(const lr_volume *v, size_t at)
         __m128i above = _mm_cmpeq_epi16(_mm_subs_epu16(least, row), zero);
         return (uint32_t)_mm_movemask_epi8(_mm_packs_epi16(above, zero)) & 0xff;
     }
-    default: {
+    case LR_F32: {
         const float *row = (const float *)(const void *)v->samples + at;
         float least = (float)v->threshold;
         if ((double)least < v->threshold)
@@ -91,44 +91,49 @@ static uint32_t above_row(const lr_volume *v, size_t at)
         uint32_t low = (uint32_t)_mm_movemask_ps(_mm_cmpge_ps(_mm_loadu_ps(row), t4));
         return low | (uint32_t)_mm_movemask_ps(_mm_cmpge_ps(_mm_loadu_ps(row + 4), t4)) << 4;
     }
+    default: {
+        uint32_t above = 0;
+        for (size_t x = 0; x < LR_SIDE; x++)
+            above |= (uint32_t)(lr_load(v, at + x) >= v->threshold) << x;
+        return above;
+    }
     }
 }
 
-/* Rows of 9 bits: is sample (x, y, z) of the brick or of the near layers of its
+/* Rows of LR_SIDE + 1 bits: is sample (x, y, z) of the brick or of the near layers of its
  * upper neighbours at or above T? */
-static void above_rows(const lr_volume *v, const int32_t b[3], uint32_t rows[9][9])
+static void above_rows(const lr_volume *v, const int32_t b[3],
+                       uint32_t rows[LR_SIDE + 1][LR_SIDE + 1])
 {
     size_t brick[8]; /* this one and its upper neighbours; zeros beyond the table */
     for (int n = 0; n < 8; n++) {
         int32_t x = b[0] + (n & 1), y = b[1] + (n >> 1 & 1), z = b[2] + (n >> 2);
         bool inside = x < v->table_size[0] && y < v->table_size[1] && z < v->table_size[2];
         uint32_t at = inside ? v->table[lr_table_at(v, x, y, z)] >> 8 : LR_BRICK_ZERO;
-        brick[n] = (size_t)at * LR_BRICK_SAMPLES;
+        brick[n] = (size_t)at * LR_CELLS;
     }
-    for (int z = 0; z < 9; z++)
-        for (int y = 0; y < 9; y++) {
-            size_t at = (size_t)(8 * (y & 7) + 64 * (z & 7));
-            int n = (y >> 3) << 1 | (z >> 3) << 2;
+    for (int z = 0; z <= LR_SIDE; z++)
+        for (int y = 0; y <= LR_SIDE; y++) {
+            size_t at = (size_t)lr_in_brick(0, y, z);
+            int n = lr_brick_of(y) << 1 | lr_brick_of(z) << 2;
             rows[z][y] = above_row(v, brick[n] + at) |
-                         (uint32_t)(lr_load(v, brick[n + 1] + at) >= v->threshold) << 8;
+                         (uint32_t)(lr_load(v, brick[n + 1] + at) >= v->threshold) << LR_SIDE;
         }
 }
 
 /* Surface cells of the brick at table position b. */
-static bool surface_words(const lr_volume *v, const int32_t b[3], uint64_t words[8])
+static bool surface_mask(const lr_volume *v, const int32_t b[3], lr_mask mask)
 {
-    uint32_t rows[9][9];
+    uint32_t rows[LR_SIDE + 1][LR_SIDE + 1];
     above_rows(v, b, rows);
-    memset(words, 0, 8 * sizeof *words);
+    memset(mask, 0, sizeof(lr_mask));
     uint64_t any_cell = 0;
-    for (int z = 0; z < 8; z++)
-        for (int y = 0; y < 8; y++) {
+    for (int z = 0; z < LR_SIDE; z++)
+        for (int y = 0; y < LR_SIDE; y++) {
             const uint32_t r[4] = {rows[z][y], rows[z][y + 1], rows[z + 1][y], rows[z + 1][y + 1]};
             uint32_t any = r[0] | r[1] | r[2] | r[3], all = r[0] & r[1] & r[2] & r[3];
             uint64_t cells = ((any | any >> 1) & ~(all & all >> 1)) & 0xff;
-            int word = 2 * (y >> 2) + 4 * (z >> 2), bit = 4 * (y & 3) + 16 * (z & 3);
-            words[word] |= (cells & 15) << bit;
-            words[word + 1] |= (cells >> 4) << bit;
+            lr_mask_add_row(mask, y, z, cells);
             any_cell |= cells;
         }
     return any_cell != 0;
@@ -151,11 +156,11 @@ static bool plain(const lr_volume *v, const int32_t b[3])
 
 static lr_status classify_brick(lr_volume *v, const int32_t b[3], lr_error *error)
 {
-    uint64_t words[8];
+    lr_mask mask;
     if (plain(v, b))
         return LR_OK;
     size_t at = lr_table_at(v, b[0], b[1], b[2]);
-    bool any = surface_words(v, b, words);
+    bool any = surface_mask(v, b, mask);
     if (v->table[at] >> 8 < LR_FIRST_STORED && (!any || v->desc.kind == LR_KIND_SHEET))
         return LR_OK; /* an untouched brick of a sheet holds no surface */
     uint32_t brick;
@@ -163,9 +168,8 @@ static lr_status classify_brick(lr_volume *v, const int32_t b[3], lr_error *erro
     if (status != LR_OK)
         return status;
     uint32_t sub = 0;
-    for (int s = 0; s < 8; s++) {
-        v->cells[brick][s] =
-            v->desc.kind == LR_KIND_SHEET ? v->cells[brick][s] & words[s] : words[s];
+    for (int s = 0; s < LR_WORDS; s++) {
+        v->cells[brick][s] = v->desc.kind == LR_KIND_SHEET ? v->cells[brick][s] & mask[s] : mask[s];
         sub |= (uint32_t)(v->cells[brick][s] != 0) << s;
         v->n_surface_cells += (uint64_t)__builtin_popcountll(v->cells[brick][s]);
     }
@@ -176,8 +180,8 @@ static lr_status classify_brick(lr_volume *v, const int32_t b[3], lr_error *erro
 static void bound(lr_volume *v, const int32_t b[3])
 {
     const uint32_t entry = v->table[lr_table_at(v, b[0], b[1], b[2])];
-    const int32_t first[3] = {8 * b[0], 8 * b[1], 8 * b[2]};
-    for (int s = 0; s < 8 && (entry & 0xff) != 0; s++)
+    const int32_t first[3] = {LR_SIDE * b[0], LR_SIDE * b[1], LR_SIDE * b[2]};
+    for (int s = 0; s < LR_WORDS && (entry & 0xff) != 0; s++)
         lr_bound_word(v, first, s, v->cells[entry >> 8][s]);
 }
 

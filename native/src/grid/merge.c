@@ -35,13 +35,13 @@ typedef struct merger {
 
 /* A brick on its way. */
 typedef struct brick {
-    double value[2][LR_BRICK_SAMPLES];
-    uint16_t id[2][LR_BRICK_SAMPLES];
-    int32_t from[2][LR_BRICK_SAMPLES]; /* part; -1: none */
-    uint64_t cells[8];
-    bool at_surface;  /* a surface cell has a corner here */
-    uint64_t lost[8]; /* as cells: samples that a third part had */
-    uint32_t nearest_triangle[LR_BRICK_SAMPLES];
+    double value[2][LR_CELLS];
+    uint16_t id[2][LR_CELLS];
+    int32_t from[2][LR_CELLS]; /* part; -1: none */
+    lr_mask cells;
+    bool at_surface; /* a surface cell has a corner here */
+    lr_mask lost;    /* as cells: samples that a third part had */
+    uint32_t nearest_triangle[LR_CELLS];
 } brick;
 
 /* ---- the parts --------------------------------------------------------- */
@@ -89,8 +89,8 @@ static lr_status take_ids(part *p, uint32_t i, lr_objects *objects, uint8_t *tak
     p->own = calloc(65536, 1);
     if (p->own == NULL)
         return lr_fail_memory(error, 65536, "the ids of a volume");
-    for (size_t at = (size_t)LR_FIRST_STORED * LR_BRICK_SAMPLES;
-         at < (size_t)v->n_bricks * LR_BRICK_SAMPLES; at++) {
+    for (size_t at = (size_t)LR_FIRST_STORED * LR_CELLS; at < (size_t)v->n_bricks * LR_CELLS;
+         at++) {
         /* samples far from the surface have the id 0, whoever owns it */
         const double value = lr_load(v, at);
         if (value > 0.0 && (value < v->one || v->ids[at] != 0))
@@ -115,9 +115,9 @@ static bool reaches(const part *p, const int32_t b[3])
 {
     int32_t lo[3], hi[3];
     for (int a = 0; a < 3; a++) {
-        lo[a] = lr_max_i(8 * b[a] - 1 - p->shift[a], 0) >> 3;
-        const int32_t last = 8 * b[a] + 7 - p->shift[a];
-        hi[a] = last < 0 ? -1 : lr_min_i(last >> 3, p->v->table_size[a] - 1);
+        const int32_t first = LR_SIDE * b[a] - p->shift[a], last = first + LR_SIDE - 1;
+        lo[a] = lr_brick_of(lr_max_i(first - 1, 0));
+        hi[a] = lr_min_i(lr_brick_of(last), p->v->table_size[a] - 1);
     }
     for (int32_t z = lo[2]; z <= hi[2]; z++)
         for (int32_t y = lo[1]; y <= hi[1]; y++)
@@ -134,8 +134,8 @@ static void list_part(merger *m, uint32_t i, bool count)
     const int32_t *size = m->whole->table_size;
     int32_t lo[3], hi[3];
     for (int a = 0; a < 3; a++) {
-        lo[a] = lr_max_i(p->shift[a] >> 3, 0);
-        hi[a] = lr_min_i((p->shift[a] + 8 * p->v->table_size[a]) >> 3, size[a] - 1);
+        lo[a] = lr_max_i(lr_brick_of(p->shift[a]), 0);
+        hi[a] = lr_min_i(lr_brick_of(p->shift[a]) + p->v->table_size[a], size[a] - 1);
     }
     for (int32_t z = lo[2]; z <= hi[2]; z++)
         for (int32_t y = lo[1]; y <= hi[1]; y++)
@@ -178,14 +178,6 @@ static lr_status list_parts(merger *m, const lr_watch *watch, lr_error *error)
 
 /* ---- a brick ----------------------------------------------------------- */
 
-LR_INLINE bool inside(const lr_volume *v, const int32_t c[3])
-{
-    bool in = true;
-    for (int a = 0; a < 3; a++)
-        in = in && c[a] >= 0 && c[a] < 8 * v->table_size[a];
-    return in;
-}
-
 /* Let a sample of part i compete for the two places. */
 static void compete(const part *p, int32_t i, int s, double value, uint16_t id, lr_objects *o,
                     brick *b)
@@ -196,8 +188,7 @@ static void compete(const part *p, int32_t i, int s, double value, uint16_t id, 
     const int place = value > b->value[0][s] ? 0 : value > b->value[1][s] ? 1 : 2;
     if (b->from[1][s] >= 0) {
         o->n_dropped++;
-        b->lost[lr_sub_of(s & 7, s >> 3 & 7, s >> 6)] |= (uint64_t)1
-                                                         << lr_bit_of(s & 7, s >> 3 & 7, s >> 6);
+        lr_mask_add(b->lost, lr_along(s, 0), lr_along(s, 1), lr_along(s, 2));
     }
     o->n_shared += place < 2 && b->from[0][s] >= 0 && b->from[1][s] < 0;
     if (place == 0) {
@@ -215,20 +206,21 @@ static void compete(const part *p, int32_t i, int s, double value, uint16_t id, 
 static void add_part(merger *m, uint32_t i, const int32_t first[3], brick *b)
 {
     const part *p = &m->parts[i];
-    for (int z = -1; z < 8; z++)
-        for (int y = -1; y < 8; y++)
-            for (int x = -1; x < 8; x++) {
+    for (int z = -1; z < LR_SIDE; z++)
+        for (int y = -1; y < LR_SIDE; y++)
+            for (int x = -1; x < LR_SIDE; x++) {
                 const int32_t c[3] = {first[0] + x - p->shift[0], first[1] + y - p->shift[1],
                                       first[2] + z - p->shift[2]};
-                if (!inside(p->v, c))
+                if (!lr_has_sample(p->v, c))
                     continue;
                 const bool wanted = lr_is_surface_cell(p->v, c), here = x >= 0 && y >= 0 && z >= 0;
                 b->at_surface = b->at_surface || wanted;
                 if (!here)
                     continue;
-                b->cells[lr_sub_of(x, y, z)] |= (uint64_t)wanted << lr_bit_of(x, y, z);
+                if (wanted)
+                    lr_mask_add(b->cells, x, y, z);
                 const size_t at = lr_sample_at(p->v, c[0], c[1], c[2]);
-                compete(p, (int32_t)i, x + 8 * y + 64 * z, lr_load(p->v, at), p->v->ids[at],
+                compete(p, (int32_t)i, lr_in_brick(x, y, z), lr_load(p->v, at), p->v->ids[at],
                         m->whole->objects, b);
             }
 }
@@ -237,45 +229,36 @@ static void add_part(merger *m, uint32_t i, const int32_t first[3], brick *b)
 static void name_nearest(const merger *m, const int32_t first[3], int s, brick *b)
 {
     const part *p = &m->parts[b->from[0][s]];
-    const int32_t x = first[0] + (s & 7) - p->shift[0], y = first[1] + (s >> 3 & 7) - p->shift[1],
-                  z = first[2] + (s >> 6) - p->shift[2];
+    const int32_t x = first[0] + lr_along(s, 0) - p->shift[0],
+                  y = first[1] + lr_along(s, 1) - p->shift[1],
+                  z = first[2] + lr_along(s, 2) - p->shift[2];
     if (p->v->block_of == NULL)
         return;
     const size_t own = lr_entry(p->v, x, y, z) >> 8;
-    const size_t block = p->v->block_of[8 * own + lr_sub_of(x, y, z)];
-    const size_t at = block * LR_BLOCK_SAMPLES + lr_bit_of(x, y, z);
+    const size_t block = p->v->block_of[LR_WORDS * own + lr_word_of(x, y, z)];
+    const size_t at = block * LR_WORD_CELLS + lr_bit_of(x, y, z);
     if (block != 0 && p->v->nearest_triangle[at] != 0)
         b->nearest_triangle[s] = p->first_face + p->v->nearest_triangle[at];
-}
-
-static void store(lr_volume *v, size_t at, double value)
-{
-    if (v->desc.sample_type == LR_U8)
-        v->samples[at] = (unsigned char)value;
-    else if (v->desc.sample_type == LR_U16)
-        ((uint16_t *)(void *)v->samples)[at] = (uint16_t)value;
-    else
-        ((float *)(void *)v->samples)[at] = (float)value;
 }
 
 static lr_status more_blocks(merger *m, lr_error *error)
 {
     lr_objects *o = m->whole->objects;
-    if (o->n_blocks + 8 <= m->capacity)
+    if (o->n_blocks + LR_WORDS <= m->capacity)
         return LR_OK;
     const size_t n = (size_t)m->capacity * 2 + 64;
     const size_t nbytes = lr_sample_nbytes(m->whole->desc.sample_type);
-    unsigned char *samples = realloc(o->samples, n * LR_BLOCK_SAMPLES * nbytes);
+    unsigned char *samples = realloc(o->samples, n * LR_WORD_CELLS * nbytes);
     if (samples != NULL)
         o->samples = samples;
-    uint16_t *ids = realloc(o->ids, n * LR_BLOCK_SAMPLES * sizeof *ids);
+    uint16_t *ids = realloc(o->ids, n * LR_WORD_CELLS * sizeof *ids);
     if (ids != NULL)
         o->ids = ids;
     uint64_t *lost = realloc(o->lost, n * sizeof *lost);
     if (lost != NULL)
         o->lost = lost;
     if (samples == NULL || ids == NULL || lost == NULL)
-        return lr_fail_memory(error, n * LR_BLOCK_SAMPLES * (nbytes + 2), "second samples");
+        return lr_fail_memory(error, n * LR_WORD_CELLS * (nbytes + 2), "second samples");
     m->capacity = (uint32_t)n;
     return LR_OK;
 }
@@ -283,23 +266,17 @@ static lr_status more_blocks(merger *m, lr_error *error)
 static void put_seconds(lr_volume *v, uint32_t where, const brick *b)
 {
     lr_objects *o = v->objects;
-    for (int sub = 0; sub < 8; sub++) {
+    for (int word = 0; word < LR_WORDS; word++) {
         bool any = false;
-        for (int i = 0; i < LR_BLOCK_SAMPLES; i++) {
-            const int s = (i & 3) + 4 * (sub & 1) + 8 * ((i >> 2 & 3) + 4 * (sub >> 1 & 1)) +
-                          64 * ((i >> 4) + 4 * (sub >> 2));
-            const size_t at = (size_t)o->n_blocks * LR_BLOCK_SAMPLES + (size_t)i;
+        for (int i = 0; i < LR_WORD_CELLS; i++) {
+            const int s = lr_cell_of_bit(word, i);
+            const size_t at = (size_t)o->n_blocks * LR_WORD_CELLS + (size_t)i;
             any = any || b->from[1][s] >= 0;
             o->ids[at] = b->id[1][s];
-            if (v->desc.sample_type == LR_U8)
-                o->samples[at] = (unsigned char)b->value[1][s];
-            else if (v->desc.sample_type == LR_U16)
-                ((uint16_t *)(void *)o->samples)[at] = (uint16_t)b->value[1][s];
-            else
-                ((float *)(void *)o->samples)[at] = (float)b->value[1][s];
+            lr_store_to(o->samples, v->desc.sample_type, at, b->value[1][s]);
         }
-        o->lost[o->n_blocks] = b->lost[sub];
-        o->block_of[8 * (size_t)where + (size_t)sub] = any ? o->n_blocks++ : 0;
+        o->lost[o->n_blocks] = b->lost[word];
+        o->block_of[LR_WORDS * (size_t)where + (size_t)word] = any ? o->n_blocks++ : 0;
     }
 }
 
@@ -312,15 +289,15 @@ static lr_status put_brick(merger *m, size_t at, const int32_t first[3], brick *
         status = lr_volume_open_brick(v, at, &where, error);
     if (status != LR_OK)
         return status;
-    for (int s = 0; s < LR_BRICK_SAMPLES; s++) {
-        const size_t to = (size_t)where * LR_BRICK_SAMPLES + (size_t)s;
-        store(v, to, b->value[0][s]);
+    for (int s = 0; s < LR_CELLS; s++) {
+        const size_t to = (size_t)where * LR_CELLS + (size_t)s;
+        lr_store_to(v->samples, v->desc.sample_type, to, b->value[0][s]);
         v->ids[to] = b->id[0][s];
         if (v->block_of != NULL && b->from[0][s] >= 0)
             name_nearest(m, first, s, b);
     }
     memcpy(v->cells[where], b->cells, sizeof b->cells);
-    for (int s = 0; s < 8; s++) {
+    for (int s = 0; s < LR_WORDS; s++) {
         sub |= (uint32_t)(b->cells[s] != 0) << s;
         v->n_surface_cells += (uint64_t)__builtin_popcountll(b->cells[s]);
         lr_bound_word(v, first, s, b->cells[s]);
@@ -335,7 +312,7 @@ static lr_status put_brick(merger *m, size_t at, const int32_t first[3], brick *
 static lr_status merge_brick(merger *m, const int32_t b[3], brick *work, lr_error *error)
 {
     const size_t at = lr_table_at(m->whole, b[0], b[1], b[2]);
-    const int32_t first[3] = {8 * b[0], 8 * b[1], 8 * b[2]};
+    const int32_t first[3] = {LR_SIDE * b[0], LR_SIDE * b[1], LR_SIDE * b[2]};
     if (m->start[at] == m->start[at + 1])
         return LR_OK;
     memset(work, 0, sizeof *work);
@@ -343,14 +320,14 @@ static lr_status merge_brick(merger *m, const int32_t b[3], brick *work, lr_erro
     for (uint32_t k = m->start[at]; k < m->start[at + 1]; k++)
         add_part(m, m->list[k], first, work);
     bool constant = !work->at_surface;
-    for (int s = 0; s < LR_BRICK_SAMPLES && constant; s++)
+    for (int s = 0; s < LR_CELLS && constant; s++)
         constant = work->value[0][s] == work->value[0][0] && work->from[0][s] == work->from[0][0] &&
                    work->from[1][s] < 0;
     constant = constant && (work->value[0][0] == 0.0 || work->value[0][0] == m->whole->one);
     if (!constant)
         return put_brick(m, at, first, work, error);
     if (work->value[0][0] != 0.0) {
-        m->whole->table[at] = LR_BRICK_ONE << 8;
+        lr_volume_enter_full(m->whole, at);
         m->whole->objects->owner[at] = (uint16_t)work->from[0][0];
     }
     return LR_OK;
@@ -385,9 +362,9 @@ static lr_status begin(merger *m, const lr_volume *const *volumes, lr_error *err
     for (uint32_t i = 0; i < m->n; i++)
         for (int a = 0; a < 3; a++)
             m->parts[i].shift[a] -= lo[a];
-    const double n_table =
-        ((double)desc.nx / 8 + 1) * ((double)desc.ny / 8 + 1) * ((double)desc.nz / 8 + 1);
-    if (!(n_table <= 134217728.0))
+    const double n_table = ((double)desc.nx / LR_SIDE + 1) * ((double)desc.ny / LR_SIDE + 1) *
+                           ((double)desc.nz / LR_SIDE + 1);
+    if (!(n_table <= LR_MOST_TABLE))
         return lr_fail(error, LR_E_SIZE,
                        "the parts span %d x %d x %d samples, more than fit (4096^3)", desc.nx,
                        desc.ny, desc.nz);
@@ -429,7 +406,8 @@ static lr_status make_room(merger *m, lr_error *error)
         return status;
     v->objects->n_blocks = 1;
     v->objects->owner = calloc(n, sizeof *v->objects->owner);
-    v->objects->block_of = calloc(n_bricks + LR_FIRST_STORED, 8 * sizeof *v->objects->block_of);
+    v->objects->block_of =
+        calloc(n_bricks + LR_FIRST_STORED, LR_WORDS * sizeof *v->objects->block_of);
     if (v->objects->block_of == NULL || v->objects->owner == NULL)
         return lr_fail_memory(error, n_bricks * 32, "second samples");
     return LR_OK;

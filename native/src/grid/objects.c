@@ -23,6 +23,6 @@ uint64_t lr_objects_nbytes(const lr_volume *v)
         return 0;
     const uint64_t sample = lr_sample_nbytes(v->desc.sample_type) + sizeof *o->ids;
     return sizeof *o + o->n_objects * sizeof *o->id_of + lr_table_count(v) * sizeof *o->owner +
-           o->n_blocks * sizeof *o->lost + (uint64_t)v->n_bricks * 8 * sizeof *o->block_of +
-           (uint64_t)o->n_blocks * LR_BLOCK_SAMPLES * sample;
+           o->n_blocks * sizeof *o->lost + (uint64_t)v->n_bricks * LR_WORDS * sizeof *o->block_of +
+           (uint64_t)o->n_blocks * LR_WORD_CELLS * sample;
 }

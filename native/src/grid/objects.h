@@ -22,9 +22,9 @@ typedef struct lr_objects {
     uint16_t *id_of;           /* [n_objects]: one of the object's ids */
     uint16_t *owner;           /* [table]: object of a brick of ones */
     uint32_t n_objects;
-    uint32_t *block_of;     /* [n_bricks][8]: of sub-bricks, 0: no second samples */
+    uint32_t *block_of;     /* [n_bricks][LR_WORDS]: of words, 0: no second samples */
     uint32_t n_blocks;      /* with block 0, which is never read */
-    unsigned char *samples; /* [n_blocks][64] of the volume's type, as attributes lie */
+    unsigned char *samples; /* [n_blocks][LR_WORD_CELLS] of the volume's type, as attributes lie */
     uint16_t *ids;          /* likewise */
     uint64_t *lost;         /* [n_blocks]: a bit where a third sample was lost */
     uint64_t n_shared;      /* samples of two objects */
@@ -39,20 +39,14 @@ typedef struct lr_pair_of_samples {
     bool lost;         /* others had samples here, no larger than the second */
 } lr_pair_of_samples;
 
-LR_INLINE double lr_load_from(const unsigned char *samples, int32_t type, size_t at)
-{
-    return type == LR_U8    ? samples[at]
-           : type == LR_U16 ? ((const uint16_t *)(const void *)samples)[at]
-                            : (double)((const float *)(const void *)samples)[at];
-}
-
 /* In a volume that tells objects apart. */
 LR_INLINE lr_pair_of_samples lr_sample_pair(const lr_volume *v, int32_t x, int32_t y, int32_t z)
 {
     const lr_objects *o = v->objects;
-    const size_t table = lr_table_at(v, x >> 3, y >> 3, z >> 3), brick = v->table[table] >> 8;
+    const size_t table = lr_table_of(v, x, y, z), brick = v->table[table] >> 8;
     const size_t at = lr_sample_at(v, x, y, z);
-    const uint32_t block = o->block_of[8 * brick + lr_sub_of(x, y, z)], bit = lr_bit_of(x, y, z);
+    const uint32_t block = o->block_of[LR_WORDS * brick + lr_word_of(x, y, z)],
+                   bit = lr_bit_of(x, y, z);
     lr_pair_of_samples p = {.value = {lr_load(v, at), 0.0},
                             .id = {v->ids[at], 0},
                             .object = {LR_NO_OBJECT, LR_NO_OBJECT}};
@@ -61,7 +55,7 @@ LR_INLINE lr_pair_of_samples lr_sample_pair(const lr_volume *v, int32_t x, int32
     if (p.value[0] > 0.0)
         p.object[0] = o->object_of[p.id[0]];
     if (block != 0) {
-        const size_t other = (size_t)block * LR_BLOCK_SAMPLES + bit;
+        const size_t other = (size_t)block * LR_WORD_CELLS + bit;
         p.value[1] = lr_load_from(o->samples, v->desc.sample_type, other);
         p.id[1] = o->ids[other];
         p.lost = o->lost[block] >> bit & 1;

@@ -40,15 +40,15 @@ static bool narrow(const converter *c, unsigned char *samples, size_t n, const l
 
 static bool narrow_all(lr_volume *v, double gain, uint8_t *known, const lr_watch *watch)
 {
-    const size_t n = (size_t)v->n_bricks * LR_BRICK_SAMPLES;
-    const bool often = v->desc.sample_type == LR_U16 && n > N_U16;
+    const size_t n = (size_t)v->n_bricks * LR_CELLS;
+    const bool often = v->one == N_U16 - 1 && n > N_U16;
     for (size_t value = 0; value < N_U16 && often; value++)
         known[value] = (uint8_t)lr_narrowed(v, (double)value, gain);
     const converter c = {.v = v, .gain = gain, .known = often ? known : NULL};
     lr_objects *o = v->objects;
     if (!narrow(&c, v->samples, n, watch))
         return false;
-    return o == NULL || narrow(&c, o->samples, (size_t)o->n_blocks * LR_BLOCK_SAMPLES, watch);
+    return o == NULL || narrow(&c, o->samples, (size_t)o->n_blocks * LR_WORD_CELLS, watch);
 }
 
 /* ---- bricks that became constant ---------------------------------------- */
@@ -59,17 +59,22 @@ static bool any(const void *bytes, size_t n)
     return b[0] != 0 || memcmp(b, b + 1, n - 1) != 0;
 }
 
+static bool any_block(const uint32_t *block_of, uint32_t brick)
+{
+    return any(block_of + LR_WORDS * (size_t)brick, LR_WORDS * sizeof *block_of);
+}
+
 /* The constant brick that may stand for a stored one, or the brick itself. */
 static uint32_t stand_in(const lr_volume *v, uint32_t brick)
 {
     const lr_objects *o = v->objects;
-    const unsigned char *samples = v->samples + (size_t)brick * LR_BRICK_SAMPLES;
+    const unsigned char *samples = v->samples + (size_t)brick * LR_CELLS;
     if (any(v->cells[brick], sizeof v->cells[brick]) ||
-        (v->block_of != NULL && any(v->block_of + 8 * (size_t)brick, 32)) ||
-        (v->triangle_cells != NULL && any(v->triangle_cells->doubt[brick], 64)) ||
-        (o != NULL && (samples[0] != 0 || any(o->block_of + 8 * (size_t)brick, 32))) ||
-        (samples[0] != 0 && samples[0] != 255) ||
-        memcmp(samples, samples + 1, LR_BRICK_SAMPLES - 1) != 0)
+        (v->block_of != NULL && any_block(v->block_of, brick)) ||
+        (v->triangle_cells != NULL && any(v->triangle_cells->doubt[brick], sizeof(lr_mask))) ||
+        (o != NULL && (samples[0] != 0 || any_block(o->block_of, brick))) ||
+        (samples[0] != 0 && samples[0] != UINT8_MAX) ||
+        memcmp(samples, samples + 1, LR_CELLS - 1) != 0)
         return brick;
     return samples[0] == 0 ? LR_BRICK_ZERO : LR_BRICK_ONE;
 }
@@ -99,10 +104,10 @@ static void drop_constant(lr_volume *v, uint32_t *to)
     const size_t n_table = lr_table_count(v);
     for (size_t at = 0; at < n_table; at++)
         v->table[at] = to[v->table[at] >> 8] << 8 | (v->table[at] & 0xff);
-    v->samples = pack(v->samples, LR_BRICK_SAMPLES, to, n, next);
-    v->ids = pack(v->ids, LR_BRICK_SAMPLES * sizeof *v->ids, to, n, next);
+    v->samples = pack(v->samples, LR_CELLS, to, n, next);
+    v->ids = pack(v->ids, LR_CELLS * sizeof *v->ids, to, n, next);
     v->cells = pack(v->cells, sizeof *v->cells, to, n, next);
-    v->block_of = pack(v->block_of, 8 * sizeof *v->block_of, to, n, next);
+    v->block_of = pack(v->block_of, LR_WORDS * sizeof *v->block_of, to, n, next);
     if (v->triangle_cells != NULL) {
         v->triangle_cells->doubt =
             pack(v->triangle_cells->doubt, sizeof *v->triangle_cells->doubt, to, n, next);
@@ -112,7 +117,7 @@ static void drop_constant(lr_volume *v, uint32_t *to)
     }
     if (v->objects != NULL)
         v->objects->block_of =
-            pack(v->objects->block_of, 8 * sizeof *v->objects->block_of, to, n, next);
+            pack(v->objects->block_of, LR_WORDS * sizeof *v->objects->block_of, to, n, next);
     v->n_bricks = v->capacity = next;
 }
 
@@ -136,14 +141,14 @@ lr_status lr_volume_narrow(lr_volume *v, double gain, const lr_watch *watch, lr_
         return status;
     }
     if (v->triangle_cells != NULL)
-        v->triangle_cells->voxels_per_value *= v->one / (255.0 * gain);
+        v->triangle_cells->voxels_per_value *= v->one / (LR_NARROW_ONE * gain);
     if (o != NULL && o->samples != NULL) {
-        unsigned char *shrunk = realloc(o->samples, (size_t)o->n_blocks * LR_BLOCK_SAMPLES);
+        unsigned char *shrunk = realloc(o->samples, (size_t)o->n_blocks * LR_WORD_CELLS);
         o->samples = shrunk != NULL ? shrunk : o->samples;
     }
     v->desc.sample_type = LR_U8;
-    v->one = 255.0;
-    v->threshold = 255.0 * v->desc.threshold;
+    v->one = LR_NARROW_ONE;
+    v->threshold = LR_NARROW_ONE * v->desc.threshold;
     drop_constant(v, to);
     free(to);
     return LR_OK;

@@ -9,12 +9,14 @@
 
 #include "grid/brick_grid.h"
 
+#define LR_NARROW_ONE 255.0 /* the stored value of 1, of LR_U8 */
+
 /* The sample of 0..255 in the place of a stored value; occupancy is `gain` times as steep. */
 LR_INLINE double lr_narrowed(const lr_volume *v, double value, double gain)
 {
-    const double level = 255.0 * v->desc.threshold, least = ceil(level);
-    const double wanted = level + (value - v->threshold) * (gain * 255.0 / v->one);
-    const double step = floor(lr_clamp(wanted, 0.0, 255.0) + 0.5);
+    const double level = LR_NARROW_ONE * v->desc.threshold, least = ceil(level);
+    const double wanted = level + (value - v->threshold) * (gain * LR_NARROW_ONE / v->one);
+    const double step = floor(lr_clamp(wanted, 0.0, LR_NARROW_ONE) + 0.5);
     if (value >= v->threshold)
         return step < least ? least : step;
     return step < least ? step : least - 1.0;

@@ -14,9 +14,9 @@
 /* Cells along a cube of 2^k that holds the whole table of bricks. */
 static int32_t cube_side(const lr_volume *v)
 {
-    int32_t side = 8;
+    int32_t side = LR_SIDE;
     for (int a = 0; a < 3; a++)
-        while (side < 8 * v->table_size[a])
+        while (side < LR_SIDE * v->table_size[a])
             side *= 2;
     return side;
 }

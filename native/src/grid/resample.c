@@ -35,7 +35,7 @@ lr_status lr_volume_sample(const lr_volume *v, const double *points, const uint1
     if (!v->finished)
         return lr_fail(error, LR_E_ARGUMENT, "the volume is not finished");
     const int32_t last[3] = {v->desc.nx + 1, v->desc.ny + 1, v->desc.nz + 1}; /* storage cells */
-    const double one = gain > 0.0 ? 255.0 : v->one;
+    const double one = gain > 0.0 ? LR_NARROW_ONE : v->one;
     for (uint64_t i = 0; i < n; i++) {
         double q[3], p[3], corner[8], g[3] = {0}, f = 0.0;
         int32_t c[3];

@@ -85,7 +85,7 @@ static int arrays_of(const head *h, const lr_volume *v, array arrays[MOST_ARRAYS
     const int32_t n[3] = {h->desc.nx, h->desc.ny, h->desc.nz};
     const uint64_t n_table = lr_volume_table_nbytes(n) / sizeof(uint32_t);
     const uint64_t n_bricks = h->n_bricks, stored = n_bricks - LR_FIRST_STORED;
-    const uint64_t skip = (uint64_t)LR_FIRST_STORED * LR_BRICK_SAMPLES;
+    const uint64_t skip = (uint64_t)LR_FIRST_STORED * LR_CELLS;
     const uint64_t sample = lr_sample_nbytes(h->desc.sample_type);
     const uint64_t faces = h->n_faces, blocks = faces > 0 ? h->n_blocks - 1ull : 0;
     const uint64_t seconds = h->n_objects > 0 ? h->n_second_blocks - 1ull : 0;
@@ -100,17 +100,18 @@ static int arrays_of(const head *h, const lr_volume *v, array arrays[MOST_ARRAYS
                                   : NULL,                                                          \
                               (n_items) * (item_nbytes)}
     ARRAY(v, table, 0, n_table, sizeof(uint32_t));
-    ARRAY(v, samples, skip, stored * LR_BRICK_SAMPLES, sample);
-    ARRAY(v, ids, skip, h->desc.has_ids ? stored * LR_BRICK_SAMPLES : 0, sizeof(uint16_t));
-    ARRAY(v, cells, LR_FIRST_STORED, stored, 8 * sizeof(uint64_t));
-    ARRAY(v, block_of, 8 * LR_FIRST_STORED, faces > 0 ? 8 * stored : 0, sizeof(uint32_t));
-    ARRAY(v, nearest_triangle, LR_BLOCK_SAMPLES, blocks * LR_BLOCK_SAMPLES, sizeof(uint32_t));
+    ARRAY(v, samples, skip, stored * LR_CELLS, sample);
+    ARRAY(v, ids, skip, h->desc.has_ids ? stored * LR_CELLS : 0, sizeof(uint16_t));
+    ARRAY(v, cells, LR_FIRST_STORED, stored, sizeof(lr_mask));
+    ARRAY(v, block_of, LR_WORDS * LR_FIRST_STORED, faces > 0 ? LR_WORDS * stored : 0,
+          sizeof(uint32_t));
+    ARRAY(v, nearest_triangle, LR_WORD_CELLS, blocks * LR_WORD_CELLS, sizeof(uint32_t));
     ARRAY(f, corner, 0, faces, sizeof *f->corner);
     ARRAY(f, normal, 0, h->has_normals ? faces : 0, sizeof *f->normal);
     ARRAY(f, source, 0, h->has_sources ? faces : 0, sizeof *f->source);
     ARRAY(f, color, 0, h->has_colors ? faces : 0, sizeof *f->color);
     ARRAY(f, uv, 0, h->has_uvs ? faces : 0, sizeof *f->uv);
-    ARRAY(e, doubt, 0, exact * n_bricks, 8 * sizeof(uint64_t));
+    ARRAY(e, doubt, 0, exact * n_bricks, sizeof(lr_mask));
     ARRAY(e, first, 0, exact * n_bricks, sizeof(uint32_t));
     ARRAY(e, start, 0, exact * (h->n_triangle_cells + 1ull), sizeof(uint32_t));
     ARRAY(e, list, 0, exact * h->n_list, sizeof(uint32_t));
@@ -121,9 +122,9 @@ static int arrays_of(const head *h, const lr_volume *v, array arrays[MOST_ARRAYS
     ARRAY(o, object_of, 0, objects * 65536, sizeof(uint16_t));
     ARRAY(o, id_of, 0, objects * h->n_objects, sizeof(uint16_t));
     ARRAY(o, owner, 0, objects * n_table, sizeof(uint16_t));
-    ARRAY(o, block_of, 0, objects * 8 * n_bricks, sizeof(uint32_t));
-    ARRAY(o, samples, LR_BLOCK_SAMPLES, seconds * LR_BLOCK_SAMPLES, sample);
-    ARRAY(o, ids, LR_BLOCK_SAMPLES, seconds * LR_BLOCK_SAMPLES, sizeof(uint16_t));
+    ARRAY(o, block_of, 0, objects * LR_WORDS * n_bricks, sizeof(uint32_t));
+    ARRAY(o, samples, LR_WORD_CELLS, seconds * LR_WORD_CELLS, sample);
+    ARRAY(o, ids, LR_WORD_CELLS, seconds * LR_WORD_CELLS, sizeof(uint16_t));
     ARRAY(o, lost, 1, seconds, sizeof(uint64_t));
 #undef ARRAY
     assert(count <= MOST_ARRAYS);
@@ -222,6 +223,11 @@ static bool floats_finite(const void *floats, uint64_t n)
     return finite;
 }
 
+static bool samples_finite(const lr_volume *v, const unsigned char *samples, size_t n)
+{
+    return lr_first_not_finite(samples, v->desc.sample_type, n) == n;
+}
+
 /* Bounds and number of the surface cells, and that every brick has one place. */
 static const char *wrong_bricks(lr_volume *v, const lr_watch *watch)
 {
@@ -239,11 +245,12 @@ static const char *wrong_bricks(lr_volume *v, const lr_watch *watch)
                 uint32_t sub = 0;
                 if (brick >= v->n_bricks || (brick >= LR_FIRST_STORED && found[brick]))
                     wrong = "the table of bricks";
-                for (int s = 0; wrong == NULL && brick >= LR_FIRST_STORED && s < 8; s++) {
+                for (int s = 0; wrong == NULL && brick >= LR_FIRST_STORED && s < LR_WORDS; s++) {
                     const uint64_t word = v->cells[brick][s];
                     sub |= (uint32_t)(word != 0) << s;
                     v->n_surface_cells += (uint64_t)__builtin_popcountll(word);
-                    lr_bound_word(v, (const int32_t[3]){8 * x, 8 * y, 8 * z}, s, word);
+                    lr_bound_word(v, (const int32_t[3]){LR_SIDE * x, LR_SIDE * y, LR_SIDE * z}, s,
+                                  word);
                 }
                 if (wrong == NULL && (v->table[at] & 0xff) != sub)
                     wrong = "the table of bricks";
@@ -264,9 +271,9 @@ static const char *wrong_bricks(lr_volume *v, const lr_watch *watch)
 static const char *wrong_faces(const lr_volume *v)
 {
     const lr_triangle_attributes *f = v->faces;
-    bool right = all_below(v->block_of, 8 * (uint64_t)v->n_bricks, v->n_blocks);
-    right = right && all_below(v->nearest_triangle + LR_BLOCK_SAMPLES,
-                               (v->n_blocks - 1ull) * LR_BLOCK_SAMPLES, f->n);
+    bool right = all_below(v->block_of, LR_WORDS * (uint64_t)v->n_bricks, v->n_blocks);
+    right = right && all_below(v->nearest_triangle + LR_WORD_CELLS,
+                               (v->n_blocks - 1ull) * LR_WORD_CELLS, f->n);
     for (uint32_t i = 1; i < f->n && f->source != NULL; i++)
         right = right && f->source[i] >= LR_COLOR_NONE && f->source[i] < (int32_t)f->n_textures &&
                 (f->source[i] != LR_COLOR_VERTEX || f->color != NULL) &&
@@ -284,7 +291,7 @@ static const char *wrong_exact(const lr_volume *v, const lr_watch *watch)
     bool right = e->start[0] == 0;
     for (uint32_t b = 0; b < e->n_bricks && right; b++) {
         uint32_t own = 0;
-        for (uint32_t s = 0; s < 8; s++)
+        for (uint32_t s = 0; s < LR_WORDS; s++)
             own += (uint32_t)__builtin_popcountll(lr_triangle_cell_word(v, b, s));
         right = own == 0 || (uint64_t)e->first[b] + own <= e->n_cells;
         n_cells += own;
@@ -304,21 +311,19 @@ static const char *wrong_objects(const lr_volume *v)
 {
     const lr_objects *o = v->objects;
     const size_t n_table = lr_table_count(v);
-    bool right = all_below(o->block_of, 8 * (uint64_t)v->n_bricks, o->n_blocks);
+    bool right = all_below(o->block_of, LR_WORDS * (uint64_t)v->n_bricks, o->n_blocks);
     for (uint32_t i = 0; i < 65536; i++)
         right = right && o->object_of[i] < o->n_objects;
     for (size_t at = 0; at < n_table; at++)
         right = right && o->owner[at] < o->n_objects;
-    if (v->desc.sample_type == LR_F32)
-        right = right && floats_finite(o->samples, (uint64_t)o->n_blocks * LR_BLOCK_SAMPLES);
+    right = right && samples_finite(v, o->samples, (size_t)o->n_blocks * LR_WORD_CELLS);
     return right ? NULL : "the objects";
 }
 
 static const char *wrong_with(lr_volume *v, const lr_watch *watch)
 {
     const char *wrong = wrong_bricks(v, watch);
-    if (wrong == NULL && v->desc.sample_type == LR_F32 &&
-        !floats_finite(v->samples, (uint64_t)v->n_bricks * LR_BRICK_SAMPLES))
+    if (wrong == NULL && !samples_finite(v, v->samples, (size_t)v->n_bricks * LR_CELLS))
         wrong = "samples that are not finite";
     if (wrong == NULL && v->faces != NULL && !lr_stopped(watch))
         wrong = wrong_faces(v);
@@ -364,14 +369,14 @@ static lr_status allocate_objects(lr_volume *v, const head *h, lr_error *error)
     if (o == NULL)
         return lr_fail_memory(error, sizeof *o, "objects");
     const size_t sample = lr_sample_nbytes(h->desc.sample_type);
-    const size_t n_samples = (size_t)h->n_second_blocks * LR_BLOCK_SAMPLES;
+    const size_t n_samples = (size_t)h->n_second_blocks * LR_WORD_CELLS;
     o->n_objects = h->n_objects;
     o->n_blocks = h->n_second_blocks;
     o->n_shared = h->n_shared;
     o->n_dropped = h->n_dropped;
     o->id_of = calloc(h->n_objects, sizeof *o->id_of);
     o->owner = calloc(lr_table_count(v), sizeof *o->owner);
-    o->block_of = calloc(h->n_bricks, 8 * sizeof *o->block_of);
+    o->block_of = calloc(h->n_bricks, LR_WORDS * sizeof *o->block_of);
     o->samples = calloc(n_samples, sample);
     o->ids = calloc(n_samples, sizeof *o->ids);
     o->lost = calloc(h->n_second_blocks, sizeof *o->lost);
@@ -394,7 +399,7 @@ static lr_status allocate(const head *h, lr_volume **volume, lr_error *error)
     (*volume)->flat = h->flat != 0;
     if (h->n_faces > 0) {
         /* room for whole bricks: of blocks there may be fewer */
-        status = lr_volume_carry(*volume, (h->n_blocks + 6ull) / 8, error);
+        status = lr_volume_carry(*volume, (h->n_blocks + LR_WORDS - 2ull) / LR_WORDS, error);
         (*volume)->n_blocks = h->n_blocks;
     }
     if (status == LR_OK && h->n_faces > 0)

@@ -56,14 +56,12 @@ static lr_status open_bricks(lr_volume *v, const lr_triangle_cells_part *parts, 
     return status;
 }
 
-static void mark_brick(lr_volume *v, uint32_t place, const uint64_t doubt[8],
-                       const uint64_t exact[8])
+static void mark_brick(lr_volume *v, uint32_t place, const lr_mask doubt, const lr_mask exact)
 {
-    const uint32_t nx = (uint32_t)v->table_size[0], ny = (uint32_t)v->table_size[1];
-    const int32_t first[3] = {8 * (int32_t)(place % nx), 8 * (int32_t)(place / nx % ny),
-                              8 * (int32_t)(place / nx / ny)};
+    int32_t first[3];
+    lr_first_sample(v->table_size, place, first);
     const uint32_t brick = v->table[place] >> 8;
-    for (int s = 0; s < 8; s++) {
+    for (int s = 0; s < LR_WORDS; s++) {
         const uint64_t more = exact[s] & ~v->cells[brick][s];
         v->cells[brick][s] |= more;
         v->n_surface_cells += (uint64_t)__builtin_popcountll(more);
@@ -139,7 +137,7 @@ static lr_status take_lists(lr_volume *v, lr_triangle_cells *e, const lr_triangl
         uint32_t in_part = cell;
         for (uint32_t i = 0; i < parts[p].n; i++) {
             e->first[v->table[parts[p].place[i]] >> 8] = in_part;
-            for (int s = 0; s < 8; s++)
+            for (int s = 0; s < LR_WORDS; s++)
                 in_part += (uint32_t)__builtin_popcountll(parts[p].exact[i][s]);
         }
         for (uint32_t i = 0; i < parts[p].n_cells; i++) {

@@ -24,7 +24,7 @@
 
 /* What is added here goes through serialize.c, too. */
 typedef struct lr_triangle_cells {
-    uint64_t (*doubt)[8];    /* [n_bricks], as cells of lr_volume: where the field is not trusted */
+    lr_mask *doubt;          /* [n_bricks], as cells of lr_volume: where the field is not trusted */
     uint32_t *first;         /* [n_bricks]: number of the brick's first triangle cell */
     uint32_t *start;         /* [n_cells + 1]: where a cell's list starts */
     uint32_t *list;          /* triangles */
@@ -48,7 +48,7 @@ LR_INLINE uint64_t lr_triangle_cell_word(const lr_volume *v, uint32_t brick, uin
 LR_INLINE bool lr_is_triangle_cell(const lr_volume *v, const int32_t c[3])
 {
     const uint32_t brick = lr_entry(v, c[0], c[1], c[2]) >> 8;
-    return lr_triangle_cell_word(v, brick, lr_sub_of(c[0], c[1], c[2])) >>
+    return lr_triangle_cell_word(v, brick, lr_word_of(c[0], c[1], c[2])) >>
                lr_bit_of(c[0], c[1], c[2]) &
            1;
 }
@@ -57,8 +57,7 @@ LR_INLINE bool lr_is_triangle_cell(const lr_volume *v, const int32_t c[3])
 LR_INLINE bool lr_is_trusted(const lr_volume *v, const int32_t c[3])
 {
     const uint32_t brick = lr_entry(v, c[0], c[1], c[2]) >> 8;
-    const uint64_t word = v->triangle_cells->doubt[brick][lr_sub_of(c[0], c[1], c[2])];
-    return !(word >> lr_bit_of(c[0], c[1], c[2]) & 1);
+    return !lr_mask_has(v->triangle_cells->doubt[brick], c[0], c[1], c[2]);
 }
 
 /* Of a word, the cells whose coordinate along an axis is i - 1, i or i + 1. i: -1..4. */
@@ -83,7 +82,7 @@ LR_INLINE bool lr_near_doubt(const lr_volume *v, const int32_t c[3])
             for (int32_t x = (c[0] - 1) >> 2; x <= (c[0] + 1) >> 2; x++) {
                 const uint32_t brick = lr_entry(v, 4 * x, 4 * y, 4 * z) >> 8;
                 const uint64_t word =
-                    v->triangle_cells->doubt[brick][lr_sub_of(4 * x, 4 * y, 4 * z)];
+                    v->triangle_cells->doubt[brick][lr_word_of(4 * x, 4 * y, 4 * z)];
                 if (word != 0 && (word & lr_around(c[0] - 4 * x, 0) & lr_around(c[1] - 4 * y, 1) &
                                   lr_around(c[2] - 4 * z, 2)) != 0)
                     return true;
@@ -96,7 +95,7 @@ LR_INLINE const uint32_t *lr_triangle_cell_list(const lr_volume *v, const int32_
 {
     const lr_triangle_cells *e = v->triangle_cells;
     const uint32_t brick = lr_entry(v, c[0], c[1], c[2]) >> 8;
-    const uint32_t sub = lr_sub_of(c[0], c[1], c[2]);
+    const uint32_t sub = lr_word_of(c[0], c[1], c[2]);
     const uint64_t below = ((uint64_t)1 << lr_bit_of(c[0], c[1], c[2])) - 1;
     uint32_t cell = e->first[brick];
     for (uint32_t s = 0; s < sub; s++)
@@ -135,10 +134,10 @@ uint32_t lr_triangle_cell_nearest(const lr_volume *volume, const int32_t c[3], c
 
 /* What some bricks of a volume to come hold, in the order of their triangle cells. */
 typedef struct lr_triangle_cells_part {
-    uint32_t n;           /* bricks with such cells */
-    uint32_t *place;      /* [n]: in the volume's table */
-    uint64_t (*doubt)[8]; /* [n]: where the field is not trusted, */
-    uint64_t (*exact)[8]; /* [n]: of those, the triangle cells */
+    uint32_t n;      /* bricks with such cells */
+    uint32_t *place; /* [n]: in the volume's table */
+    lr_mask *doubt;  /* [n]: where the field is not trusted, */
+    lr_mask *exact;  /* [n]: of those, the triangle cells */
     uint32_t n_cells;
     uint32_t *count; /* [n_cells]: lengths of the lists */
     uint32_t n_list;

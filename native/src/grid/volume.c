@@ -30,13 +30,13 @@ lr_status lr_volume_begin(const lr_volume_desc *desc, lr_volume **volume, lr_err
         return lr_fail_memory(error, table_nbytes, "the brick table of a volume");
     }
     for (int a = 0; a < 3; a++)
-        v->table_size[a] = (n[a] + 2 * LR_PAD + 7) / 8;
+        v->table_size[a] = lr_bricks_along(n[a]);
     for (int a = 0; a < 3; a++)
         storage_from_object[4 * a + 3] += LR_PAD;
     memcpy(v->storage_from_object, storage_from_object, sizeof storage_from_object);
     const double shift[16] = {1, 0, 0, -LR_PAD, 0, 1, 0, -LR_PAD, 0, 0, 1, -LR_PAD, 0, 0, 0, 1};
     lr_affine_multiply(desc->object_from_index, shift, v->object_from_storage);
-    v->one = desc->sample_type == LR_U8 ? 255.0 : desc->sample_type == LR_U16 ? 65535.0 : 1.0;
+    v->one = lr_sample_types[desc->sample_type].one;
     v->threshold = desc->threshold * v->one;
     status = lr_volume_reserve(v, 0, error);
     if (status != LR_OK) {
@@ -83,8 +83,8 @@ static part part_of(const int32_t first[3], const int32_t size[3], const int32_t
     size_t from[3];
     for (int a = 0; a < 3; a++) {
         p.brick[a] = brick[a];
-        p.lo[a] = lr_max_i(first[a], brick[a] * 8);
-        p.size[a] = lr_min_i(first[a] + size[a], brick[a] * 8 + 8) - p.lo[a];
+        p.lo[a] = lr_max_i(first[a], brick[a] * LR_SIDE);
+        p.size[a] = lr_min_i(first[a] + size[a], (brick[a] + 1) * LR_SIDE) - p.lo[a];
         from[a] = (size_t)(p.lo[a] - first[a]);
     }
     p.from = (from[2] * (size_t)size[1] + from[1]) * (size_t)size[0] + from[0];
@@ -93,7 +93,7 @@ static part part_of(const int32_t first[3], const int32_t size[3], const int32_t
 
 LR_INLINE size_t in_brick(const part *p, int j, int k)
 {
-    return (size_t)((p->lo[0] & 7) + 8 * ((p->lo[1] & 7) + j) + 64 * ((p->lo[2] & 7) + k));
+    return (size_t)lr_in_brick(p->lo[0], p->lo[1] + j, p->lo[2] + k);
 }
 
 LR_INLINE size_t in_block(const part *p, const int32_t size[3], int j, int k)
@@ -146,7 +146,7 @@ static void put_touched(lr_volume *v, const part *p, const int32_t size[3], cons
                 if (block != NULL && block[in_block(p, size, j, k) + (size_t)i] == 0)
                     continue;
                 int32_t x = p->lo[0] + i, y = p->lo[1] + j, z = p->lo[2] + k;
-                v->cells[brick][lr_sub_of(x, y, z)] |= (uint64_t)1 << lr_bit_of(x, y, z);
+                lr_mask_add(v->cells[brick], x, y, z);
             }
 }
 
@@ -165,7 +165,7 @@ static lr_status put_part(lr_volume *v, const part *p, const int32_t size[3], co
     lr_status status = lr_volume_open_brick(v, at, &brick, error);
     if (status != LR_OK)
         return status;
-    size_t first = (size_t)brick * LR_BRICK_SAMPLES;
+    size_t first = (size_t)brick * LR_CELLS;
     put_rows(p, size, samples, v->samples + first * nbytes, nbytes);
     if (v->desc.has_ids && ids != NULL)
         put_rows(p, size, ids, v->ids + first, sizeof *ids);
@@ -174,18 +174,16 @@ static lr_status put_part(lr_volume *v, const part *p, const int32_t size[3], co
     return LR_OK;
 }
 
-static lr_status check_finite(const int32_t size[3], const float *samples, lr_error *error)
+static lr_status check_finite(int32_t type, const int32_t size[3], const void *samples,
+                              lr_error *error)
 {
-    size_t n = (size_t)size[0] * (size_t)size[1] * (size_t)size[2];
-    for (size_t i = 0; i < n; i++)
-        if (!isfinite(samples[i])) {
-            size_t row = i / (size_t)size[0];
-            return lr_fail(error, LR_E_ARGUMENT,
-                           "samples must be finite; sample (%zu, %zu, %zu) of the block is %g",
-                           i % (size_t)size[0], row % (size_t)size[1], row / (size_t)size[1],
-                           (double)samples[i]);
-        }
-    return LR_OK;
+    const size_t nx = (size_t)size[0], ny = (size_t)size[1], n = nx * ny * (size_t)size[2];
+    const size_t i = lr_first_not_finite(samples, type, n);
+    if (i == n)
+        return LR_OK;
+    return lr_fail(error, LR_E_ARGUMENT,
+                   "samples must be finite; sample (%zu, %zu, %zu) of the block is %g", i % nx,
+                   i / nx % ny, i / nx / ny, lr_load_from(samples, type, i));
 }
 
 lr_status lr_volume_put(lr_volume *v, const int32_t origin[3], const int32_t size[3],
@@ -203,22 +201,20 @@ lr_status lr_volume_put(lr_volume *v, const int32_t origin[3], const int32_t siz
                            "xyz"[a], size[a], origin[a], n[a]);
     if (size[0] == 0 || size[1] == 0 || size[2] == 0)
         return LR_OK;
-    if (v->desc.sample_type == LR_F32) {
-        lr_status status = check_finite(size, samples, error);
-        if (status != LR_OK)
-            return status;
-    }
+    lr_status status = check_finite(v->desc.sample_type, size, samples, error);
+    if (status != LR_OK)
+        return status;
     int32_t first[3], b0[3], b1[3];
     for (int a = 0; a < 3; a++) {
         first[a] = origin[a] + LR_PAD;
-        b0[a] = first[a] >> 3;
-        b1[a] = (first[a] + size[a] - 1) >> 3;
+        b0[a] = lr_brick_of(first[a]);
+        b1[a] = lr_brick_of(first[a] + size[a] - 1);
     }
     for (int32_t z = b0[2]; z <= b1[2]; z++)
         for (int32_t y = b0[1]; y <= b1[1]; y++)
             for (int32_t x = b0[0]; x <= b1[0]; x++) {
                 part p = part_of(first, size, (const int32_t[3]){x, y, z});
-                lr_status status = put_part(v, &p, size, samples, ids, touched, error);
+                status = put_part(v, &p, size, samples, ids, touched, error);
                 if (status != LR_OK)
                     return status;
             }
@@ -232,11 +228,11 @@ static void get_surface(const lr_volume *v, const part *p, const int32_t size[3]
         for (int j = 0; j < p->size[1]; j++)
             for (int i = 0; i < p->size[0]; i++) {
                 int32_t x = p->lo[0] + i, y = p->lo[1] + j, z = p->lo[2] + k;
-                const uint32_t sub = lr_sub_of(x, y, z), bit = lr_bit_of(x, y, z);
                 const bool exact =
-                    v->triangle_cells != NULL && lr_triangle_cell_word(v, brick, sub) >> bit & 1;
+                    v->triangle_cells != NULL &&
+                    lr_triangle_cell_word(v, brick, lr_word_of(x, y, z)) >> lr_bit_of(x, y, z) & 1;
                 block[in_block(p, size, j, k) + (size_t)i] =
-                    (v->cells[brick][sub] >> bit & 1) + exact;
+                    lr_mask_has(v->cells[brick], x, y, z) + exact;
             }
 }
 
@@ -252,8 +248,8 @@ lr_status lr_volume_get(const lr_volume *v, const int32_t origin[3], const int32
                            origin[a], "xyz"[a]);
         count *= (size_t)size[a];
         first[a] = origin[a] + LR_PAD;
-        b0[a] = lr_max_i(first[a] >> 3, 0);
-        b1[a] = lr_min_i((first[a] + size[a] - 1) >> 3, v->table_size[a] - 1);
+        b0[a] = lr_max_i(lr_brick_of(first[a]), 0);
+        b1[a] = lr_min_i(lr_brick_of(first[a] + size[a] - 1), v->table_size[a] - 1);
     }
     if (count == 0)
         return LR_OK;
@@ -269,7 +265,7 @@ lr_status lr_volume_get(const lr_volume *v, const int32_t origin[3], const int32
             for (int32_t x = b0[0]; x <= b1[0]; x++) {
                 part p = part_of(first, size, (const int32_t[3]){x, y, z});
                 uint32_t brick = v->table[lr_table_at(v, x, y, z)] >> 8;
-                size_t at = (size_t)brick * LR_BRICK_SAMPLES;
+                size_t at = (size_t)brick * LR_CELLS;
                 if (samples != NULL)
                     get_rows(&p, size, samples, v->samples + at * nbytes, nbytes);
                 if (ids != NULL && v->ids != NULL)
@@ -315,7 +311,7 @@ void lr_volume_get_info(const lr_volume *v, lr_volume_info *info)
     info->has_colors = v->faces != NULL && v->faces->source != NULL;
     info->has_normals = v->faces != NULL && v->faces->normal != NULL;
     if (v->block_of != NULL)
-        info->nbytes += (uint64_t)v->capacity * 8 * sizeof *v->block_of +
+        info->nbytes += (uint64_t)v->capacity * LR_WORDS * sizeof *v->block_of +
                         v->n_blocks * lr_volume_block_nbytes() +
                         lr_triangle_attributes_nbytes(v->faces);
     for (int a = 0; a < 3; a++) {
@@ -338,9 +334,9 @@ lr_status lr_volume_get_bricks(const lr_volume *v, int32_t *origins, uint64_t n,
                 if (brick == LR_BRICK_ZERO)
                     continue;
                 uint64_t i = brick == LR_BRICK_ONE ? full++ : brick - LR_FIRST_STORED;
-                origins[3 * i] = 8 * x - LR_PAD;
-                origins[3 * i + 1] = 8 * y - LR_PAD;
-                origins[3 * i + 2] = 8 * z - LR_PAD;
+                origins[3 * i] = LR_SIDE * x - LR_PAD;
+                origins[3 * i + 1] = LR_SIDE * y - LR_PAD;
+                origins[3 * i + 2] = LR_SIDE * z - LR_PAD;
             }
     return LR_OK;
 }

@@ -31,11 +31,11 @@ static uint32_t names(const lr_volume *v, const int32_t c[3], const double p[3],
         const int o[3] = {b & 1, b >> 1 & 1, b >> 2};
         const int32_t x = c[0] + o[0], y = c[1] + o[1], z = c[2] + o[2];
         const uint32_t brick = lr_entry(v, x, y, z) >> 8;
-        const uint32_t block = v->block_of[8 * (size_t)brick + lr_sub_of(x, y, z)];
+        const uint32_t block = v->block_of[LR_WORDS * (size_t)brick + lr_word_of(x, y, z)];
         if (block == 0 || (v->ids != NULL && v->ids[lr_sample_at(v, x, y, z)] != id))
             continue;
         const uint32_t face =
-            v->nearest_triangle[(size_t)block * LR_BLOCK_SAMPLES + lr_bit_of(x, y, z)];
+            v->nearest_triangle[(size_t)block * LR_WORD_CELLS + lr_bit_of(x, y, z)];
         const double weight =
             (o[0] ? p[0] : 1.0 - p[0]) * (o[1] ? p[1] : 1.0 - p[1]) * (o[2] ? p[2] : 1.0 - p[2]);
         uint32_t i = 0;

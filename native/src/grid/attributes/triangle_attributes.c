@@ -153,60 +153,60 @@ lr_status lr_volume_bind(lr_volume *v, const lr_texture *const *textures, uint64
 
 uint64_t lr_volume_block_nbytes(void)
 {
-    return LR_BLOCK_SAMPLES * sizeof(uint32_t);
+    return LR_WORD_CELLS * sizeof(uint32_t);
 }
 
 lr_status lr_volume_carry(lr_volume *v, uint64_t n_bricks, lr_error *error)
 {
-    const size_t n = 8 * (size_t)n_bricks + 1;
+    const size_t n = LR_WORDS * (size_t)n_bricks + 1;
+    if (v->block_of != NULL)
+        return LR_OK;
     if (n_bricks > LR_MAX_BRICKS)
         return lr_fail(error, LR_E_SIZE, "a volume holds the attributes of at most %d bricks",
                        LR_MAX_BRICKS);
     v->n_blocks = 1;
-    v->block_of = calloc(v->capacity, 8 * sizeof *v->block_of);
+    v->block_of = calloc(v->capacity, LR_WORDS * sizeof *v->block_of);
     v->nearest_triangle = malloc(n * lr_volume_block_nbytes());
     if (v->block_of == NULL || v->nearest_triangle == NULL)
         return lr_fail_memory(error, n * lr_volume_block_nbytes(), "the attributes of a volume");
     return LR_OK;
 }
 
-/* A sub-brick's numbers out of a brick's; whether there are any but 0. */
+/* A word's numbers out of a brick's; whether there are any but 0. */
 static bool put_sub(uint32_t *to, const uint32_t *nearest_triangle, int s)
 {
     uint32_t any = 0;
-    nearest_triangle += 4 * (s & 1) + 32 * (s >> 1 & 1) + 256 * (s >> 2);
-    for (int i = 0; i < LR_BLOCK_SAMPLES; i++)
-        any |= to[i] = nearest_triangle[(i & 3) + 8 * (i >> 2 & 3) + 64 * (i >> 4)];
+    for (int i = 0; i < LR_WORD_CELLS; i++)
+        any |= to[i] = nearest_triangle[lr_cell_of_bit(s, i)];
     return any != 0;
 }
 
 void lr_volume_set_nearest(lr_volume *v, uint32_t brick, const uint32_t *nearest_triangle,
                            uint32_t *next_block)
 {
-    for (int s = 0; s < 8; s++) {
-        uint32_t *block = &v->block_of[8 * (size_t)brick + (size_t)s];
+    for (int s = 0; s < LR_WORDS; s++) {
+        uint32_t *block = &v->block_of[LR_WORDS * (size_t)brick + (size_t)s];
         *block = 0;
         if (nearest_triangle != NULL &&
-            put_sub(v->nearest_triangle + (size_t)*next_block * LR_BLOCK_SAMPLES, nearest_triangle,
-                    s))
+            put_sub(v->nearest_triangle + (size_t)*next_block * LR_WORD_CELLS, nearest_triangle, s))
             *block = (*next_block)++;
     }
 }
 
 void lr_volume_move_names(lr_volume *v, uint32_t brick)
 {
-    for (size_t s = 0; s < 8; s++) {
-        uint32_t *block = &v->block_of[8 * (size_t)brick + s];
+    for (size_t s = 0; s < LR_WORDS && v->block_of != NULL; s++) {
+        uint32_t *block = &v->block_of[LR_WORDS * (size_t)brick + s];
         if (*block == 0)
             continue;
-        memmove(v->nearest_triangle + (size_t)v->n_blocks * LR_BLOCK_SAMPLES,
-                v->nearest_triangle + (size_t)*block * LR_BLOCK_SAMPLES, lr_volume_block_nbytes());
+        memmove(v->nearest_triangle + (size_t)v->n_blocks * LR_WORD_CELLS,
+                v->nearest_triangle + (size_t)*block * LR_WORD_CELLS, lr_volume_block_nbytes());
         *block = v->n_blocks++;
     }
 }
 
-/* Does a surface cell have a corner among the samples of a sub-brick? Its cells that
- * lie below are in the last layers of other sub-bricks. */
+/* Does a surface cell have a corner among the samples of a word? Its cells that lie
+ * below are in the last layers of other words. */
 static bool at_surface(const lr_volume *v, const int32_t sub[3])
 {
     static const uint64_t last[3] = {0x8888888888888888u, 0xf000f000f000f000u, 0xffff000000000000u};
@@ -221,7 +221,7 @@ static bool at_surface(const lr_volume *v, const int32_t sub[3])
             mask &= below ? last[a] : mask;
         }
         if (inside &&
-            v->cells[lr_entry(v, p[0], p[1], p[2]) >> 8][lr_sub_of(p[0], p[1], p[2])] & mask)
+            v->cells[lr_entry(v, p[0], p[1], p[2]) >> 8][lr_word_of(p[0], p[1], p[2])] & mask)
             return true;
     }
     return false;
@@ -235,8 +235,8 @@ static bool mark_needed(const lr_volume *v, const lr_watch *watch, uint8_t *need
         for (int32_t y = 0; y < v->table_size[1]; y++)
             for (int32_t x = 0; x < v->table_size[0]; x++) {
                 const size_t brick = v->table[lr_table_at(v, x, y, z)] >> 8;
-                for (int32_t s = 0; brick >= LR_FIRST_STORED && s < 8; s++) {
-                    const uint32_t block = v->block_of[8 * brick + (size_t)s];
+                for (int32_t s = 0; brick >= LR_FIRST_STORED && s < LR_WORDS; s++) {
+                    const uint32_t block = v->block_of[LR_WORDS * brick + (size_t)s];
                     const int32_t sub[3] = {2 * x + (s & 1), 2 * y + (s >> 1 & 1),
                                             2 * z + (s >> 2)};
                     if (block != 0)
@@ -254,10 +254,10 @@ static void move_blocks(lr_volume *v, const uint8_t *needed, uint32_t *moved)
     for (uint32_t from = 1; from < v->n_blocks; from++) {
         moved[from] = needed[from] ? next++ : 0;
         if (needed[from] && moved[from] != from)
-            memcpy(v->nearest_triangle + (size_t)moved[from] * LR_BLOCK_SAMPLES,
-                   v->nearest_triangle + (size_t)from * LR_BLOCK_SAMPLES, lr_volume_block_nbytes());
+            memcpy(v->nearest_triangle + (size_t)moved[from] * LR_WORD_CELLS,
+                   v->nearest_triangle + (size_t)from * LR_WORD_CELLS, lr_volume_block_nbytes());
     }
-    for (size_t i = 0; i < 8 * (size_t)v->n_bricks; i++)
+    for (size_t i = 0; i < LR_WORDS * (size_t)v->n_bricks; i++)
         v->block_of[i] = moved[v->block_of[i]];
     v->n_blocks = next;
     uint32_t *less = realloc(v->nearest_triangle, (size_t)next * lr_volume_block_nbytes());
@@ -281,4 +281,22 @@ lr_status lr_volume_trim_blocks(lr_volume *v, const lr_watch *watch, lr_error *e
     free(needed);
     free(moved);
     return status;
+}
+
+/* ---- names ------------------------------------------------------------- */
+
+void lr_volume_mark_named(const lr_volume *v, uint32_t *named)
+{
+    const size_t n = (size_t)v->n_blocks * LR_WORD_CELLS;
+    for (size_t i = LR_WORD_CELLS; i < n; i++)
+        if (v->nearest_triangle[i] != 0)
+            named[v->nearest_triangle[i] - 1] = 1;
+}
+
+void lr_volume_rename(lr_volume *v, const uint32_t *face_of)
+{
+    const size_t n = (size_t)v->n_blocks * LR_WORD_CELLS;
+    for (size_t i = LR_WORD_CELLS; i < n; i++)
+        if (v->nearest_triangle[i] != 0)
+            v->nearest_triangle[i] = face_of[v->nearest_triangle[i] - 1];
 }

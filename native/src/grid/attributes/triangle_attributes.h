@@ -1,9 +1,8 @@
 /* Triangles of a mesh that a volume keeps for what their corners carry.
  *
  * Samples near the surface name the face that is nearest to them, in blocks of 4^3
- * samples, one for each sub-brick that holds corners of surface cells: block_of[8 brick
- * + sub] names it, 0 where there is none. Sample (x, y, z) is the block's x%4 + 4 (y%4)
- * + 16 (z%4). Face 0 is none.
+ * samples, one for each word of a mask that holds corners of surface cells, in the order of its
+ * bits: block_of[LR_WORDS brick + word] names it, 0 where there is none. Face 0 is none.
  *
  * A normal takes 2 x 16 bits of the octahedron's map: 0.003 degrees at most.
  *
@@ -51,15 +50,26 @@ typedef struct lr_triangle_attributes_part {
 lr_status lr_triangle_attributes_join(lr_triangle_attributes_part *parts, uint32_t n_parts,
                                       lr_triangle_attributes **faces, lr_error *error);
 
-/* Blocks of names: after lr_volume_reserve make room for those of so many bricks; give a brick
- * the numbers of its 512 samples' faces, or NULL for none, in blocks from *next_block on; move a
- * brick's blocks down to n_blocks; drop the blocks that no hit can read. */
+/* Blocks of names: after lr_volume_reserve make room for those of so many bricks, once; give a
+ * brick the numbers of its samples' faces, or NULL for none, in blocks from *next_block on; move
+ * a brick's blocks down to n_blocks; drop the blocks that no hit can read. */
 lr_status lr_volume_carry(lr_volume *volume, uint64_t n_bricks, lr_error *error);
 void lr_volume_set_nearest(lr_volume *volume, uint32_t brick, const uint32_t *nearest_triangle,
                            uint32_t *next_block);
 void lr_volume_move_names(lr_volume *volume, uint32_t brick);
 lr_status lr_volume_trim_blocks(lr_volume *volume, const lr_watch *watch, lr_error *error);
 uint64_t lr_volume_block_nbytes(void);
+
+/* The block from which on there is room for those of stored brick i and all that follow. */
+LR_INLINE uint32_t lr_first_block(uint32_t i)
+{
+    return 1 + LR_WORDS * i;
+}
+
+/* Where samples name a triangle by its number plus one: set named[] of it; name its face
+ * face_of[] instead. */
+void lr_volume_mark_named(const lr_volume *volume, uint32_t *named);
+void lr_volume_rename(lr_volume *volume, const uint32_t *face_of);
 
 /* n need not be unit; 0 of nothing. */
 LR_INLINE uint32_t lr_normal_encode(const double n[3])
