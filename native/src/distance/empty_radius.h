@@ -24,10 +24,10 @@ enum {
 
 struct lr_radii {
     const lr_volume *volume;
-    int32_t metric;       /* lr_metric */
-    bool safe;            /* else the metric's own distance to the surface cells themselves */
-    uint32_t *bricks;     /* [table]: index into near, or LR_FAR_BRICK | radius of the brick */
-    uint8_t (*near)[512]; /* radius, lr_cell_in_brick; 0 next to surface cells and on them */
+    int32_t metric;            /* lr_metric */
+    bool safe;                 /* else the metric's own distance to the surface cells themselves */
+    uint32_t *bricks;          /* [table]: index into near, or LR_FAR_BRICK | radius of the brick */
+    uint8_t (*near)[LR_CELLS]; /* radius; 0 next to surface cells and on them */
     uint64_t nbytes;
 };
 
@@ -39,9 +39,9 @@ lr_status lr_radii_make(const lr_volume *volume, int32_t metric, bool safe, cons
 /* The radius of storage cell c, in voxels. */
 LR_INLINE double lr_radius_at(const lr_radii *f, const int32_t c[3])
 {
-    const uint32_t at = f->bricks[lr_table_at(f->volume, c[0] >> 3, c[1] >> 3, c[2] >> 3)];
+    const uint32_t at = f->bricks[lr_table_of(f->volume, c[0], c[1], c[2])];
     const uint32_t radius =
-        at & LR_FAR_BRICK ? at & ~LR_FAR_BRICK : f->near[at][lr_cell_in_brick(c)];
+        at & LR_FAR_BRICK ? at & ~LR_FAR_BRICK : f->near[at][lr_in_brick(c[0], c[1], c[2])];
     return radius * (1.0 / LR_RADIUS_STEPS);
 }
 

@@ -16,7 +16,8 @@ lr_status lr_near_bricks(const lr_volume *v, uint32_t **index, uint32_t *n_near,
         status = lr_fail_memory(error, n * (2 + sizeof *made), "brick distances");
     if (status == LR_OK) {
         for (size_t at = 0; at < n && !lr_stopped_now_and_then(watch, at); at++)
-            holds[at] = (v->table[at] & 0xff) != 0; /* if given up, lr_distance says so */
+            holds[at] =
+                lr_entry_words(lr_entry_at(v, at)) != 0; /* if given up, lr_distance says so */
         const lr_watch quiet = {watch != NULL ? watch->stop : NULL, NULL};
         status = lr_distance(holds, v->table_size[0], v->table_size[1], v->table_size[2],
                              LR_METRIC_CHESSBOARD, dist, &quiet, error);
@@ -38,15 +39,11 @@ lr_status lr_near_bricks(const lr_volume *v, uint32_t **index, uint32_t *n_near,
 }
 
 /* Put the surface cells of one brick into the window at offset o. */
-static void add_brick(const uint64_t words[8], lr_window window, const int o[3])
+static void add_brick(const lr_mask mask, lr_window window, const int o[3])
 {
-    for (int z = 0; z < 8; z++)
-        for (int y = 0; y < 8; y++) {
-            int word = 2 * (y >> 2) + 4 * (z >> 2), bit = 4 * (y & 3) + 16 * (z & 3);
-            uint32_t cells =
-                (uint32_t)(words[word] >> bit & 15) | (uint32_t)(words[word + 1] >> bit & 15) << 4;
-            window[o[2] + z][o[1] + y] |= cells << o[0];
-        }
+    for (int z = 0; z < LR_SIDE; z++)
+        for (int y = 0; y < LR_SIDE; y++)
+            window[o[2] + z][o[1] + y] |= lr_mask_row(mask, y, z) << o[0];
 }
 
 bool lr_window_fill(const lr_volume *v, const int32_t b[3], lr_window window)
@@ -63,10 +60,11 @@ bool lr_window_fill(const lr_volume *v, const int32_t b[3], lr_window window)
         }
         if (!inside)
             continue;
-        uint32_t entry = v->table[lr_table_at(v, q[0], q[1], q[2])];
-        if ((entry & 0xff) == 0)
+        const uint32_t entry = lr_entry_at(v, lr_table_at(v, q[0], q[1], q[2]));
+        if (lr_entry_words(entry) == 0)
             continue;
-        add_brick(v->cells[entry >> 8], window, (const int[3]){8 * o[0], 8 * o[1], 8 * o[2]});
+        add_brick(lr_entry_mask(v, entry), window,
+                  (const int[3]){LR_SIDE * o[0], LR_SIDE * o[1], LR_SIDE * o[2]});
         any = true;
     }
     return any;
@@ -95,16 +93,16 @@ void lr_window_grow(lr_window window)
 lr_status lr_near_each(const lr_volume *v, const uint32_t *index, lr_near_fill *fill, void *context,
                        const lr_watch *watch, lr_error *error)
 {
-    for (int32_t z = 0; z < v->table_size[2]; z++)
-        for (int32_t y = 0; y < v->table_size[1]; y++) {
-            if (lr_stopped(watch))
-                return lr_fail_stopped(error);
-            for (int32_t x = 0; x < v->table_size[0]; x++) {
-                const uint32_t number = index[lr_table_at(v, x, y, z)];
-                if (!(number & LR_FAR_BRICK))
-                    fill(v, (const int32_t[3]){x, y, z}, number, context);
-            }
-            lr_progress(watch, (z + (y + 1.0) / v->table_size[1]) / v->table_size[2]);
-        }
+    const size_t n = lr_table_count(v);
+    int32_t b[3] = {-1, 0, 0};
+    for (size_t at = 0; lr_next_brick(v->table_size, b); at++) {
+        if (b[0] == 0 && lr_stopped(watch))
+            return lr_fail_stopped(error);
+        if (b[0] == 0)
+            lr_progress(watch, (double)at / (double)n);
+        if (!(index[at] & LR_FAR_BRICK))
+            fill(v, b, index[at], context);
+    }
+    lr_progress(watch, 1.0);
     return LR_OK;
 }

@@ -9,11 +9,11 @@
 #ifndef LR_DISTANCE_NARROW_BAND_H
 #define LR_DISTANCE_NARROW_BAND_H
 
-#include "grid/brick_grid.h"
+#include "grid/surface_cells.h"
 
 enum {
-    LR_REACH = 8,
-    LR_WINDOW = 8 + 2 * LR_REACH,
+    LR_REACH = LR_SIDE,
+    LR_WINDOW = LR_SIDE + 2 * LR_REACH,
 };
 
 #define LR_FAR_BRICK 0x80000000u
@@ -32,12 +32,6 @@ bool lr_window_fill(const lr_volume *v, const int32_t b[3], lr_window window);
 
 /* Grow the set by one cell in every direction, diagonals too. */
 void lr_window_grow(lr_window window);
-
-/* Where a near brick's cell is in its 512 entries. */
-LR_INLINE int lr_cell_in_brick(const int32_t c[3])
-{
-    return (c[0] & 7) + 8 * (c[1] & 7) + 64 * (c[2] & 7);
-}
 
 /* Call fill(volume, brick, number, context) for every near brick. */
 typedef void lr_near_fill(const lr_volume *v, const int32_t b[3], uint32_t number, void *context);

@@ -61,7 +61,7 @@ LR_INLINE int32_t lr_nearest_id(const lr_volume *v, const int32_t c[3], const do
         double square = lr_dot(q, q);
         if (corner[b] >= v->threshold && square < nearest) {
             nearest = square;
-            id = v->ids[lr_sample_at(v, c[0] + (b & 1), c[1] + (b >> 1 & 1), c[2] + (b >> 2))];
+            id = lr_id(v, c[0] + (b & 1), c[1] + (b >> 1 & 1), c[2] + (b >> 2));
         }
     }
     return id;

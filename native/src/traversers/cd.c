@@ -10,13 +10,14 @@
  * is what two bricks side by side can see; 3. the cube is cut to the grid.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "traversers/cd.h"
-
 #include "base/cpu.h"
 #include "distance/narrow_band.h"
 #include "grid/triangle_cells.h"
+#include "traversers/cd_packet8.h"
 
 typedef lr_cd_distances distances;
+
+enum { ROW = (1 << LR_SIDE) - 1 }; /* the cells of a brick's row */
 
 void lr_cd_free(void *data)
 {
@@ -42,21 +43,21 @@ static void cell_distances(const lr_volume *v, const int32_t b[3], uint32_t numb
     const distances *f = context;
     uint8_t *dist = f->near[number];
     lr_window window;
-    memset(dist, 0, 512);
+    memset(dist, 0, LR_CELLS);
     if (!lr_window_fill(v, b, window)) {
-        memset(dist, LR_REACH + 1, 512);
+        memset(dist, LR_REACH + 1, LR_CELLS);
         return;
     }
     for (int step = 0; step <= LR_REACH; step++) {
-        uint32_t all = 0xff;
-        for (int z = 0; z < 8; z++)
-            for (int y = 0; y < 8; y++) {
-                uint32_t covered = window[z + LR_REACH][y + LR_REACH] >> LR_REACH & 0xff;
+        uint32_t all = ROW;
+        for (int z = 0; z < LR_SIDE; z++)
+            for (int y = 0; y < LR_SIDE; y++) {
+                uint32_t covered = window[z + LR_REACH][y + LR_REACH] >> LR_REACH & ROW;
                 all &= covered;
-                for (int x = 0; x < 8; x++)
-                    dist[x + 8 * y + 64 * z] += !(covered >> x & 1);
+                for (int x = 0; x < LR_SIDE; x++)
+                    dist[lr_in_brick(x, y, z)] += !(covered >> x & 1);
             }
-        if (all == 0xff)
+        if (all == ROW)
             return;
         lr_window_grow(window);
     }
@@ -92,15 +93,15 @@ LR_INLINE bool empty_cube(const void *data, const lr_volume *v, const lr_ray *r,
 {
     (void)state, (void)tally;
     const distances *f = data;
-    uint32_t at = f->bricks[lr_table_at(v, c[0] >> 3, c[1] >> 3, c[2] >> 3)];
+    uint32_t at = f->bricks[lr_table_of(v, c[0], c[1], c[2])];
     if (at & LR_FAR_BRICK) {
         int32_t n = (int32_t)(at & 0xff) - 1;
         for (int a = 0; a < 3; a++) {
-            lo[a] = ((c[a] >> 3) - n) * 8;
-            hi[a] = ((c[a] >> 3) + n) * 8 + 7;
+            lo[a] = (lr_brick_of(c[a]) - n) * LR_SIDE;
+            hi[a] = (lr_brick_of(c[a]) + n) * LR_SIDE + LR_SIDE - 1;
         }
     } else {
-        int32_t n = f->near[at][lr_cell_in_brick(c)] - 1;
+        int32_t n = f->near[at][lr_in_brick(c[0], c[1], c[2])] - 1;
         if (n < 0)
             return true;
         for (int a = 0; a < 3; a++) {

@@ -16,14 +16,15 @@
 #include "trace/traverser.h"
 
 enum {
-    SEEN = 16, /* cells along an axis: the brick and the one ahead */
+    SEEN = 2 * LR_SIDE, /* cells along an axis: the brick and the one ahead */
     CAP = 15,
+    ROW = (1 << LR_SIDE) - 1 /* the cells of a brick's row */
 };
 
 typedef struct octants {
-    uint32_t *bricks;        /* [table]: index into near, or LR_FAR_BRICK */
-    uint8_t (*ahead)[8];     /* [table][octant]: distance in bricks, 0 where they hold surface */
-    uint8_t (*near)[8][256]; /* [octant]: distance in cells, two to a byte */
+    uint32_t *bricks;    /* [table]: index into near, or LR_FAR_BRICK */
+    uint8_t (*ahead)[8]; /* [table][octant]: distance in bricks, 0 where they hold surface */
+    uint8_t (*near)[8][LR_CELLS / 2]; /* [octant]: distance in cells, two to a byte */
 } octants;
 
 void lr_cd_octant_free(void *data)
@@ -76,7 +77,7 @@ static void brick_distances(const lr_volume *v, int octant, uint8_t (*ahead)[8],
                                       octant & 4 ? n[2] - 1 - k : k};
                 const size_t at = lr_table_at(v, p[0], p[1], p[2]);
                 ahead[at][octant] =
-                    (v->table[at] & 0xff) != 0
+                    lr_entry_words(lr_entry_at(v, at)) != 0
                         ? 0
                         : past_neighbours(&ahead[at][octant], octant, p, n, stride, 255);
             }
@@ -102,9 +103,9 @@ static void grow_against(framed rows, int octant)
 {
     const int up_z = sign_of(octant, 2), up_y = sign_of(octant, 1);
     for (int k = 0; k < SEEN; k++) {
-        const int z = up_z > 0 ? OWN + k : OWN + 7 - k;
+        const int z = up_z > 0 ? OWN + k : OWN + LR_SIDE - 1 - k;
         for (int j = 0; j < SEEN; j++) {
-            const int y = up_y > 0 ? OWN + j : OWN + 7 - j;
+            const int y = up_y > 0 ? OWN + j : OWN + LR_SIDE - 1 - j;
             const uint32_t row =
                 rows[z][y] | rows[z][y + up_y] | rows[z + up_z][y] | rows[z + up_z][y + up_y];
             rows[z][y] = row | (octant & 1 ? row >> 1 : row << 1);
@@ -113,22 +114,23 @@ static void grow_against(framed rows, int octant)
 }
 
 /* The distance of a cell is the number of growths that cover it. */
-static void octant_distances(framed rows, int octant, uint8_t out[256])
+static void octant_distances(framed rows, int octant, uint8_t out[LR_CELLS / 2])
 {
-    uint8_t dist[512] = {0};
+    uint8_t dist[LR_CELLS] = {0};
     for (int step = 0; step < CAP; step++) {
-        uint32_t all = 0xff;
-        for (int row = 0; row < 64; row++) {
-            const uint32_t covered = rows[OWN + (row >> 3)][OWN + (row & 7)] >> OWN & 0xff;
-            all &= covered;
-            for (int x = 0; x < 8; x++)
-                dist[8 * row + x] += !(covered >> x & 1);
-        }
-        if (all == 0xff)
+        uint32_t all = ROW;
+        for (int z = 0; z < LR_SIDE; z++)
+            for (int y = 0; y < LR_SIDE; y++) {
+                const uint32_t covered = rows[OWN + z][OWN + y] >> OWN & ROW;
+                all &= covered;
+                for (int x = 0; x < LR_SIDE; x++)
+                    dist[lr_in_brick(x, y, z)] += !(covered >> x & 1);
+            }
+        if (all == ROW)
             break;
         grow_against(rows, octant);
     }
-    for (int n = 0; n < 256; n++)
+    for (int n = 0; n < LR_CELLS / 2; n++)
         out[n] = (uint8_t)(dist[2 * n] | dist[2 * n + 1] << 4);
 }
 
@@ -187,21 +189,21 @@ LR_INLINE bool empty_ahead(const void *data, const lr_volume *v, const lr_ray *r
 {
     (void)tally;
     const octants *f = data;
-    const size_t at = lr_table_at(v, c[0] >> 3, c[1] >> 3, c[2] >> 3);
+    const size_t at = lr_table_of(v, c[0], c[1], c[2]);
     const uint32_t number = f->bricks[at];
     int32_t n, side; /* so many blocks of so many cells are empty, this one included */
     if (number & LR_FAR_BRICK) {
         n = f->ahead[at][*octant];
-        side = 8;
+        side = LR_SIDE;
     } else {
-        const int cell = lr_cell_in_brick(c);
+        const int cell = lr_in_brick(c[0], c[1], c[2]);
         n = f->near[number][*octant][cell >> 1] >> 4 * (cell & 1) & 15;
         side = 1;
         if (n == 0)
             return true;
         if (f->ahead[at][*octant] > 1) {
             n = f->ahead[at][*octant];
-            side = 8;
+            side = LR_SIDE;
         }
     }
     for (int a = 0; a < 3; a++) {

@@ -10,12 +10,14 @@
  * Source: lanes that are refilled, Aila and Laine 2009 (persistent threads).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "traversers/cd_packet8.h"
+
 #include <immintrin.h>
 
 #include "distance/narrow_band.h"
+#include "grid/gather.h"
 #include "trace/hit_record.h"
 #include "trace/triangle_cell.h"
-#include "traversers/cd.h"
 
 #ifdef __clang__
 #pragma clang attribute push(__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl"))),        \
@@ -172,123 +174,16 @@ LR_INLINE __m256i all_of(int32_t x)
     return _mm256_set1_epi32(x);
 }
 
-LR_INLINE __m256i brick_along(const lr_volume *v, int a, __m256i c)
-{
-    const int32_t stride[3] = {1, v->table_size[0], v->table_size[0] * v->table_size[1]};
-    const __m256i b = _mm256_srai_epi32(c, 3);
-    return a == 0 ? b : _mm256_mullo_epi32(b, all_of(stride[a]));
-}
-
-LR_INLINE __m256i low_bits(__m256i c, int32_t mask, int shift)
-{
-    return _mm256_slli_epi32(_mm256_and_si256(c, all_of(mask)), shift);
-}
-
-/* Where sample `in` of a table entry's brick is. */
-LR_INLINE __m512i sample_of(__m256i entry, __m256i in)
-{
-    const __m512i brick = _mm512_cvtepu32_epi64(_mm256_srli_epi32(entry, 8));
-    return _mm512_add_epi64(_mm512_slli_epi64(brick, 9), _mm512_cvtepi32_epi64(in));
-}
-
-LR_INLINE __m256i gather_entries(const lr_volume *v, __mmask8 m, __m256i at)
-{
-    return _mm256_mmask_i32gather_epi32(_mm256_setzero_si256(), m, at, v->table, 4);
-}
-
-/* Two samples side by side, as they are stored. back: lanes that have two samples before
- * them in their row, so that four bytes of u8 never reach beyond the last brick. */
-LR_INLINE void gather_pairs(const lr_volume *v, __mmask8 m, __m512i at, __mmask8 back,
-                            __m256i *first, __m256i *second)
-{
-    const __m256i none = _mm256_setzero_si256();
-    if (v->desc.sample_type == LR_U16) {
-        const __m256i pair = _mm512_mask_i64gather_epi32(none, m, at, v->samples, 2);
-        *first = low_bits(pair, 0xffff, 0);
-        *second = _mm256_srli_epi32(pair, 16);
-    } else if (v->desc.sample_type == LR_U8) {
-        at = _mm512_mask_sub_epi64(at, back, at, _mm512_set1_epi64(2));
-        const __m256i four = _mm512_mask_i64gather_epi32(none, m, at, v->samples, 1);
-        const __m256i pair = _mm256_mask_srli_epi32(four, back, four, 16);
-        *first = low_bits(pair, 0xff, 0);
-        *second = low_bits(_mm256_srli_epi32(pair, 8), 0xff, 0);
-    } else {
-        const __m512i pair =
-            _mm512_mask_i64gather_epi64(_mm512_setzero_si512(), m, at, v->samples, 4);
-        *first = _mm512_cvtepi64_epi32(pair);
-        *second = _mm512_cvtepi64_epi32(_mm512_srli_epi64(pair, 32));
-    }
-}
-
-LR_INLINE __m512d values_of(const lr_volume *v, __m256i stored)
-{
-    return v->desc.sample_type == LR_F32 ? _mm512_cvtps_pd(_mm256_castsi256_ps(stored))
-                                         : _mm512_cvtepi32_pd(stored);
-}
-
-/* The corners of the lanes' cells, as lr_corners; *entry: the cells' own. */
-LR_INLINE void corners_of(const lr_volume *v, const lr_packet8 *e, __mmask8 m, __m512d s[8],
-                          __m256i *entry)
-{
-    const __m256i one = all_of(1),
-                  upper[2] = {_mm256_add_epi32(e->c[1], one), _mm256_add_epi32(e->c[2], one)};
-    const __m256i x = low_bits(e->c[0], 7, 0), first = brick_along(v, 0, e->c[0]);
-    const __m256i y[2] = {brick_along(v, 1, e->c[1]), brick_along(v, 1, upper[0])};
-    const __m256i z[2] = {brick_along(v, 2, e->c[2]), brick_along(v, 2, upper[1])};
-    const __m256i y_in[2] = {low_bits(e->c[1], 7, 3), low_bits(upper[0], 7, 3)};
-    const __m256i z_in[2] = {low_bits(e->c[2], 7, 6), low_bits(upper[1], 7, 6)};
-    const __mmask8 apart = _mm256_mask_cmpeq_epi32_mask(m, x, all_of(7)); /* in two bricks */
-    const __m256i from = _mm256_mask_sub_epi32(x, apart, x, one);
-    const __mmask8 back = _mm256_mask_cmpge_epi32_mask(m, from, all_of(2));
-    for (int n = 0; n < 4; n++) {
-        const int j = n & 1, l = n >> 1;
-        const __m256i at = _mm256_add_epi32(_mm256_add_epi32(first, y[j]), z[l]);
-        const __m256i row = _mm256_add_epi32(y_in[j], z_in[l]);
-        const __m256i of = gather_entries(v, m, at);
-        __m256i low, high;
-        gather_pairs(v, m, sample_of(of, _mm256_add_epi32(from, row)), back, &low, &high);
-        if (apart != 0) {
-            const __m256i next = gather_entries(v, apart, _mm256_add_epi32(at, one));
-            __m256i beyond, unused;
-            gather_pairs(v, apart, sample_of(next, row), 0, &beyond, &unused);
-            low = _mm256_mask_mov_epi32(low, apart, high);
-            high = _mm256_mask_mov_epi32(high, apart, beyond);
-        }
-        s[2 * n] = values_of(v, low);
-        s[2 * n + 1] = values_of(v, high);
-        if (n == 0)
-            *entry = of;
-    }
-}
-
 /* What rounding is a share of: occupancy 1, or the largest of samples without bounds. */
 LR_INLINE __m512d scale_of(const lr_volume *v, const __m512d s[8])
 {
     __m512d scale = _mm512_set1_pd(v->one);
-    if (v->desc.sample_type == LR_F32) {
+    if (!lr_sample_types[v->desc.sample_type].whole) {
         scale = _mm512_abs_pd(_mm512_set1_pd(v->threshold));
         for (int n = 0; n < 8; n++)
             scale = _mm512_max_pd(scale, _mm512_abs_pd(s[n]));
     }
     return scale;
-}
-
-/* Lanes whose field is not trusted in their cell. */
-LR_INLINE __mmask8 doubted(const lr_volume *v, const lr_packet8 *e, __mmask8 m, __m256i entry)
-{
-    __m256i sub = _mm256_setzero_si256(), bit = _mm256_setzero_si256();
-    for (int a = 0; a < 3; a++) {
-        const __m256i half = _mm256_and_si256(_mm256_srli_epi32(e->c[a], 2), all_of(1));
-        sub = _mm256_or_si256(sub, _mm256_slli_epi32(half, a));
-        bit = _mm256_or_si256(bit, low_bits(e->c[a], 3, 2 * a));
-    }
-    const __m512i brick = _mm512_cvtepu32_epi64(_mm256_srli_epi32(entry, 8));
-    const __m512i word = _mm512_mask_i64gather_epi64(
-        _mm512_setzero_si512(), m,
-        _mm512_add_epi64(_mm512_slli_epi64(brick, 3), _mm512_cvtepu32_epi64(sub)),
-        v->triangle_cells->doubt, 8);
-    return _mm512_mask_test_epi64_mask(m, _mm512_srlv_epi64(word, _mm512_cvtepu32_epi64(bit)),
-                                       _mm512_set1_epi64(1));
 }
 
 /* The point at t in its cell, as lr_chord_points. */
@@ -315,7 +210,7 @@ LR_INLINE __mmask8 passes(const lr_volume *v, const lr_packet8 *e, __mmask8 m, _
 {
     __m512d s[8], p[3], q[3];
     __m256i entry = _mm256_setzero_si256();
-    corners_of(v, e, m, s, &entry);
+    lr_lanes_corners(v, e->c, m, s, &entry);
     for (int a = 0; a < 3; a++) {
         const __mmask8 in = _mm256_cmpeq_epi32_mask(e->axis, all_of(a));
         const __mmask8 out = _mm256_cmpeq_epi32_mask(axis_out, all_of(a));
@@ -358,7 +253,7 @@ LR_INLINE __mmask8 passes(const lr_volume *v, const lr_packet8 *e, __mmask8 m, _
     __mmask8 through = _mm512_mask_cmp_pd_mask(m, rest, clear, _CMP_GT_OQ);
     through = _mm512_mask_cmp_pd_mask(through, begin, least, _CMP_GT_OQ) & (__mmask8)~handed_on;
     if (v->triangle_cells != NULL && through != 0)
-        through &= (__mmask8)~doubted(v, e, through, entry);
+        through &= (__mmask8)~lr_lanes_doubted(v, e->c, through, entry);
     return through;
 }
 
@@ -442,27 +337,20 @@ typedef struct lr_ahead {
 LR_INLINE void look_ahead(const lr_packet *k, const lr_packet8 *e, lr_ahead *h)
 {
     const lr_volume *v = k->v;
-    const __m256i at =
-        _mm256_add_epi32(_mm256_add_epi32(brick_along(v, 0, e->c[0]), brick_along(v, 1, e->c[1])),
-                         brick_along(v, 2, e->c[2]));
-    const __m256i of =
-        _mm256_mmask_i32gather_epi32(_mm256_setzero_si256(), e->alive, at, k->f->bricks, 4);
+    const __m256i of = _mm256_mmask_i32gather_epi32(_mm256_setzero_si256(), e->alive,
+                                                    lr_lanes_table_of(v, e->c), k->f->bricks, 4);
     const __mmask8 far = _mm256_movepi32_mask(of), near = e->alive & (__mmask8)~far;
-    const __m256i in =
-        _mm256_add_epi32(_mm256_add_epi32(low_bits(e->c[0], 7, 0), low_bits(e->c[1], 7, 3)),
-                         low_bits(e->c[2], 7, 6));
-    const __m512i place = _mm512_add_epi64(_mm512_slli_epi64(_mm512_cvtepu32_epi64(of), 9),
-                                           _mm512_cvtepi32_epi64(in));
+    const __m512i place = lr_lanes_cell_of(of, e->c);
     const __m256i distance =
-        low_bits(_mm512_mask_i64gather_epi32(of, near, place, k->f->near, 1), 0xff, 0);
+        _mm256_and_si256(_mm512_mask_i64gather_epi32(of, near, place, k->f->near, 1), all_of(0xff));
     h->surface = _mm256_mask_testn_epi32_mask(near, distance, distance);
     h->one = _mm256_mask_cmple_epi32_mask(near, distance, all_of(1));
     const __m256i n =
         _mm256_max_epi32(_mm256_sub_epi32(distance, all_of(1)), _mm256_setzero_si256());
-    const __m256i reach = _mm256_mask_slli_epi32(n, far, n, 3);
+    const __m256i reach = _mm256_mask_slli_epi32(n, far, n, LR_SIDE_BITS);
     for (int a = 0; a < 3; a++) {
-        const __m256i low = _mm256_mask_and_epi32(e->c[a], far, e->c[a], all_of(~7));
-        const __m256i high = _mm256_mask_add_epi32(low, far, low, all_of(7));
+        const __m256i low = _mm256_mask_and_epi32(e->c[a], far, e->c[a], all_of(-LR_SIDE));
+        const __m256i high = _mm256_mask_add_epi32(low, far, low, all_of(LR_SIDE - 1));
         const __m256i to = _mm256_max_epi32(_mm256_sub_epi32(low, reach), all_of(v->surface_lo[a]));
         h->end[a] = _mm256_mask_min_epi32(to, e->up[a], _mm256_add_epi32(high, reach),
                                           all_of(v->surface_hi[a]));

@@ -1,4 +1,4 @@
-/* A shallow, wide tree: roots over nodes of 16^3 bricks over bricks of 8^3 cells.
+/* A shallow, wide tree: roots over nodes of 16^3 bricks over the store's bricks.
  *
  * The ray leaves the largest of the three that is empty: the whole region of a
  * missing node (128^3 cells), a missing brick, or one cell of a brick that holds
@@ -27,7 +27,7 @@ typedef struct tree {
     uint32_t n_nodes;
     uint32_t *roots; /* [regions]: a node, or NO_NODE */
     node *nodes;
-    uint32_t *leaves; /* table entries of the bricks that hold surface, node by node */
+    uint32_t *leaves; /* entries of the bricks that hold surface, node by node */
 } tree;
 
 void lr_hdda_free(void *data)
@@ -74,8 +74,8 @@ static uint32_t add_node(const tree *t, const lr_volume *v, size_t at, node *mad
             made->first[in >> 6] = n;
         if (!brick_of(t, v, at, in, b))
             continue;
-        const uint32_t entry = v->table[lr_table_at(v, b[0], b[1], b[2])];
-        if ((entry & 0xff) == 0)
+        const uint32_t entry = lr_entry_at(v, lr_table_at(v, b[0], b[1], b[2]));
+        if (lr_entry_words(entry) == 0)
             continue;
         made->mask[in >> 6] |= (uint64_t)1 << (in & 63);
         if (leaves != NULL)
@@ -153,14 +153,14 @@ LR_INLINE void descend(const tree *t, place *at, lr_tally *tally)
 {
     const uint32_t root = t->roots[root_at(t, at->brick)];
     lr_count_node(tally);
-    at->shift = 3 + NODE_BITS;
+    at->shift = LR_SIDE_BITS + NODE_BITS;
     if (root == NO_NODE)
         return;
     const node *n = &t->nodes[root];
     const uint32_t in = brick_in_node(at->brick);
     const uint64_t word = n->mask[in >> 6], bit = (uint64_t)1 << (in & 63);
     lr_count_node(tally);
-    at->shift = 3;
+    at->shift = LR_SIDE_BITS;
     if (!(word & bit))
         return;
     at->shift = 0;
@@ -170,17 +170,14 @@ LR_INLINE void descend(const tree *t, place *at, lr_tally *tally)
 LR_INLINE bool empty_node(const void *data, const lr_volume *v, const lr_ray *r, place *at,
                           const int32_t c[3], int32_t lo[3], int32_t hi[3], lr_tally *tally)
 {
-    if (c[0] >> 3 != at->brick[0] || c[1] >> 3 != at->brick[1] || c[2] >> 3 != at->brick[2]) {
+    if (lr_brick_of(c[0]) != at->brick[0] || lr_brick_of(c[1]) != at->brick[1] ||
+        lr_brick_of(c[2]) != at->brick[2]) {
         for (int a = 0; a < 3; a++)
-            at->brick[a] = c[a] >> 3;
+            at->brick[a] = lr_brick_of(c[a]);
         descend(data, at, tally);
     }
-    if (at->shift == 0) {
-        const uint32_t sub = lr_sub_of(c[0], c[1], c[2]);
-        if (at->entry >> sub & 1 &&
-            v->cells[at->entry >> 8][sub] >> lr_bit_of(c[0], c[1], c[2]) & 1)
-            return true;
-    }
+    if (at->shift == 0 && lr_entry_has(v, at->entry, c))
+        return true;
     for (int a = 0; a < 3; a++) {
         lo[a] = c[a] >> at->shift << at->shift;
         hi[a] = lo[a] + (1 << at->shift) - 1;

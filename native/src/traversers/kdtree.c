@@ -53,28 +53,14 @@ void lr_kdtree_free(void *data)
     free(t);
 }
 
-static cell *list_brick(const lr_volume *v, int32_t x, int32_t y, int32_t z, cell *list)
-{
-    for (int32_t n = 0; n < LR_BRICK_SAMPLES; n++) {
-        const cell here = {{8 * x + (n & 7), 8 * y + (n >> 3 & 7), 8 * z + (n >> 6)}};
-        if (lr_is_surface_cell(v, here.c))
-            *list++ = here;
-    }
-    return list;
-}
-
 /* False where stopped. */
 static bool list_cells(const lr_volume *v, cell *list, const lr_watch *watch)
 {
-    for (int32_t z = 0; z < v->table_size[2]; z++)
-        for (int32_t y = 0; y < v->table_size[1]; y++) {
-            if (lr_stopped(watch))
-                return false;
-            for (int32_t x = 0; x < v->table_size[0]; x++)
-                if ((v->table[lr_table_at(v, x, y, z)] & 0xff) != 0)
-                    list = list_brick(v, x, y, z, list);
-        }
-    return true;
+    int32_t b[3] = {-1, 0, 0};
+    while (lr_next_surface_brick(v, watch, b))
+        for (lr_cell_iterator i = lr_surface_cells_of(v, b); lr_next_cell(&i, list->c);)
+            list++;
+    return !lr_stopped(watch);
 }
 
 static void bound(const cell *list, uint64_t n, node *box)
@@ -171,7 +157,7 @@ lr_status lr_kdtree_build(const lr_volume *v, const int32_t *choices, const lr_w
     (void)choices;
     const uint64_t n = v->n_surface_cells;
     const int32_t *size = v->table_size;
-    const size_t longest = 8 * (size_t)lr_max_i(size[0], lr_max_i(size[1], size[2]));
+    const size_t longest = LR_SIDE * (size_t)lr_max_i(size[0], lr_max_i(size[1], size[2]));
     tree *t = calloc(1, sizeof *t);
     cell *list = malloc((n + 1) * sizeof *list);
     job j = {t, n, 0, malloc(longest * sizeof(uint64_t)), watch, error};

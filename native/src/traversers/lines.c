@@ -23,8 +23,8 @@ enum { ADAPTIVE = 0, CONNECTED_26 = 1, CONNECTED_6 = 2 };
 
 typedef struct flags {
     int32_t connectivity;
-    uint32_t *bricks;    /* [table]: index into near, or LR_FAR_BRICK */
-    uint64_t (*near)[8]; /* as the store's surface cells: is one of them at most a step away? */
+    uint32_t *bricks; /* [table]: index into near, or LR_FAR_BRICK */
+    lr_mask *near;    /* as the store's surface cells: is one of them at most a step away? */
 } flags;
 
 void lr_lines_free(void *data)
@@ -40,16 +40,14 @@ void lr_lines_free(void *data)
 static void flag_cells(const lr_volume *v, const int32_t b[3], uint32_t number, void *context)
 {
     const flags *f = context;
-    uint64_t *words = f->near[number];
+    uint64_t *mask = f->near[number];
     lr_window window;
-    memset(words, 0, sizeof f->near[number]);
+    memset(mask, 0, sizeof(lr_mask));
     lr_window_fill(v, b, window);
     lr_window_grow(window);
-    for (int n = 0; n < 512; n++) {
-        const int x = n & 7, y = n >> 3 & 7, z = n >> 6;
-        const uint64_t set = window[LR_REACH + z][LR_REACH + y] >> (LR_REACH + x) & 1;
-        words[lr_sub_of(x, y, z)] |= set << lr_bit_of(x, y, z);
-    }
+    for (int z = 0; z < LR_SIDE; z++)
+        for (int y = 0; y < LR_SIDE; y++)
+            lr_mask_add_row(mask, y, z, window[LR_REACH + z][LR_REACH + y] >> LR_REACH);
 }
 
 lr_status lr_lines_build(const lr_volume *v, const int32_t *choices, const lr_watch *watch,
@@ -82,10 +80,10 @@ lr_status lr_lines_build(const lr_volume *v, const int32_t *choices, const lr_wa
 /* Is a surface cell at most one step away? */
 LR_INLINE bool flagged(const flags *f, const lr_volume *v, const int32_t c[3])
 {
-    const uint32_t number = f->bricks[lr_table_at(v, c[0] >> 3, c[1] >> 3, c[2] >> 3)];
+    const uint32_t number = f->bricks[lr_table_of(v, c[0], c[1], c[2])];
     if (number & LR_FAR_BRICK)
         return false;
-    return f->near[number][lr_sub_of(c[0], c[1], c[2])] >> lr_bit_of(c[0], c[1], c[2]) & 1;
+    return lr_mask_has(f->near[number], c[0], c[1], c[2]);
 }
 
 typedef struct line {

@@ -34,8 +34,8 @@ typedef struct small_box {
 
 /* What a brick that holds surface knows. */
 typedef struct inner {
-    uint32_t first;   /* of its boxes */
-    uint8_t box[512]; /* counted from there, or ALONE */
+    uint32_t first;        /* of its boxes */
+    uint8_t box[LR_CELLS]; /* counted from there, or ALONE */
 } inner;
 
 typedef struct regions {
@@ -158,20 +158,18 @@ static lr_status add_small(regions *g, const list *l, lr_error *error)
 }
 
 /* The inside of a brick that holds surface; spare is used again and again. */
-static lr_status cover_brick(const uint64_t words[8], regions *g, list *spare, inner *out,
+static lr_status cover_brick(const lr_mask mask, regions *g, list *spare, inner *out,
                              lr_error *error)
 {
-    static const int32_t side[3] = {8, 8, 8};
-    uint8_t full[512];
-    uint32_t id[512];
-    for (int n = 0; n < 512; n++) {
-        const int x = n & 7, y = n >> 3 & 7, z = n >> 6;
-        full[n] = words[lr_sub_of(x, y, z)] >> lr_bit_of(x, y, z) & 1;
-    }
+    static const int32_t side[3] = {LR_SIDE, LR_SIDE, LR_SIDE};
+    uint8_t full[LR_CELLS];
+    uint32_t id[LR_CELLS];
+    for (int n = 0; n < LR_CELLS; n++)
+        full[n] = lr_mask_has(mask, lr_along(n, 0), lr_along(n, 1), lr_along(n, 2));
     spare->n = 0;
     out->first = g->n_of_cells;
     lr_status status = cover(full, side, spare, id, NULL, error);
-    for (int n = 0; status == LR_OK && n < 512; n++)
+    for (int n = 0; status == LR_OK && n < LR_CELLS; n++)
         out->box[n] = (uint8_t)(id[n] < ALONE ? id[n] : ALONE);
     return status == LR_OK ? add_small(g, spare, error) : status;
 }
@@ -182,7 +180,7 @@ static lr_status fill(regions *g, const lr_volume *v, uint8_t *full, uint64_t *n
     const size_t n = lr_table_count(v);
     uint32_t n_inside = 0;
     for (size_t at = 0; at < n; at++) {
-        full[at] = (v->table[at] & 0xff) != 0;
+        full[at] = lr_entry_words(lr_entry_at(v, at)) != 0;
         n_inside += full[at];
         if (lr_stopped_now_and_then(watch, at))
             return lr_fail_stopped(error);
@@ -198,9 +196,9 @@ static lr_status fill(regions *g, const lr_volume *v, uint8_t *full, uint64_t *n
     for (size_t at = 0; status == LR_OK && at < n; at++) {
         if (full[at] == 0)
             continue;
-        const uint64_t *words = v->cells[v->table[at] >> 8];
+        const uint64_t *mask = lr_entry_mask(v, lr_entry_at(v, at));
         status = lr_stopped(watch) ? lr_fail_stopped(error)
-                                   : cover_brick(words, g, &spare, &g->inside[made], error);
+                                   : cover_brick(mask, g, &spare, &g->inside[made], error);
         g->bricks[at] = OF_CELLS | made++;
         lr_progress(watch, (double)made / n_inside);
     }
@@ -238,23 +236,20 @@ LR_INLINE bool empty_box(const void *data, const lr_volume *v, const lr_ray *r, 
 {
     (void)state, (void)tally;
     const regions *g = data;
-    const uint32_t at = g->bricks[lr_table_at(v, c[0] >> 3, c[1] >> 3, c[2] >> 3)];
+    const uint32_t at = g->bricks[lr_table_of(v, c[0], c[1], c[2])];
     if (at & OF_CELLS) {
         if (lr_is_surface_cell(v, c))
             return true;
         const inner *in = &g->inside[at & ~OF_CELLS];
-        const uint8_t number = in->box[(c[0] & 7) + 8 * (c[1] & 7) + 64 * (c[2] & 7)];
+        const uint8_t number = in->box[lr_in_brick(c[0], c[1], c[2])];
         const small_box *b = &g->of_cells[in->first + (number == ALONE ? 0 : number)];
         for (int a = 0; a < 3; a++) {
-            lo[a] = number == ALONE ? c[a] : (c[a] & ~7) + b->lo[a];
-            hi[a] = number == ALONE ? c[a] : (c[a] & ~7) + b->hi[a];
+            lo[a] = number == ALONE ? c[a] : (c[a] & -LR_SIDE) + b->lo[a];
+            hi[a] = number == ALONE ? c[a] : (c[a] & -LR_SIDE) + b->hi[a];
         }
     } else {
         const box *b = &g->of_bricks.boxes[at];
-        for (int a = 0; a < 3; a++) {
-            lo[a] = 8 * b->lo[a];
-            hi[a] = 8 * b->hi[a] + 7;
-        }
+        lr_cells_of_bricks(b->lo, b->hi, lo, hi);
     }
     lr_cut_box(r, lo, hi);
     return false;

@@ -5,14 +5,14 @@
  * After a jump it first climbs to the level at which the old and the new cell
  * share a parent, to find larger empty nodes.
  *
- * Source: Levoy 1990. Departures: 1. levels 0 to 3 are read from the brick
+ * Source: Levoy 1990. Departures: 1. the levels of a brick are read from the brick
  * store's own masks and cost nothing; 2. the child is chosen from the cell's
  * integer coordinates; 3. a climb goes up as far as the parents differ.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "trace/traverser.h"
 
-enum { BRICK_LEVEL = 3, MAX_LEVELS = 24 };
+enum { BRICK_LEVEL = LR_SIDE_BITS, MAX_LEVELS = 24 };
 
 /* Levels above the brick's own, one bit per node. */
 typedef struct pyramid {
@@ -42,18 +42,7 @@ LR_INLINE bool set_above_brick(const pyramid *p, int level, const int32_t c[3])
 /* Does the node of that level around cell c hold surface? */
 LR_INLINE bool node_set(const pyramid *p, const lr_volume *v, int level, const int32_t c[3])
 {
-    if (level > BRICK_LEVEL)
-        return set_above_brick(p, level, c);
-    uint32_t entry = lr_entry(v, c[0], c[1], c[2]);
-    if (level == BRICK_LEVEL)
-        return (entry & 0xff) != 0;
-    uint32_t sub = lr_sub_of(c[0], c[1], c[2]);
-    if (level == 2)
-        return entry >> sub & 1;
-    uint64_t word = v->cells[entry >> 8][sub];
-    if (level == 1) /* the 2^3 cells from the node's lowest on */
-        return (word >> lr_bit_of(c[0] & ~1, c[1] & ~1, c[2] & ~1) & 0x330033) != 0;
-    return word >> lr_bit_of(c[0], c[1], c[2]) & 1;
+    return level > BRICK_LEVEL ? set_above_brick(p, level, c) : lr_cube_has_surface(v, level, c);
 }
 
 static void set_node(pyramid *p, int level, const int32_t c[3])
@@ -80,7 +69,7 @@ static lr_status add_levels(pyramid *p, const lr_volume *v, uint64_t *nbytes, lr
         int level = ++p->top;
         size_t count = 1;
         for (int a = 0; a < 3; a++) {
-            p->size[level][a] = ((8 * v->table_size[a] - 1) >> level) + 1;
+            p->size[level][a] = ((LR_SIDE * v->table_size[a] - 1) >> level) + 1;
             count *= (size_t)p->size[level][a];
         }
         size_t words = (count + 63) / 64;
@@ -101,16 +90,12 @@ lr_status lr_pyramid_build(const lr_volume *v, const int32_t *choices, const lr_
         return lr_fail_memory(error, sizeof *p, "a pyramid");
     *nbytes = sizeof *p;
     lr_status status = add_levels(p, v, nbytes, error);
-    for (int32_t z = 0; status == LR_OK && z < v->table_size[2]; z++) {
-        for (int32_t y = 0; status == LR_OK && y < v->table_size[1]; y++) {
-            for (int32_t x = 0; x < v->table_size[0]; x++)
-                if ((v->table[lr_table_at(v, x, y, z)] & 0xff) != 0)
-                    for (int level = BRICK_LEVEL + 1; level <= p->top; level++)
-                        set_node(p, level, (const int32_t[3]){8 * x, 8 * y, 8 * z});
-            if (lr_stopped(watch))
-                status = lr_fail_stopped(error);
-        }
-    }
+    int32_t b[3] = {-1, 0, 0};
+    while (status == LR_OK && lr_next_surface_brick(v, watch, b))
+        for (int level = BRICK_LEVEL + 1; level <= p->top; level++)
+            set_node(p, level, (const int32_t[3]){LR_SIDE * b[0], LR_SIDE * b[1], LR_SIDE * b[2]});
+    if (status == LR_OK && lr_stopped(watch))
+        status = lr_fail_stopped(error);
     if (status != LR_OK) {
         lr_pyramid_free(p);
         return status;

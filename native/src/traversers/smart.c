@@ -16,7 +16,9 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "trace/traverser.h"
 
-enum { BRICK_LEVEL = 3, MAX_LEVELS = 24 };
+enum { BRICK_LEVEL = LR_SIDE_BITS, MAX_LEVELS = 24 };
+
+_Static_assert(BRICK_LEVEL == 3 && LR_WORDS == 8, "a brick's words are its eight children");
 
 /* Nodes of level m cover 2^m cells a side; levels are 1..top. */
 typedef struct octree {
@@ -88,17 +90,10 @@ static bool sort_bricks(brick **list, brick **spare, size_t n, int code_bits, co
 /* The bricks with surface, unsorted; false where stopped. */
 static bool gather_bricks(const lr_volume *v, brick *next, const lr_watch *watch)
 {
-    for (int32_t z = 0; z < v->table_size[2]; z++)
-        for (int32_t y = 0; y < v->table_size[1]; y++) {
-            if (lr_stopped(watch))
-                return false;
-            for (int32_t x = 0; x < v->table_size[0]; x++) {
-                const uint32_t entry = v->table[lr_table_at(v, x, y, z)];
-                if ((entry & 0xff) != 0)
-                    *next++ = (brick){morton((const int32_t[3]){x, y, z}), entry};
-            }
-        }
-    return true;
+    int32_t b[3] = {-1, 0, 0};
+    while (lr_next_surface_brick(v, watch, b))
+        *next++ = (brick){morton(b), lr_entry_at(v, lr_table_at(v, b[0], b[1], b[2]))};
+    return !lr_stopped(watch);
 }
 
 static lr_status list_bricks(const lr_volume *v, int code_bits, brick **list, size_t *n,
@@ -106,7 +101,7 @@ static lr_status list_bricks(const lr_volume *v, int code_bits, brick **list, si
 {
     *n = 0;
     for (size_t at = 0; at < lr_table_count(v); at++) {
-        *n += (v->table[at] & 0xff) != 0;
+        *n += lr_entry_words(lr_entry_at(v, at)) != 0;
         if (lr_stopped_now_and_then(watch, at))
             return lr_fail_stopped(error);
     }
@@ -132,19 +127,6 @@ static lr_status add_level(octree *t, int level, size_t n, uint64_t *nbytes, lr_
     return LR_OK;
 }
 
-/* The eight nodes of 2^3 cells in a word of 4^3: their masks. */
-static uint8_t masks_of_word(uint64_t word, uint8_t masks[8])
-{
-    uint8_t any = 0;
-    for (int k = 0; k < 8; k++) {
-        const uint64_t cells = word >> lr_bit_of(2 * (k & 1), 2 * (k >> 1 & 1), 2 * (k >> 2));
-        masks[k] = (uint8_t)((cells & 3) | (cells >> 4 & 3) << 2 | (cells >> 16 & 3) << 4 |
-                             (cells >> 20 & 3) << 6);
-        any |= (uint8_t)((masks[k] != 0) << k);
-    }
-    return any;
-}
-
 /* Levels 1 to 3, from the store's own masks. */
 static lr_status add_bricks(octree *t, const lr_volume *v, const brick *list, size_t n,
                             uint64_t *nbytes, const lr_watch *watch, lr_error *error)
@@ -154,10 +136,10 @@ static lr_status add_bricks(octree *t, const lr_volume *v, const brick *list, si
     for (size_t i = 0; i < n; i++) {
         if (lr_stopped_now_and_then(watch, i))
             return lr_fail_stopped(error);
-        for (int s = 0; s < 8; s++) {
-            const uint64_t word = v->cells[list[i].entry >> 8][s];
-            n_words += word != 0;
-            n_low += (size_t)__builtin_popcount(masks_of_word(word, masks));
+        const uint64_t *words = lr_entry_mask(v, list[i].entry);
+        for (int s = 0; s < LR_WORDS; s++) {
+            n_words += words[s] != 0;
+            n_low += (size_t)__builtin_popcount(lr_cubes_of_word(words[s], masks));
         }
     }
     lr_status status = add_level(t, 1, n_low, nbytes, error);
@@ -168,10 +150,11 @@ static lr_status add_bricks(octree *t, const lr_volume *v, const brick *list, si
     for (size_t i = 0; status == LR_OK && i < n; i++) {
         if (lr_stopped_now_and_then(watch, i))
             status = lr_fail_stopped(error);
-        t->mask[BRICK_LEVEL][i] = (uint8_t)list[i].entry;
+        const uint64_t *words = lr_entry_mask(v, list[i].entry);
+        t->mask[BRICK_LEVEL][i] = lr_entry_words(list[i].entry);
         t->first[BRICK_LEVEL][i] = (uint32_t)word_at;
-        for (int s = 0; s < 8; s++) {
-            const uint8_t any = masks_of_word(v->cells[list[i].entry >> 8][s], masks);
+        for (int s = 0; s < LR_WORDS; s++) {
+            const uint8_t any = lr_cubes_of_word(words[s], masks);
             if (any == 0)
                 continue;
             t->mask[2][word_at] = any;

@@ -24,29 +24,17 @@ LR_INLINE size_t block_at(const blocks *b, const int32_t c[3])
     return (size_t)(c[0] / 3) + (size_t)(c[1] / 3) * row + (size_t)(c[2] / 3) * slice;
 }
 
-static void add_brick(const lr_volume *v, const int32_t b[3], blocks *made)
-{
-    for (int32_t n = 0; n < 512; n++) {
-        const int32_t c[3] = {8 * b[0] + (n & 7), 8 * b[1] + (n >> 3 & 7), 8 * b[2] + (n >> 6)};
-        const size_t at = block_at(made, c);
-        if (lr_is_surface_cell(v, c))
-            made->bits[at >> 6] |= (uint64_t)1 << (at & 63);
-    }
-}
-
 static lr_status add_bits(const lr_volume *v, blocks *made, const lr_watch *watch, lr_error *error)
 {
-    for (int32_t z = 0; z < v->table_size[2]; z++) {
-        for (int32_t y = 0; y < v->table_size[1]; y++) {
-            if (lr_stopped(watch))
-                return lr_fail_stopped(error);
-            for (int32_t x = 0; x < v->table_size[0]; x++)
-                if ((v->table[lr_table_at(v, x, y, z)] & 0xff) != 0)
-                    add_brick(v, (const int32_t[3]){x, y, z}, made);
+    int32_t b[3] = {-1, 0, 0}, c[3];
+    while (lr_next_surface_brick(v, watch, b)) {
+        for (lr_cell_iterator i = lr_surface_cells_of(v, b); lr_next_cell(&i, c);) {
+            const size_t at = block_at(made, c);
+            made->bits[at >> 6] |= (uint64_t)1 << (at & 63);
         }
-        lr_progress(watch, (z + 1.0) / v->table_size[2]);
+        lr_progress(watch, (b[2] + 1.0) / v->table_size[2]);
     }
-    return LR_OK;
+    return lr_stopped(watch) ? lr_fail_stopped(error) : LR_OK;
 }
 
 lr_status lr_supervoxel_build(const lr_volume *v, const int32_t *choices, const lr_watch *watch,
@@ -56,7 +44,7 @@ lr_status lr_supervoxel_build(const lr_volume *v, const int32_t *choices, const 
     int32_t count[3];
     size_t words = 0;
     for (int a = 0; a < 3; a++)
-        count[a] = (8 * v->table_size[a] - 1) / size + 1;
+        count[a] = (LR_SIDE * v->table_size[a] - 1) / size + 1;
     if (size == 3)
         words = ((size_t)count[0] * (size_t)count[1] * (size_t)count[2] + 63) / 64;
     *nbytes = sizeof(blocks) + words * sizeof(uint64_t);
@@ -85,11 +73,7 @@ LR_INLINE bool block_set(const blocks *b, const lr_volume *v, const int32_t c[3]
         const size_t at = block_at(b, c);
         return b->bits[at >> 6] >> (at & 63) & 1;
     }
-    const uint32_t entry = lr_entry(v, c[0], c[1], c[2]), sub = lr_sub_of(c[0], c[1], c[2]);
-    if (!(entry >> sub & 1) || b->size == 4)
-        return entry >> sub & 1;
-    const uint64_t word = v->cells[entry >> 8][sub]; /* the 2^3 cells from the lowest on */
-    return (word >> lr_bit_of(c[0] & ~1, c[1] & ~1, c[2] & ~1) & 0x330033) != 0;
+    return lr_cube_has_surface(v, 2, c) && (b->size == 4 || lr_cube_has_surface(v, 1, c));
 }
 
 LR_INLINE bool empty_block(const void *data, const lr_volume *v, const lr_ray *r, int *state,

@@ -28,7 +28,7 @@ static bool holds(const lr_volume *v, const double object[3], int32_t *id)
     lr_corners(v, c, corner);
     if (!(lr_trilinear(corner, p) >= v->threshold))
         return false;
-    *id = v->ids != NULL ? v->ids[lr_sample_at(v, nearest[0], nearest[1], nearest[2])] : 0;
+    *id = lr_id(v, nearest[0], nearest[1], nearest[2]);
     return true;
 }
 

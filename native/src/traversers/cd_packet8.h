@@ -1,16 +1,11 @@
-/* What the files of the chessboard distance share.
+/* Chessboard distance, eight rays side by side.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef LR_TRAVERSERS_CD_H
-#define LR_TRAVERSERS_CD_H
+#ifndef LR_TRAVERSERS_CD_PACKET8_H
+#define LR_TRAVERSERS_CD_PACKET8_H
 
 #include "trace/traverser.h"
-
-typedef struct lr_cd_distances {
-    uint32_t *bricks;     /* [table]: index into near, or LR_FAR_BRICK | distance in bricks */
-    uint8_t (*near)[512]; /* distance in cells, lr_cell_in_brick; one entry more than is used */
-    bool packet8;         /* rays may go eight side by side */
-} lr_cd_distances;
+#include "traversers/cd_distances.h"
 
 /* Can lr_cd_trace_packet8 do it? */
 LR_INLINE bool lr_cd_fits_packet8(const lr_volume *v, const lr_cd_distances *f,
