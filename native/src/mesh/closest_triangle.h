@@ -4,12 +4,15 @@
 #ifndef LR_MESH_CLOSEST_TRIANGLE_H
 #define LR_MESH_CLOSEST_TRIANGLE_H
 
+#include "grid/layout.h"
 #include "mesh/topology.h"
 
 /* A brick's samples as 32 tiles of 4 x 2 x 2, so that a tile fills vector
  * registers and stays small. Lanes run x, y, z; tiles run y (4), z (4), x (2), so that
  * each axis has four layers of half tiles, cubes of 2^3 samples. */
 enum { LR_TILES = 32, LR_LANES = 16, LR_LAYERS = 4 };
+
+_Static_assert(LR_TILES *LR_LANES == LR_CELLS && 2 * LR_LAYERS == LR_SIDE, "tiles fill a brick");
 
 LR_INLINE int lr_sample_x(int tile, int lane)
 {

@@ -11,7 +11,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/pages.h"
 #include "base/union_find.h"
-#include "mesh/topology.h"
+#include "mesh/link_edges.h"
 
 enum {
     MOST_LAYERS = 16, /* of each kind */

@@ -42,14 +42,9 @@ lr_status lr_topology_weld(lr_topology *topology, const lr_watch *watch, lr_erro
  * lr_topology_free, after an error too. */
 lr_status lr_topology_begin(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
                             lr_topology *topology, lr_error *error);
-/* Then weld it, link its edges and orient it. */
-lr_status lr_topology_link(lr_topology *topology, const lr_watch *watch, lr_error *error);
-/* Give back what linking made: once nobody asks for signs and edges any more. */
+/* Give back what linking (link_edges.h) made: once nobody asks for signs and edges any more. */
 void lr_topology_unlink(lr_topology *topology);
 void lr_topology_free(lr_topology *topology);
-
-/* Has the half-edge one partner, of its own winding? */
-bool lr_edge_closed(const lr_topology *topology, uint32_t half_edge);
 
 LR_INLINE void lr_vertex(const lr_topology *m, int64_t v, double p[3])
 {

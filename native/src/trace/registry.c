@@ -37,24 +37,6 @@ lr_status lr_traverser_get(int32_t index, lr_traverser *traverser, lr_error *err
     return status;
 }
 
-lr_status lr_build_nothing(void **data, uint64_t *nbytes)
-{
-    *data = NULL;
-    *nbytes = 0;
-    return LR_OK;
-}
-
-lr_status lr_build_choices(const int32_t *choices, int n, void **data, uint64_t *nbytes,
-                           lr_error *error)
-{
-    *nbytes = (uint64_t)n * sizeof *choices;
-    *data = malloc(*nbytes);
-    if (*data == NULL)
-        return lr_fail_memory(error, *nbytes, "a traverser's choices");
-    memcpy(*data, choices, *nbytes);
-    return LR_OK;
-}
-
 enum { MAX_OPTIONS = 4 };
 
 /* Check choices against "name=a|b name=a|b|c" and copy them to chosen. */

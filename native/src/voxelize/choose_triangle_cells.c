@@ -16,6 +16,7 @@
 #include "voxelize/choose_triangle_cells.h"
 
 #include "grid/trilinear.h"
+#include "mesh/link_edges.h"
 #include "mesh/triangle_box.h"
 #include "voxelize/filter_profile.h"
 

@@ -15,6 +15,7 @@
 #include "base/cpu.h"
 #include "grid/attributes/triangle_attributes.h"
 #include "grid/classify_cells.h"
+#include "mesh/link_edges.h"
 #include "voxelize/filter_profile.h"
 #include "voxelize/hole_fill.h"
 #include "voxelize/voxelizer.h"

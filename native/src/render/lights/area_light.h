@@ -4,7 +4,7 @@
 #ifndef LR_RENDER_LIGHTS_AREA_LIGHT_H
 #define LR_RENDER_LIGHTS_AREA_LIGHT_H
 
-#include "render/lights/light.h"
+#include "render/lights/light_ray.h"
 
 /* As lr_light_sample and lr_light_hit. */
 bool lr_area_light_sample(const lr_light *light, const double p[3], const double u[2],

@@ -4,16 +4,7 @@
 #ifndef LR_RENDER_LIGHTS_LIGHT_H
 #define LR_RENDER_LIGHTS_LIGHT_H
 
-#include "base/base.h"
-
-/* A way from a point to a light: what arrives is f cos x color / pdf. */
-typedef struct lr_light_ray {
-    double direction[3]; /* unit */
-    double distance;     /* infinity for suns */
-    double color[3];     /* radiance; of a light without extent the irradiance it brings */
-    double pdf;          /* per solid angle; 1 for a light without extent */
-    bool delta;          /* without extent: no other ray can meet it */
-} lr_light_ray;
+#include "render/lights/light_ray.h"
 
 /* Can rays meet it? */
 LR_INLINE bool lr_light_has_extent(const lr_light *light)
