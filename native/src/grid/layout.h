@@ -25,10 +25,6 @@ enum {
 
 typedef uint64_t lr_mask[LR_WORDS];
 
-/* Names of before, until all use the new ones. */
-enum { LR_BRICK_SAMPLES = LR_CELLS, LR_BLOCK_SAMPLES = LR_WORD_CELLS };
-#define lr_sub_of lr_word_of
-
 /* ---- bricks ------------------------------------------------------------ */
 
 /* How many bricks hold n samples and the pad around them. */

@@ -3,9 +3,11 @@
  * gaps are closed, in place.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "voxelize/brick_jobs.h"
+
 #include "grid/attributes/triangle_attributes.h"
+#include "voxelize/brick.h"
 #include "voxelize/coverage_bsp.h"
-#include "voxelize/voxelizer.h"
 
 static void free_part(lr_part *p)
 {
@@ -16,44 +18,21 @@ static void free_part(lr_part *p)
 
 static bool has_room(const lr_voxelizer *v, lr_part *p, uint32_t first, uint32_t end)
 {
-    p->first = LR_FIRST_STORED + first;
-    p->next_block = 1 + 8 * first;
+    p->first = lr_stored_brick(first);
+    p->next_block = lr_first_block(first);
     p->brick = malloc(((size_t)(end - first) + 1) * sizeof *p->brick);
     if (v->job.bake.wanted)
-        p->nearest_triangle = malloc(LR_BRICK_SAMPLES * sizeof *p->nearest_triangle);
+        p->nearest_triangle = malloc(LR_CELLS * sizeof *p->nearest_triangle);
     return p->brick != NULL && (!v->job.bake.wanted || p->nearest_triangle != NULL);
-}
-
-static void put_samples(const lr_voxelizer *v, const float *value, size_t first)
-{
-    unsigned char *u8 = v->volume->samples;
-    uint16_t *u16 = (uint16_t *)(void *)v->volume->samples;
-    float *f32 = (float *)(void *)v->volume->samples;
-    for (size_t i = 0; i < LR_BRICK_SAMPLES; i++) {
-        const float g = value[i];
-        if (v->job.sample_type == LR_U8)
-            u8[first + i] = (unsigned char)(g * 255.0f + 0.5f);
-        else if (v->job.sample_type == LR_U16)
-            u16[first + i] = (uint16_t)(g * 65535.0f + 0.5f);
-        else
-            f32[first + i] = g;
-    }
 }
 
 static void keep(const lr_voxelizer *v, uint32_t at, const lr_brick *brick, lr_part *p)
 {
-    lr_volume *out = v->volume;
     const uint32_t slot = p->first + p->n;
-    const size_t first = (size_t)slot * LR_BRICK_SAMPLES;
-    put_samples(v, brick->value, first);
-    if (out->ids != NULL)
-        memcpy(out->ids + first, brick->id, sizeof brick->id);
-    if (v->job.sheet)
-        memcpy(out->cells[slot], brick->touched, sizeof out->cells[slot]);
-    else
-        memset(out->cells[slot], 0, sizeof out->cells[slot]);
+    lr_volume_write_brick(v->volume, slot, brick->value, brick->id,
+                          v->job.sheet ? brick->touched : NULL);
     if (p->nearest_triangle != NULL)
-        lr_volume_set_nearest(out, slot, brick->has_nearest ? p->nearest_triangle : NULL,
+        lr_volume_set_nearest(v->volume, slot, brick->has_nearest ? p->nearest_triangle : NULL,
                               &p->next_block);
     p->brick[p->n++] = at;
 }
@@ -149,7 +128,7 @@ lr_status lr_part_label(lr_voxelizer *v, uint32_t index, const lr_watch *watch, 
 lr_status lr_parts_begin(lr_voxelizer *v, lr_error *error)
 {
     lr_status status = lr_volume_reserve(v->volume, v->bins.n_active, error);
-    if (status == LR_OK && v->job.bake.wanted && v->volume->block_of == NULL)
+    if (status == LR_OK && v->job.bake.wanted)
         status = lr_volume_carry(v->volume, v->bins.n_active, error);
     return status;
 }
@@ -163,18 +142,14 @@ lr_status lr_parts_move(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
             return lr_fail_stopped(error);
         lr_progress(watch, 0.5 * (double)i / v->bins.n_parts);
         for (uint32_t k = 0; k < p->n; k++) {
-            const uint32_t to = out->n_bricks++;
-            if (to != p->first + k)
-                lr_volume_move_brick(out, to, p->first + k);
-            if (out->block_of != NULL)
-                lr_volume_move_names(out, to);
-            out->table[p->brick[k]] = to << 8;
+            const uint32_t to = lr_volume_enter_brick(out, p->brick[k], p->first + k);
+            lr_volume_move_names(out, to);
         }
         free_part(p);
     }
     for (uint32_t i = 0; i < v->bins.n_active; i++)
         if (v->verdicts[i].state == LR_STATE_ONE)
-            out->table[v->bins.brick[i]] = LR_BRICK_ONE << 8;
+            lr_volume_enter_full(out, v->bins.brick[i]);
     return LR_OK;
 }
 

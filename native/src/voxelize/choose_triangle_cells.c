@@ -15,12 +15,13 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/choose_triangle_cells.h"
 
+#include "grid/access.h"
 #include "grid/trilinear.h"
 #include "mesh/link_edges.h"
 #include "mesh/triangle_box.h"
 #include "voxelize/filter_profile.h"
 
-enum { SIDE = 9, CORNERS = SIDE * SIDE * SIDE, POLL = 1 << 6, MOST_POLYGON = 9 };
+enum { SIDE = LR_SIDE + 1, CORNERS = SIDE * SIDE * SIDE, POLL = 1 << 6, MOST_POLYGON = 9 };
 
 /* Bars, in voxels. A sphere of radius R leaves its tangent plane by r^2 / (2R) at the
  * distance r, and its field is off by 1/(4R): cells of smooth surfaces stay in the field
@@ -52,44 +53,29 @@ typedef struct work {
     double crease_off; /* CREASE_OFF, or more where the samples are coarse; voxels */
     bool one_way;      /* there is no crease in the brick */
     field field;
-    uint64_t near[8], touched[8], bad[8];
+    lr_mask near, touched, bad;
     pair *pairs;
     size_t n_pairs, room;
 } work;
 
-LR_INLINE uint64_t bit_of(int cell)
+LR_INLINE bool holds(const lr_mask mask, int cell)
 {
-    return (uint64_t)1 << lr_bit_of(cell & 7, cell >> 3 & 7, cell >> 6);
+    return lr_mask_has(mask, lr_along(cell, 0), lr_along(cell, 1), lr_along(cell, 2));
 }
 
-LR_INLINE uint32_t word_of(int cell)
+LR_INLINE void add(lr_mask mask, int cell)
 {
-    return lr_sub_of(cell & 7, cell >> 3 & 7, cell >> 6);
+    lr_mask_add(mask, lr_along(cell, 0), lr_along(cell, 1), lr_along(cell, 2));
 }
 
 /* ---- samples ----------------------------------------------------------- */
 
-static bool has_sample(const lr_volume *v, const int32_t c[3])
-{
-    return c[0] >= 0 && c[0] >> 3 < v->table_size[0] && c[1] >= 0 && c[1] >> 3 < v->table_size[1] &&
-           c[2] >= 0 && c[2] >> 3 < v->table_size[2];
-}
-
 static void read_field(const lr_volume *v, const int32_t first[3], double scale, field *f)
 {
-    const size_t own = lr_sample_at(v, first[0], first[1], first[2]);
-    float *out = f->s;
-    for (int z = 0; z < SIDE; z++)
-        for (int y = 0; y < SIDE; y++)
-            for (int x = 0; x < SIDE; x++) {
-                const int32_t c[3] = {first[0] + x, first[1] + y, first[2] + z};
-                double g = 0.0;
-                if ((x | y | z) < 8)
-                    g = lr_load(v, own + (size_t)(x + 8 * y + 64 * z));
-                else if (has_sample(v, c))
-                    g = lr_sample(v, c[0], c[1], c[2]);
-                *out++ = (float)((g - v->threshold) * scale);
-            }
+    double sample[CORNERS];
+    lr_brick_corners(v, first, sample);
+    for (int i = 0; i < CORNERS; i++)
+        f->s[i] = (float)((sample[i] - v->threshold) * scale);
 }
 
 /* The same of one sample, which may lie beyond. */
@@ -99,13 +85,13 @@ static double sample_at(const work *w, const int32_t at[3])
     if (at[0] >= 0 && at[0] < SIDE && at[1] >= 0 && at[1] < SIDE && at[2] >= 0 && at[2] < SIDE)
         return (double)w->field.s[at[0] + SIDE * (at[1] + SIDE * at[2])];
     const int32_t c[3] = {w->first[0] + at[0], w->first[1] + at[1], w->first[2] + at[2]};
-    const double g = has_sample(v, c) ? lr_sample(v, c[0], c[1], c[2]) : 0.0;
+    const double g = lr_has_sample(v, c) ? lr_sample(v, c[0], c[1], c[2]) : 0.0;
     return (g - v->threshold) * w->per_value;
 }
 
 static void cell_corners(const field *f, int cell, double corner[8])
 {
-    const int at = (cell & 7) + SIDE * (cell >> 3 & 7) + SIDE * SIDE * (cell >> 6);
+    const int at = lr_along(cell, 0) + SIDE * (lr_along(cell, 1) + SIDE * lr_along(cell, 2));
     for (int b = 0; b < 8; b++)
         corner[b] = (double)f->s[at + (b & 1) + SIDE * (b >> 1 & 1) + SIDE * SIDE * (b >> 2)];
 }
@@ -307,24 +293,23 @@ static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int
 {
     const double centre[3] = {c[0] + 0.5, c[1] + 0.5, c[2] + 0.5};
     const double cell[3] = {c[0], c[1], c[2]};
-    const int at = c[0] + 8 * c[1] + 64 * c[2];
-    const uint32_t word = word_of(at);
-    const uint64_t bit = bit_of(at);
+    const int at = lr_in_brick(c[0], c[1], c[2]);
     double gap = lr_gap(s, centre, LR_EXACT_NEAR);
     for (int a = 0; a < 3; a++) /* the cell's own axes */
         gap = fmax(gap, fmax(t->lo[a] - cell[a] - 1.0, cell[a] - t->hi[a]));
     if (gap > LR_EXACT_NEAR)
         return true;
     const bool touched = gap <= LR_TOUCH;
-    w->near[word] |= bit;
-    w->touched[word] |= touched ? bit : 0;
-    if (!(w->bad[word] & bit)) {
+    add(w->near, at);
+    if (touched)
+        add(w->touched, at);
+    if (!holds(w->bad, at)) {
         double corner[8];
         cell_corners(&w->field, at, corner);
         if (w->job->every || ends_near(t, cell) ||
             corners_off(w, t, c, corner, touched && !w->one_way) ||
             (touched && surface_off(t, cell, corner, w->job->flat ? FLAT_OFF : GRADIENT_OFF)))
-            w->bad[word] |= bit;
+            add(w->bad, at);
     }
     return add_pair(w, (uint32_t)at, t->triangle);
 }
@@ -390,17 +375,14 @@ static bool has_room(lr_triangle_cells_part *e, uint32_t n_cells, uint32_t n_lis
 }
 
 /* Sort the pairs of triangle cells into lists, in the order of the mask's bits. */
-static bool keep_lists(const work *w, const uint64_t exact[8], lr_triangle_cells_part *e)
+static bool keep_lists(const work *w, const lr_mask exact, lr_triangle_cells_part *e)
 {
-    uint32_t place[LR_BRICK_SAMPLES], n_cells = 0, n_list = 0;
-    uint32_t count[LR_BRICK_SAMPLES] = {0}, start[LR_BRICK_SAMPLES];
-    for (int cell = 0; cell < LR_BRICK_SAMPLES; cell++) {
-        const uint32_t word = word_of(cell);
-        uint32_t before = 0;
-        for (uint32_t s = 0; s < word; s++)
-            before += (uint32_t)__builtin_popcountll(exact[s]);
-        before += (uint32_t)__builtin_popcountll(exact[word] & (bit_of(cell) - 1));
-        place[cell] = exact[word] & bit_of(cell) ? before : UINT32_MAX;
+    uint32_t place[LR_CELLS], n_cells = 0, n_list = 0;
+    uint32_t count[LR_CELLS] = {0}, start[LR_CELLS];
+    for (int cell = 0; cell < LR_CELLS; cell++) {
+        place[cell] = holds(exact, cell) ? lr_mask_rank(exact, lr_along(cell, 0), lr_along(cell, 1),
+                                                        lr_along(cell, 2))
+                                         : UINT32_MAX;
         n_cells += place[cell] != UINT32_MAX;
     }
     for (size_t i = 0; i < w->n_pairs; i++)
@@ -423,14 +405,13 @@ static bool keep_lists(const work *w, const uint64_t exact[8], lr_triangle_cells
 
 static bool keep(const work *w, uint32_t place, lr_cells_part *part)
 {
-    uint64_t exact[8], any_near = 0, any = 0;
-    for (int s = 0; s < 8; s++) {
+    lr_mask exact;
+    uint64_t any_near = 0, any = 0;
+    for (int s = 0; s < LR_WORDS; s++) {
         exact[s] = w->bad[s] & w->touched[s];
         for (uint64_t left = w->bad[s] & ~exact[s]; left != 0; left &= left - 1) {
             const int bit = __builtin_ctzll(left);
-            const int cell = 4 * (s & 1) + (bit & 3) + 8 * (4 * (s >> 1 & 1) + (bit >> 2 & 3)) +
-                             64 * (4 * (s >> 2) + (bit >> 4));
-            exact[s] |= changes(&w->field, cell) ? (uint64_t)1 << bit : 0;
+            exact[s] |= changes(&w->field, lr_cell_of_bit(s, bit)) ? (uint64_t)1 << bit : 0;
         }
         any |= w->bad[s];
         any_near |= w->near[s];
@@ -453,10 +434,7 @@ static bool judge_brick(work *w, const lr_bins *bins, uint32_t active, const lr_
 {
     const uint32_t at = bins->brick[active];
     const lr_volume *v = w->volume;
-    const uint32_t nx = (uint32_t)v->table_size[0], ny = (uint32_t)v->table_size[1];
-    w->first[0] = 8 * (int32_t)(at % nx);
-    w->first[1] = 8 * (int32_t)(at / nx % ny);
-    w->first[2] = 8 * (int32_t)(at / nx / ny);
+    lr_first_sample(v->table_size, at, w->first);
     memset(w->near, 0, sizeof w->near);
     memset(w->touched, 0, sizeof w->touched);
     memset(w->bad, 0, sizeof w->bad);
@@ -486,7 +464,7 @@ lr_status lr_cells_make(const lr_voxel_job *job, const lr_volume *volume, const 
     part->exact.doubt = malloc(n * sizeof *part->exact.doubt);
     part->exact.exact = malloc(n * sizeof *part->exact.exact);
     const double per_value = 1.0 / (volume->one * lr_profile_slope(job->filter, job->half_width));
-    const double step = volume->desc.sample_type == LR_F32 ? 0.0 : per_value;
+    const double step = per_value * lr_sample_types[volume->desc.sample_type].step;
     work w = {.job = job,
               .volume = volume,
               .per_value = per_value,

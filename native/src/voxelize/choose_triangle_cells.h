@@ -5,15 +5,15 @@
 #define LR_VOXELIZE_CHOOSE_TRIANGLE_CELLS_H
 
 #include "grid/triangle_cells.h"
-#include "voxelize/brick.h"
+#include "voxelize/brick_distances.h"
 #include "voxelize/triangle_bins.h"
 
 /* The cells of some bricks. */
 typedef struct lr_cells_part {
     lr_triangle_cells_part exact;
-    uint32_t n;          /* bricks that triangles come near */
-    uint32_t *place;     /* [n]: in the volume's table */
-    uint64_t (*near)[8]; /* [n]: cells within LR_EXACT_NEAR of a triangle */
+    uint32_t n;      /* bricks that triangles come near */
+    uint32_t *place; /* [n]: in the volume's table */
+    lr_mask *near;   /* [n]: cells within LR_EXACT_NEAR of a triangle */
 } lr_cells_part;
 
 /* Judge the active bricks first..end-1. The volume has all its samples, but is not

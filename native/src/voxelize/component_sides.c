@@ -1,58 +1,18 @@
 /* Sides by the winding number, asked once per component of the band.
  *
- * Two neighbours whose distances to the surface add up to more than what lies
- * between them are on one side of it. Samples in the band are connected so, within a
+ * Samples in the band are connected where they lie on one side (link_samples.h), within a
  * brick to all 26 neighbours, across bricks to those next to them; one whose nearest
  * point lies on the mesh's border is not, since what closes a hole passes there. The
  * winding number is asked at the farthest sample of a component, where it is surest.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "base/pages.h"
-#include "base/union_find.h"
 #include "voxelize/component_sides.h"
 
-/* More than rounding of distances and their 16 bits, less than what would matter. */
-#define LINK 1.001
+#include "base/pages.h"
+#include "base/union_find.h"
+#include "voxelize/link_samples.h"
 
 /* ---- within a brick ---------------------------------------------------- */
-
-uint16_t lr_linked_root(uint16_t *parent, uint16_t i)
-{
-    for (; parent[i] != i; i = parent[i])
-        parent[i] = parent[parent[i]];
-    return i;
-}
-
-/* The half of the neighbours that come later. */
-static const int8_t STEP[13][3] = {
-    {1, 0, 0},  {-1, 1, 0}, {0, 1, 0}, {1, 1, 0},  {-1, -1, 1}, {0, -1, 1}, {1, -1, 1},
-    {-1, 0, 1}, {0, 0, 1},  {1, 0, 1}, {-1, 1, 1}, {0, 1, 1},   {1, 1, 1},
-};
-
-static void link_step(const float *distance, const int8_t step[3], uint16_t *parent)
-{
-    float length = sqrtf((float)(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]));
-    int offset = step[0] + 8 * step[1] + 64 * step[2];
-    for (int z = 0; z < 8 - step[2]; z++)
-        for (int y = step[1] < 0; y < 8 - (step[1] > 0); y++)
-            for (int x = step[0] < 0; x < 8 - (step[0] > 0); x++) {
-                int i = x + 8 * y + 64 * z, j = i + offset;
-                if (!(distance[i] + distance[j] > (float)LINK * length) || distance[i] <= 0.0f ||
-                    distance[j] <= 0.0f || distance[i] == INFINITY || distance[j] == INFINITY)
-                    continue;
-                uint16_t a = lr_linked_root(parent, (uint16_t)i),
-                         b = lr_linked_root(parent, (uint16_t)j);
-                parent[a < b ? b : a] = a < b ? a : b;
-            }
-}
-
-void lr_link_samples(const float *distance, uint16_t *parent)
-{
-    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++)
-        parent[i] = i;
-    for (int s = 0; s < 13; s++)
-        link_step(distance, STEP[s], parent);
-}
 
 static bool add_component(lr_labels_part *part, uint32_t brick, uint16_t sample, uint16_t depth)
 {
@@ -73,13 +33,13 @@ static bool add_component(lr_labels_part *part, uint32_t brick, uint16_t sample,
 static bool label_brick(uint32_t active, const float *distance, const uint8_t *loose, double band,
                         lr_brick_labels *out, lr_labels_part *part)
 {
-    uint16_t parent[LR_BRICK_SAMPLES], label_of[LR_BRICK_SAMPLES], n = 0;
-    float linked[LR_BRICK_SAMPLES];
-    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++)
+    uint16_t parent[LR_CELLS], label_of[LR_CELLS], n = 0;
+    float linked[LR_CELLS];
+    for (uint16_t i = 0; i < LR_CELLS; i++)
         linked[i] = loose[i] ? 0.0f : fabsf(distance[i]);
     lr_link_samples(linked, parent);
     out->first = part->n;
-    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++) {
+    for (uint16_t i = 0; i < LR_CELLS; i++) {
         out->label[i] = LR_UNLABELLED;
         out->depth[i] = 0;
         if (distance[i] == INFINITY)
@@ -117,8 +77,8 @@ lr_status lr_labels_begin(const lr_bins *bins, lr_labels *labels, lr_error *erro
 lr_status lr_labels_run(lr_labels *labels, const lr_voxel_job *job, const lr_bins *bins,
                         uint32_t part, const lr_watch *watch, lr_scratch *scratch, lr_error *error)
 {
-    _Alignas(16) float distance[LR_BRICK_SAMPLES];
-    uint8_t loose[LR_BRICK_SAMPLES];
+    _Alignas(16) float distance[LR_CELLS];
+    uint8_t loose[LR_CELLS];
     lr_labels_part *p = &labels->part[part];
     p->n = 0;
     for (uint32_t i = bins->part[part]; i < bins->part[part + 1]; i++) {
@@ -157,11 +117,10 @@ static void connect(lr_component *c, uint32_t a, uint32_t b)
 static void connect_bricks(lr_labels *l, const lr_brick_labels *a, const lr_brick_labels *b,
                            int axis, double least)
 {
-    static const int STRIDE[3] = {1, 8, 64};
-    int step = STRIDE[axis], u = STRIDE[(axis + 1) % 3], v = STRIDE[(axis + 2) % 3];
-    for (int j = 0; j < 8; j++)
-        for (int k = 0; k < 8; k++) {
-            int near = j * u + k * v, last = near + 7 * step;
+    int step = lr_stride(axis), u = lr_stride((axis + 1) % 3), v = lr_stride((axis + 2) % 3);
+    for (int j = 0; j < LR_SIDE; j++)
+        for (int k = 0; k < LR_SIDE; k++) {
+            int near = j * u + k * v, last = near + (LR_SIDE - 1) * step;
             if (a->depth[last] == 0 || b->depth[near] == 0 ||
                 a->depth[last] + b->depth[near] <= least)
                 continue;
@@ -186,7 +145,7 @@ static uint32_t active_at(const lr_bins *bins, uint32_t from, uint64_t place)
 static bool connect_all(lr_labels *l, const lr_voxel_job *job, const lr_bins *bins,
                         const lr_watch *watch)
 {
-    const double least = LINK / job->band * 65535.0;
+    const double least = LR_LINK / job->band * 65535.0;
     for (uint32_t i = 0; i < bins->n_active; i++) {
         if (i % 256 == 0 && lr_stopped(watch))
             return false;
@@ -248,15 +207,13 @@ bool lr_labels_ask(lr_labels *l, const lr_voxel_job *job, const lr_bins *bins,
 {
     for (uint32_t r = first; r < end; r++) {
         lr_component *c = &l->component[l->root[r]];
-        uint64_t rest = bins->brick[c->brick];
+        int32_t first_of[3];
         double p[3];
         if (r % 64 == 0 && lr_stopped(watch))
             return false;
-        for (int a = 0; a < 3; a++) {
-            uint64_t size = (uint64_t)job->table_size[a];
-            p[a] = 8.0 * (double)(rest % size) + (c->sample >> (3 * a) & 7);
-            rest /= size;
-        }
+        lr_first_sample(job->table_size, bins->brick[c->brick], first_of);
+        for (int a = 0; a < 3; a++)
+            p[a] = first_of[a] + lr_along(c->sample, a);
         c->inside = fabs(lr_winding_at(winding, p)) > 0.5;
     }
     return true;

@@ -5,15 +5,16 @@
 #define LR_VOXELIZE_COMPONENT_SIDES_H
 
 #include "mesh/winding_number.h"
-#include "voxelize/brick.h"
+#include "voxelize/brick_distances.h"
+#include "voxelize/triangle_bins.h"
 
 enum { LR_UNLABELLED = 0xffff };
 
 /* Of one active brick. */
 typedef struct lr_brick_labels {
-    uint32_t first;                   /* component of its label 0 */
-    uint16_t label[LR_BRICK_SAMPLES]; /* LR_UNLABELLED beyond the band */
-    uint16_t depth[LR_BRICK_SAMPLES]; /* distance, in units of band / 65535; 0: links to none */
+    uint32_t first;           /* component of its label 0 */
+    uint16_t label[LR_CELLS]; /* LR_UNLABELLED beyond the band */
+    uint16_t depth[LR_CELLS]; /* distance, in units of band / 65535; 0: links to none */
 } lr_brick_labels;
 
 /* Connected samples of one brick. */
@@ -38,11 +39,6 @@ typedef struct lr_labels {
     uint32_t *root;          /* [n_roots] */
     uint32_t n, n_roots;
 } lr_labels;
-
-/* Connect the samples of a brick that lie on one side: parent[512] makes trees. distance: 0
- * where a sample links to none, infinity or below beyond the band. */
-void lr_link_samples(const float *distance, uint16_t *parent);
-uint16_t lr_linked_root(uint16_t *parent, uint16_t sample);
 
 lr_status lr_labels_begin(const lr_bins *bins, lr_labels *labels, lr_error *error);
 /* Label the bricks of a part; parts may run side by side. */

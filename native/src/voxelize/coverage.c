@@ -24,7 +24,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/coverage.h"
 
-#include "grid/brick_grid.h"
+#include "grid/layers.h"
 
 enum {
     MOST_COVERS = 3, /* where a mesh cuts itself, a corner may be covered so often */
@@ -38,10 +38,10 @@ typedef lr_polygon polygon; /* of a triangle after six cuts: nine corners */
 
 /* What pieces add within a cell, and to all cells after it. */
 typedef struct sweep {
-    double own[LR_BRICK_SAMPLES], later[LR_BRICK_SAMPLES]; /* x + 8 y + 64 z */
-    double own_area[64], later_area[64];                   /* of the plane x = 0: y + 8 z */
-    double own_length[8], later_length[8];                 /* of the edge x = y = 0 */
-    uint64_t crossed[8];
+    double own[LR_CELLS], later[LR_CELLS];
+    double own_area[LR_SIDE][LR_SIDE], later_area[LR_SIDE][LR_SIDE]; /* [z][y] of the plane x = 0 */
+    double own_length[LR_SIDE], later_length[LR_SIDE];               /* of the edge x = y = 0 */
+    lr_layers crossed;
 } sweep;
 
 static void meet(const double a[3], const double b[3], int axis, double at, double out[3])
@@ -78,7 +78,7 @@ static void cut_slab(const polygon *in, int axis, int cell, polygon *out)
     cut(&upper, axis, cell + 1, -1, out);
 }
 
-/* The first and last of eight cells that a polygon meets along an axis; false: none. */
+/* The first and last of a brick's cells that a polygon meets along an axis; false: none. */
 static bool cells_of(const polygon *p, int axis, int *first, int *last)
 {
     double lo = INFINITY, hi = -INFINITY;
@@ -86,10 +86,10 @@ static bool cells_of(const polygon *p, int axis, int *first, int *last)
         lo = fmin(lo, p->p[i][axis]);
         hi = fmax(hi, p->p[i][axis]);
     }
-    if (p->n == 0 || !(lo < 8.0 && hi > 0.0))
+    if (p->n == 0 || !(lo < LR_SIDE && hi > 0.0))
         return false;
     *first = lo > 0.0 ? (int)ceil(lo) - 1 : 0;
-    *last = hi < 8.0 ? (int)ceil(hi) - 1 : 7;
+    *last = hi < LR_SIDE ? (int)ceil(hi) - 1 : LR_SIDE - 1;
     return true;
 }
 
@@ -97,7 +97,7 @@ static bool cells_of(const polygon *p, int axis, int *first, int *last)
  * where a ray along x leaves the solid, and that area times the way to the upper face. */
 static void add_piece(const polygon *p, int x, int y, int z, double side, sweep *s)
 {
-    const int at = x + 8 * y + 64 * z;
+    const int at = lr_in_brick(x, y, z);
     for (int i = 2; i < p->n; i++) {
         const double *a = p->p[0], *b = p->p[i - 1], *c = p->p[i];
         const double area =
@@ -105,7 +105,7 @@ static void add_piece(const polygon *p, int x, int y, int z, double side, sweep 
         s->own[at] -= area * (x + 1 - (a[0] + b[0] + c[0]) / 3.0);
         s->later[at] -= area;
     }
-    s->crossed[z] |= (uint64_t)(p->n > 2) << (x + 8 * y);
+    lr_layers_add(s->crossed, at, p->n > 2);
 }
 
 /* The piece of the cut with the plane x = 0 that runs from a to b, the solid on its
@@ -113,15 +113,15 @@ static void add_piece(const polygon *p, int x, int y, int z, double side, sweep 
 static void add_line(const double a[3], const double b[3], int y, int z, double side, sweep *s)
 {
     const double rise = side * (b[2] - a[2]);
-    s->own_area[y + 8 * z] -= rise * (y + 1 - 0.5 * (a[1] + b[1]));
-    s->later_area[y + 8 * z] -= rise;
+    s->own_area[z][y] -= rise * (y + 1 - 0.5 * (a[1] + b[1]));
+    s->later_area[z][y] -= rise;
 }
 
 static void add_point(double z, double sign, sweep *s)
 {
-    if (!(z > 0.0 && z < 8.0))
+    if (!(z > 0.0 && z < LR_SIDE))
         return;
-    const int k = lr_min_i((int)floor(z), 7);
+    const int k = lr_min_i((int)floor(z), LR_SIDE - 1);
     s->own_length[k] += sign * (k + 1 - z);
     s->later_length[k] += sign;
 }
@@ -168,13 +168,13 @@ static void add_plane(const polygon *triangle, double side, sweep *s)
             meet(a, b, 1, 0.0, p);
         add_point(p[2], b[1] > 0.0 ? side : -side, s);
     }
-    for (int z = 0; z < 8; z++) {
+    for (int z = 0; z < LR_SIDE; z++) {
         double p[3], q[3];
         memcpy(p, a, sizeof p);
         memcpy(q, b, sizeof q);
         if (!cut_line(p, q, 2, z, z + 1))
             continue;
-        for (int y = 0; y < 8; y++) {
+        for (int y = 0; y < LR_SIDE; y++) {
             double u[3], v[3];
             memcpy(u, p, sizeof u);
             memcpy(v, q, sizeof v);
@@ -212,14 +212,14 @@ static void add_triangle(const polygon *triangle, double side, sweep *s)
 static void sum_up(sweep *s)
 {
     double length = 0.0;
-    for (int z = 0; z < 8; z++) {
+    for (int z = 0; z < LR_SIDE; z++) {
         double area = length + s->own_length[z];
         length += s->later_length[z];
-        for (int y = 0; y < 8; y++) {
-            double volume = area + s->own_area[y + 8 * z];
-            area += s->later_area[y + 8 * z];
-            for (int x = 0; x < 8; x++) {
-                const int at = x + 8 * y + 64 * z;
+        for (int y = 0; y < LR_SIDE; y++) {
+            double volume = area + s->own_area[z][y];
+            area += s->later_area[z][y];
+            for (int x = 0; x < LR_SIDE; x++) {
+                const int at = lr_in_brick(x, y, z);
                 s->own[at] += volume;
                 volume += s->later[at];
             }
@@ -236,13 +236,13 @@ LR_INLINE double miss_of(double share, bool inside)
     return share < 1.0 ? 1.0 - share : 0.5 * (share - 1.0);
 }
 
-static double covers_of_corner(const sweep *s, const uint64_t inside[8])
+static double covers_of_corner(const sweep *s, const lr_layers inside)
 {
     double best = INFINITY, covers = 0.0;
     for (int c = -MOST_COVERS; c <= MOST_COVERS; c++) {
         double miss = 0.0;
-        for (int at = 0; at < LR_BRICK_SAMPLES; at++)
-            miss += miss_of(s->own[at] + c, inside[at >> 6] >> (at & 63) & 1);
+        for (int at = 0; at < LR_CELLS; at++)
+            miss += miss_of(s->own[at] + c, lr_layers_have(inside, at));
         if (miss < best) {
             best = miss;
             covers = c;
@@ -296,9 +296,10 @@ static bool share_union(const lr_topology *mesh, const int32_t first[3], const u
     for (int a = 0; a < 3; a++)
         room->origin[a] = first[a] - 0.5;
     const double covers = round(mesh->side * lr_winding_at(room->winding, room->origin));
-    for (int z = 0; z < 8; z++)
+    for (int z = 0; z < LR_SIDE; z++)
         for (uint64_t left = s->crossed[z]; left != 0; left &= left - 1) {
-            const int at = 64 * z + __builtin_ctzll(left), voxel[3] = {at & 7, at >> 3 & 7, z};
+            const int at = LR_LAYER_SAMPLES * z + __builtin_ctzll(left);
+            const int voxel[3] = {lr_along(at, 0), lr_along(at, 1), z};
             const double lo[3] = {voxel[0], voxel[1], voxel[2]};
             int n_pieces;
             bool plain;
@@ -314,7 +315,7 @@ static bool share_union(const lr_topology *mesh, const int32_t first[3], const u
 }
 
 bool lr_box_brick(const lr_topology *mesh, const int32_t first[3], const uint32_t *list, uint32_t n,
-                  const uint64_t inside[8], const lr_watch *watch, lr_crossed *room, float *value,
+                  const lr_layers inside, const lr_watch *watch, lr_crossed *room, float *value,
                   bool *crosses)
 {
     sweep s;
@@ -329,7 +330,7 @@ bool lr_box_brick(const lr_topology *mesh, const int32_t first[3], const uint32_
         shift(mesh, first, list[i], &triangle);
         add_triangle(&triangle, mesh->side, &s);
     }
-    for (int z = 0; z < 8; z++)
+    for (int z = 0; z < LR_SIDE; z++)
         any |= s.crossed[z];
     if (any == 0)
         return true;
@@ -337,9 +338,9 @@ bool lr_box_brick(const lr_topology *mesh, const int32_t first[3], const uint32_
     if (room != NULL)
         return share_union(mesh, first, list, n, &s, watch, room, value);
     const double covers = covers_of_corner(&s, inside);
-    for (int z = 0; z < 8; z++)
+    for (int z = 0; z < LR_SIDE; z++)
         for (uint64_t left = s.crossed[z]; left != 0; left &= left - 1) {
-            const int at = 64 * z + __builtin_ctzll(left);
+            const int at = LR_LAYER_SAMPLES * z + __builtin_ctzll(left);
             const double share = s.own[at] + covers;
             *crosses = *crosses || share < -BEYOND || share > 1.0 + BEYOND;
             value[at] = (float)lr_clamp(share, 0.0, 1.0);

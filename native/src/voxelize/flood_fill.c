@@ -5,7 +5,7 @@
  * unless the signs in the band are wrong.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "voxelize/voxelizer.h"
+#include "voxelize/flood_fill.h"
 
 /* Bricks that are decided among bricks: their votes, component by component. */
 typedef struct undecided {
@@ -29,7 +29,7 @@ static void look(undecided *u, size_t at, int their_face)
 {
     if (!is_unknown(u, at)) {
         const lr_faces *faces = &u->v->verdicts[u->active[at] - 1].faces;
-        int32_t vote = 2 * __builtin_popcountll(faces->inside[their_face]) - 64;
+        int32_t vote = 2 * __builtin_popcountll(faces->inside[their_face]) - LR_LAYER_SAMPLES;
         u->votes += vote;
         u->most = lr_max_i(u->most, vote);
         u->least = lr_min_i(u->least, vote);
@@ -72,7 +72,7 @@ static bool decide_component(undecided *u, size_t seed, lr_volume *volume, const
     u->contradicts = u->contradicts || (u->most > 0 && (u->least < 0 || u->at_border));
     if (!u->at_border && u->votes > 0)
         for (size_t i = 0; i < u->n; i++)
-            volume->table[u->queue[i]] = LR_BRICK_ONE << 8;
+            lr_volume_enter_full(volume, u->queue[i]);
     return true;
 }
 

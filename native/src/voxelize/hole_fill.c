@@ -17,7 +17,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/hole_fill.h"
 
-#include "voxelize/component_sides.h"
+#include "voxelize/link_samples.h"
 
 /* Where the number is farther from 1/2, the mesh is nearer than the closing surface: at a
  * straight border it is the angle from that surface, over 2 pi, and this a right angle. */
@@ -46,7 +46,7 @@ typedef struct closing {
 static void place_of(const closing *c, int sample, double p[3])
 {
     for (int a = 0; a < 3; a++)
-        p[a] = c->first[a] + (sample >> (3 * a) & 7);
+        p[a] = c->first[a] + lr_along(sample, a);
 }
 
 /* A brick's sample, by itself. */
@@ -69,14 +69,14 @@ static void ask(const closing *c, int sample)
 /* What the places of a component that were probed say. */
 enum { SOME_INSIDE = 1, SOME_OUTSIDE = 2, CLOSING_NEAR = 4 };
 
-/* Probe at every other place of the brick and at the components' roots, what[512]; no
+/* Probe at every other place of the brick and at the components' roots, what[LR_CELLS]; no
  * place is farther than APART from one that is probed. */
 static void probe(const closing *c, uint16_t *parent, uint8_t *what)
 {
-    memset(what, 0, LR_BRICK_SAMPLES);
-    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++) {
+    memset(what, 0, LR_CELLS);
+    for (uint16_t i = 0; i < LR_CELLS; i++) {
         const uint16_t root = lr_linked_root(parent, i);
-        const bool even = ((i | i >> 3 | i >> 6) & 1) == 0;
+        const bool even = ((lr_along(i, 0) | lr_along(i, 1) | lr_along(i, 2)) & 1) == 0;
         if (what[root] == (SOME_INSIDE | SOME_OUTSIDE | CLOSING_NEAR) || (!even && root != i))
             continue;
         double p[3], gradient[3];
@@ -92,17 +92,17 @@ bool lr_closing_brick(const lr_winding *winding, const int32_t first[3], double 
                       const uint8_t *loose, const lr_watch *watch, float *distance)
 {
     const closing c = {.winding = winding, .first = first, .band = band, .distance = distance};
-    float linked[LR_BRICK_SAMPLES];
-    uint16_t parent[LR_BRICK_SAMPLES];
-    uint8_t what[LR_BRICK_SAMPLES];
-    for (int i = 0; i < LR_BRICK_SAMPLES; i++)
+    float linked[LR_CELLS];
+    uint16_t parent[LR_CELLS];
+    uint8_t what[LR_CELLS];
+    for (int i = 0; i < LR_CELLS; i++)
         linked[i] = loose[i] ? 0.0f : fminf(fabsf(distance[i]), (float)band);
     lr_link_samples(linked, parent);
     probe(&c, parent, what);
-    for (uint16_t i = 0; i < LR_BRICK_SAMPLES; i++) {
+    for (uint16_t i = 0; i < LR_CELLS; i++) {
         const uint8_t of_all = what[lr_linked_root(parent, i)];
         const float d = fminf(fabsf(distance[i]), (float)band);
-        if (i % 8 == 0 && lr_stopped(watch))
+        if (i % LR_SIDE == 0 && lr_stopped(watch))
             return false;
         if (of_all == SOME_INSIDE || of_all == SOME_OUTSIDE)
             distance[i] = of_all == SOME_INSIDE ? d : -d;
@@ -125,11 +125,11 @@ typedef struct spread {
 
 static bool comes_near(const spread *s, size_t at)
 {
+    int32_t first[3];
     double p[3], gradient[3];
-    for (int a = 0; a < 3; a++) {
-        p[a] = 8.0 * (double)(at % (size_t)s->size[a]) + 3.5;
-        at /= (size_t)s->size[a];
-    }
+    lr_first_sample(s->size, (uint32_t)at, first);
+    for (int a = 0; a < 3; a++)
+        p[a] = first[a] + 0.5 * (LR_SIDE - 1);
     const double beyond = fabs(lr_winding_slope(s->winding, p, false, gradient)) - 0.5;
     return fabs(beyond) <= s->reach * sqrt(lr_dot(gradient, gradient)) + DOUBT;
 }

@@ -13,8 +13,8 @@ lr_status lr_closing_bricks(const lr_winding *winding, const int32_t table_size[
                             const lr_watch *watch, lr_bins *bins, lr_error *error);
 
 /* Signed distances of the samples of a brick to the mesh and what closes it, the band
- * beyond. distance[512] holds those to the mesh, of whatever sign, infinity beyond the
- * band; loose[512] tells where the nearest point lies on the mesh's border. False where
+ * beyond. distance[LR_CELLS] holds those to the mesh, of whatever sign, infinity beyond the
+ * band; loose[LR_CELLS] tells where the nearest point lies on the mesh's border. False where
  * stopped. */
 bool lr_closing_brick(const lr_winding *winding, const int32_t first[3], double band,
                       const uint8_t *loose, const lr_watch *watch, float *distance);

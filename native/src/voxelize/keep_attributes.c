@@ -81,22 +81,17 @@ static void fill(const lr_topology *mesh, uint64_t t, uint32_t at, lr_triangle_a
 }
 
 /* The number of face of each triangle that samples name or triangle cells keep; 0: neither. */
-static uint32_t number(const lr_volume *v, uint32_t *face_of, uint64_t n_triangles)
+static uint32_t number(lr_volume *v, uint32_t *face_of, uint64_t n_triangles)
 {
     uint32_t n = 1;
-    const size_t n_samples = (size_t)v->n_blocks * LR_BLOCK_SAMPLES;
     const uint32_t n_kept = v->triangle_cells != NULL ? v->triangle_cells->n_triangles : 0;
     for (uint32_t i = 0; i < n_kept; i++)
         face_of[v->triangle_cells->face[i] - 1] = 1;
-    for (size_t i = LR_BLOCK_SAMPLES; i < n_samples; i++)
-        if (v->nearest_triangle[i] != 0)
-            face_of[v->nearest_triangle[i] - 1] = 1;
+    lr_volume_mark_named(v, face_of);
     for (uint64_t t = 0; t < n_triangles; t++)
         if (face_of[t] != 0)
             face_of[t] = n++;
-    for (size_t i = LR_BLOCK_SAMPLES; i < n_samples; i++)
-        if (v->nearest_triangle[i] != 0)
-            v->nearest_triangle[i] = face_of[v->nearest_triangle[i] - 1];
+    lr_volume_rename(v, face_of);
     for (uint32_t i = 0; i < n_kept; i++)
         v->triangle_cells->face[i] = face_of[v->triangle_cells->face[i] - 1];
     return n;

@@ -4,8 +4,9 @@
  * what the coming stage and its end will need at most. A thread's own scratch is some 20 KB.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "voxelize/scratch.h"
+
 #include "mesh/half_edges.h"
-#include "voxelize/voxelizer.h"
 
 enum {
     BOX = 4,     /* bytes of a triangle's box while the bricks' lists are made, */
@@ -40,8 +41,8 @@ static uint64_t of_labels(const lr_voxelizer *v)
 static uint64_t of_cells(const lr_voxelizer *v)
 {
     uint64_t nbytes = 0;
-    for (uint32_t i = 0; v->cells != NULL && i < v->bins.n_parts; i++) {
-        const lr_cells_part *p = &v->cells[i];
+    for (uint32_t i = 0; v->chosen != NULL && i < v->bins.n_parts; i++) {
+        const lr_cells_part *p = &v->chosen[i];
         nbytes += p->n * (sizeof *p->place + sizeof *p->near) + lr_cells_nbytes(p) +
                   p->exact.n * (sizeof *p->exact.place + 2 * sizeof *p->exact.doubt);
     }
@@ -60,7 +61,7 @@ uint64_t lr_voxelizer_scratch(const lr_voxelizer *v)
     uint64_t held = of_bins(&v->bins) + of_labels(v) + of_cells(v) + lr_winding_nbytes(&v->winding);
     held += v->verdicts != NULL ? v->bins.n_active * sizeof *v->verdicts : 0;
     if (v->stage == LR_STAGE_DONE) /* the mesh is not linked any more */
-        return held + (v->cells != NULL ? (n + n_vertices) * NUMBER : 0);
+        return held + (v->chosen != NULL ? (n + n_vertices) * NUMBER : 0);
     held += ring + (v->mesh.weld != NULL ? n_vertices * sizeof *v->mesh.weld : 0);
     held += v->mesh.twin != NULL ? n * sizeof *v->mesh.twin : 0;
     uint64_t passing = binning;

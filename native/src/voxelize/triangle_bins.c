@@ -20,9 +20,9 @@ enum {
     PLANES = 5
 };
 
-/* Samples of a brick lie within HALF of its centre on every axis. */
-#define HALF          3.5
-#define HALF_DIAGONAL 6.0622
+/* Samples of a brick lie within HALF of its centre on every axis, */
+#define HALF          (0.5 * (LR_SIDE - 1))
+#define HALF_DIAGONAL (HALF * 1.73206) /* a little more than sqrt(3) */
 
 /* What is remembered of a triangle: its lowest brick's place in the table (27 bits)
  * and, per axis, whether it reaches the next one; or one of these. */
@@ -73,7 +73,7 @@ static void set_plane(double out[4], const double n[3], const double on[3], doub
 {
     double extent = HALF * (fabs(n[0]) + fabs(n[1]) + fabs(n[2]));
     for (int a = 0; a < 3; a++)
-        out[a] = 8.0 * n[a];
+        out[a] = LR_SIDE * n[a];
     out[3] = HALF * (n[0] + n[1] + n[2]) - lr_dot(n, on) - extent - band;
 }
 
@@ -101,7 +101,7 @@ static bool in_reach(const reach *r, double band, int32_t x, int32_t y, int32_t 
         if (p[0] * x + p[1] * y + p[2] * z + p[3] > 0.0)
             return false;
     }
-    const double centre[3] = {8.0 * x + HALF, 8.0 * y + HALF, 8.0 * z + HALF};
+    const double centre[3] = {LR_SIDE * x + HALF, LR_SIDE * y + HALF, LR_SIDE * z + HALF};
     double most = band + HALF_DIAGONAL;
     return lr_frame_distance2(&r->frame, centre) <= most * most;
 }
@@ -115,7 +115,7 @@ static bool put_large(binning *b, const reach *r, uint32_t t)
             if (lr_stopped(b->watch))
                 return false;
             cut_row(r, y, z, &first, &last);
-            size_t row = ((size_t)z * (size_t)b->size[1] + (size_t)y) * (size_t)b->size[0];
+            const size_t row = lr_place_of(b->size, 0, y, z);
             for (int32_t x = first; x <= last; x++)
                 if (in_reach(r, b->band, x, y, z))
                     put(b, row + (size_t)x, t);
@@ -148,16 +148,16 @@ static uint32_t box_of(const binning *b, uint64_t t, reach *r)
         double hi = p[0][a] > p[1][a] ? p[0][a] : p[1][a];
         lo = (lo < p[2][a] ? lo : p[2][a]) - b->band;
         hi = (hi > p[2][a] ? hi : p[2][a]) + b->band;
-        r->lo[a] = (int32_t)lr_clamp(ceil((lo - 2.0 * HALF) / 8.0), 0.0, b->size[a]);
-        r->hi[a] = (int32_t)lr_clamp(floor(hi / 8.0), -1.0, b->size[a] - 1);
+        r->lo[a] = (int32_t)lr_clamp(ceil((lo - 2.0 * HALF) / LR_SIDE), 0.0, b->size[a]);
+        r->hi[a] = (int32_t)lr_clamp(floor(hi / LR_SIDE), -1.0, b->size[a] - 1);
         if (r->hi[a] < r->lo[a])
             return NOWHERE;
         second |= (uint32_t)(r->hi[a] > r->lo[a]) << a;
         large = large || r->hi[a] > r->lo[a] + 1;
     }
-    size_t row = (size_t)r->lo[2] * (size_t)b->size[1] + (size_t)r->lo[1];
     return large ? LARGE
-                 : (uint32_t)(row * (size_t)b->size[0] + (size_t)r->lo[0]) | second * SECOND_BRICK;
+                 : (uint32_t)lr_place_of(b->size, r->lo[0], r->lo[1], r->lo[2]) |
+                       second * SECOND_BRICK;
 }
 
 static lr_status visit_all(binning *b, lr_error *error)

@@ -1,6 +1,6 @@
 /* Which triangles can matter to which brick.
  *
- * A triangle is listed in every brick of 8^3 samples that it comes within the
+ * A triangle is listed in every brick that it comes within the
  * band of (conservatively). Bricks with a list are *active*; ranges of active
  * bricks of similar work are the parts that threads run.
  *
@@ -8,7 +8,7 @@
 #ifndef LR_VOXELIZE_TRIANGLE_BINS_H
 #define LR_VOXELIZE_TRIANGLE_BINS_H
 
-#include "grid/brick_grid.h"
+#include "grid/layout.h"
 #include "mesh/topology.h"
 
 typedef struct lr_bins {

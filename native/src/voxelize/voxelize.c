@@ -16,12 +16,12 @@
 #include "grid/attributes/triangle_attributes.h"
 #include "grid/classify_cells.h"
 #include "mesh/link_edges.h"
+#include "voxelize/brick_jobs.h"
 #include "voxelize/filter_profile.h"
+#include "voxelize/flood_fill.h"
 #include "voxelize/hole_fill.h"
-#include "voxelize/voxelizer.h"
+#include "voxelize/scratch.h"
 
-/* A 4096^3 lattice; the tables of its bricks take 1.2 GB. */
-#define MOST_TABLE 134217728.0
 
 /* Central differences at the corners of a surface cell reach sqrt(6) from the
  * surface (samples at offsets 2, 1, 1); the rest is for rounding. The lattice
@@ -66,7 +66,9 @@ static lr_status check_options(const lr_voxelize_options *o, lr_error *error)
                          filter.widest, o->half_width);
     if (status == LR_OK)
         status = lr_check_choice("kind", o->kind, LR_KIND_SHEET, error);
-    return status == LR_OK ? lr_check_choice("exact", o->exact, LR_EXACT_EVERY, error) : status;
+    if (status == LR_OK)
+        status = lr_check_choice("exact", o->exact, LR_EXACT_EVERY, error);
+    return status == LR_OK ? lr_sample_type_check(o->sample_type, error) : status;
 }
 
 /* The lattice lies on multiples of the voxel size, with the band and one more
@@ -81,9 +83,9 @@ static lr_status place_lattice(lr_voxelizer *v, lr_error *error)
     for (int a = 0; a < 3; a++) {
         first[a] = floor(m->lo[a] * m->per_unit) - margin;
         n[a] = ceil(m->hi[a] * m->per_unit) + margin - first[a] + 1.0;
-        n_table *= ceil((n[a] + 2.0 * LR_PAD) / 8.0);
+        n_table *= ceil((n[a] + 2.0 * LR_PAD) / LR_SIDE);
     }
-    if (!(n_table <= MOST_TABLE))
+    if (!(n_table <= LR_MOST_TABLE))
         return lr_fail(error, LR_E_SIZE,
                        "a mesh of %g x %g x %g with a voxel_size of %g wants %.0f x %.0f x %.0f "
                        "samples, more than fit (4096^3); use a larger voxel_size",
@@ -129,7 +131,6 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_watch *w
                             .search = search_by(v->simd),
                             .filter = o->filter,
                             .half_width = o->half_width,
-                            .sample_type = o->sample_type,
                             .flat = o->flat != 0};
     if (status == LR_OK)
         status = lr_topology_begin(mesh, o->voxel_size, watch, &v->mesh, error);
@@ -176,7 +177,7 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
     const int32_t n[3] = {d->nx, d->ny, d->nz};
     const lr_bake *bake = &v->job.bake;
     const uint64_t brick_nbytes = lr_volume_brick_nbytes(d->sample_type, d->has_ids) +
-                                  bake->wanted * 8 * lr_volume_block_nbytes();
+                                  bake->wanted * LR_WORDS * lr_volume_block_nbytes();
     const uint64_t n_faces = bake->wanted ? v->mesh.source.n_triangles : 0;
     const uint64_t faces_nbytes =
         n_faces * lr_face_nbytes(bake->normals, bake->sources, bake->colors, bake->uvs);
@@ -197,8 +198,8 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
         .hole = v->judgement.hole,
         .scratch_nbytes = v->scratch_nbytes,
     };
-    for (uint32_t i = 0; v->cells != NULL && i < v->bins.n_parts; i++)
-        info->nbytes += lr_cells_nbytes(&v->cells[i]);
+    for (uint32_t i = 0; v->chosen != NULL && i < v->bins.n_parts; i++)
+        info->nbytes += lr_cells_nbytes(&v->chosen[i]);
 }
 
 /* ---- stages ------------------------------------------------------------ */
@@ -314,7 +315,7 @@ static lr_status ask(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_e
 /* Make the bricks again, with winding numbers. */
 static lr_status fall_back(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
-    memset(v->volume->table, 0, lr_table_count(v->volume) * sizeof *v->volume->table);
+    lr_volume_empty_table(v->volume);
     v->by_winding = true;
     if (v->judgement.reason == LR_REASON_CLOSED)
         v->judgement.reason = LR_REASON_CROSSING;
@@ -339,9 +340,9 @@ static lr_status close_bricks(lr_voxelizer *v, const lr_watch *watch, lr_error *
         status = lr_parts_move(v, watch, error);
     if (status != LR_OK || !v->job.exact)
         return status == LR_OK ? open_stage(v, LR_STAGE_DONE, 0, error) : status;
-    v->cells = calloc((size_t)v->bins.n_parts + 1, sizeof *v->cells);
-    if (v->cells == NULL)
-        return lr_fail_memory(error, v->bins.n_parts * sizeof *v->cells, "a list of parts");
+    v->chosen = calloc((size_t)v->bins.n_parts + 1, sizeof *v->chosen);
+    if (v->chosen == NULL)
+        return lr_fail_memory(error, v->bins.n_parts * sizeof *v->chosen, "a list of parts");
     return open_stage(v, LR_STAGE_CELLS, v->bins.n_parts, error);
 }
 
@@ -382,9 +383,9 @@ lr_status lr_voxelize_next(lr_voxelizer *v, const lr_watch *watch, uint64_t *n_p
 static lr_status judge_cells(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_error *error)
 {
     lr_status status = lr_cells_make(&v->job, v->volume, &v->bins, v->bins.part[part],
-                                     v->bins.part[part + 1], watch, &v->cells[part], error);
+                                     v->bins.part[part + 1], watch, &v->chosen[part], error);
     if (status != LR_OK)
-        lr_cells_free(&v->cells[part]);
+        lr_cells_free(&v->chosen[part]);
     return status;
 }
 
@@ -425,12 +426,8 @@ static lr_status mark_near(lr_voxelizer *v, lr_error *error)
 {
     lr_status status = LR_OK;
     for (uint32_t i = 0; i < v->bins.n_parts && v->job.sheet; i++)
-        for (uint32_t k = 0; k < v->cells[i].n && status == LR_OK; k++) {
-            uint32_t brick;
-            status = lr_volume_open_brick(v->volume, v->cells[i].place[k], &brick, error);
-            for (int s = 0; s < 8 && status == LR_OK; s++)
-                v->volume->cells[brick][s] |= v->cells[i].near[k][s];
-        }
+        for (uint32_t k = 0; k < v->chosen[i].n && status == LR_OK; k++)
+            status = lr_volume_touch(v->volume, v->chosen[i].place[k], v->chosen[i].near[k], error);
     return status;
 }
 
@@ -456,7 +453,7 @@ static lr_status finish_triangle_cells(lr_voxelizer *v, const lr_watch *watch, l
     if (parts == NULL)
         return lr_fail_memory(error, v->bins.n_parts * sizeof *parts, "a list of parts");
     for (uint32_t i = 0; i < v->bins.n_parts; i++)
-        parts[i] = v->cells[i].exact;
+        parts[i] = v->chosen[i].exact;
     lr_status status =
         lr_volume_finish_triangle_cells(v->volume, parts, v->bins.n_parts, &source, watch, error);
     free(parts);
@@ -471,10 +468,10 @@ lr_status lr_voxelize_end(lr_voxelizer *v, const lr_watch *watch, lr_volume **vo
                        v->volume == NULL ? "the volume of this voxelizer was made before"
                                          : "the stages of this voxelizer have not all been run");
     lr_topology_unlink(&v->mesh);
-    lr_status status = v->cells != NULL ? mark_near(v, error) : LR_OK;
+    lr_status status = v->chosen != NULL ? mark_near(v, error) : LR_OK;
     if (status == LR_OK)
-        status = v->cells != NULL ? finish_triangle_cells(v, watch, error)
-                                  : lr_volume_finish(v->volume, watch, error);
+        status = v->chosen != NULL ? finish_triangle_cells(v, watch, error)
+                                   : lr_volume_finish(v->volume, watch, error);
     if (status == LR_OK && v->job.bake.wanted)
         status = lr_bake_faces(&v->job.bake, &v->mesh, v->volume, watch, error);
     if (status != LR_OK)
@@ -490,13 +487,13 @@ void lr_voxelizer_free(lr_voxelizer *v)
     if (v == NULL)
         return;
     lr_parts_free(v);
-    for (uint32_t i = 0; v->cells != NULL && i < v->bins.n_parts; i++)
-        lr_cells_free(&v->cells[i]);
+    for (uint32_t i = 0; v->chosen != NULL && i < v->bins.n_parts; i++)
+        lr_cells_free(&v->chosen[i]);
     lr_labels_free(&v->labels, &v->bins);
     lr_winding_free(&v->winding);
     free(v->ran);
     free(v->verdicts);
-    free(v->cells);
+    free(v->chosen);
     lr_topology_free(&v->mesh);
     lr_bins_free(&v->bins);
     lr_volume_free(v->volume);

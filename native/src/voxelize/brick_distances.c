@@ -1,0 +1,94 @@
+/* From nearest triangles to signed distances.
+ *
+ * Samples in the band take the signed distance to their nearest triangle, those of
+ * a sheet the height over it, which runs on beyond its rim. Most meet the triangle in
+ * its face and take the height that the search found; f64 measures those at edges
+ * and corners, a few per cent.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "voxelize/brick_distances.h"
+
+#include <immintrin.h>
+
+#include "mesh/signed_distance.h"
+
+/* The nearest triangle is chosen in f32; its exact distance can exceed the band by this. */
+#define BAND_SLACK 1e-3
+
+/* A height of f32 above this has its sign; below, f64 decides. */
+#define SURE 1e-3f
+
+/* Signed distances of the samples whose nearest triangle is met in its face, and
+ * infinity for the others; those that f64 has to measure are grouped. */
+static void take_heights(const lr_voxel_job *job, lr_scratch *scratch, float *distance)
+{
+    const lr_nearest *nearest = &scratch->nearest;
+    const __m128 turn = _mm_set1_ps((float)-job->mesh->side), sign = _mm_set1_ps(-0.0f);
+    for (int tile = 0; tile < LR_TILES; tile++)
+        for (int lane = 0; lane < LR_LANES; lane += 4) {
+            int32_t sample = lr_tile_sample(tile, lane);
+            __m128 h = _mm_load_ps(&nearest->height[tile][lane]), size = _mm_andnot_ps(sign, h);
+            __m128 sure = _mm_and_ps(_mm_cmpgt_ps(size, _mm_set1_ps(SURE)),
+                                     _mm_cmplt_ps(size, _mm_set1_ps(INFINITY)));
+            __m128 s = _mm_and_ps(sure, _mm_mul_ps(h, turn));
+            s = _mm_or_ps(s, _mm_andnot_ps(sure, _mm_set1_ps(INFINITY)));
+            _mm_store_ps(&distance[sample], s);
+            for (int left = ~_mm_movemask_ps(sure) & 15; left != 0; left &= left - 1) {
+                int i = __builtin_ctz((unsigned)left);
+                int32_t who = nearest->winner[tile][lane + i];
+                if (who < 0)
+                    continue;
+                scratch->next[sample + i] = scratch->first[who];
+                scratch->first[who] = sample + i;
+            }
+        }
+}
+
+void lr_brick_frame(const lr_topology *mesh, const int32_t first[3], uint32_t t, lr_frame *frame)
+{
+    lr_triangle(mesh, t, frame->p);
+    for (int c = 0; c < 3; c++)
+        for (int a = 0; a < 3; a++)
+            frame->p[c][a] -= first[a];
+}
+
+/* Measure what is grouped in f64. */
+static void measure(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list,
+                    uint32_t n, lr_scratch *scratch, float *distance, uint8_t *loose)
+{
+    const lr_topology *mesh = job->mesh;
+    for (uint32_t i = 0; i < n; i++) {
+        int32_t sample = scratch->first[i];
+        if (sample < 0)
+            continue;
+        scratch->first[i] = -1;
+        lr_frame frame;
+        lr_brick_frame(mesh, first, list[i], &frame);
+        if (!lr_frame_make(&frame)) /* rounding took the area of a sliver */
+            continue;
+        for (; sample >= 0; sample = scratch->next[sample]) {
+            const double p[3] = {lr_along(sample, 0), lr_along(sample, 1), lr_along(sample, 2)};
+            bool border;
+            double height, s = lr_signed_distance(mesh, list[i], &frame, p, &height, &border);
+            if (fabs(s) <= job->band + BAND_SLACK)
+                distance[sample] = (float)(mesh->side * (job->sheet ? height : s));
+            if (loose != NULL)
+                loose[sample] = border;
+        }
+    }
+}
+
+bool lr_brick_distances(const lr_voxel_job *job, uint32_t at, const uint32_t *list, uint32_t n,
+                        const lr_watch *watch, lr_scratch *scratch, float *distance, uint8_t *loose)
+{
+    int32_t first[3];
+    double centre[3];
+    lr_first_sample(job->table_size, at, first);
+    for (int a = 0; a < 3; a++)
+        centre[a] = first[a] + 0.5 * (LR_SIDE - 1);
+    if (!job->search(job->mesh, centre, list, n, job->band, watch, &scratch->nearest))
+        return false;
+    take_heights(job, scratch, distance);
+    measure(job, first, list, n, scratch, distance, loose);
+    return true;
+}

@@ -1,0 +1,56 @@
+/* Signed distances of the samples of a brick in the band around the mesh.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_VOXELIZE_BRICK_DISTANCES_H
+#define LR_VOXELIZE_BRICK_DISTANCES_H
+
+#include "grid/layout.h"
+#include "mesh/closest_triangle.h"
+#include "mesh/triangle_distance.h"
+#include "voxelize/keep_attributes.h"
+
+/* What is the same for all bricks. */
+typedef struct lr_voxel_job {
+    const lr_topology *mesh;
+    lr_nearest_search *search;
+    int32_t table_size[3];
+    int32_t size[3];   /* of the lattice, samples */
+    double band;       /* voxels; samples within it have a distance */
+    int32_t filter;    /* lr_filter */
+    double half_width; /* of the filter, voxels */
+    bool every;        /* cell near a triangle keeps it */
+    bool flat;         /* the mesh is flat-shaded: its facets' normals count */
+    bool sheet;
+    lr_bake bake;
+    bool exact; /* cells are judged in a second run (choose_triangle_cells.h) */
+    const struct lr_winding *closing; /* of a solid with wide holes; else NULL */
+} lr_voxel_job;
+
+/* Per-thread memory: the samples that each listed triangle won, as linked lists. */
+typedef struct lr_scratch {
+    int32_t *first;         /* [longest list]: -1 between bricks */
+    int32_t next[LR_CELLS]; /* -1: last */
+    lr_nearest nearest;
+    const uint16_t *labels; /* [LR_CELLS]: of the brick; NULL: pseudonormals tell the side */
+    const struct lr_component *components; /* by label */
+    uint32_t *nearest_triangle;            /* [LR_CELLS]: 1 + nearest triangle; NULL: not wanted */
+    struct lr_crossed *crossed;            /* room of the box filter where shells cross, or NULL */
+} lr_scratch;
+
+/* The number in its brick of a sample of the search. */
+LR_INLINE int32_t lr_tile_sample(int tile, int lane)
+{
+    return lr_in_brick(lr_sample_x(tile, lane), lr_sample_y(tile, lane), lr_sample_z(tile, lane));
+}
+
+/* A triangle from a brick's first sample; the frame is still to be made. */
+void lr_brick_frame(const lr_topology *mesh, const int32_t first[3], uint32_t t, lr_frame *frame);
+
+/* Signed distances of the samples of a brick, infinity beyond the band; at is its place in
+ * the table. loose[LR_CELLS], or NULL: set where the nearest point lies on the mesh's border.
+ * False where stopped. */
+bool lr_brick_distances(const lr_voxel_job *job, uint32_t at, const uint32_t *list, uint32_t n,
+                        const lr_watch *watch, lr_scratch *scratch, float *distance,
+                        uint8_t *loose);
+
+#endif

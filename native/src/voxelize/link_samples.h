@@ -1,0 +1,20 @@
+/* Which samples of a brick lie on one side of the surface.
+ *
+ * Two neighbours whose distances to the surface add up to more than what lies between them
+ * are on one side of it.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_VOXELIZE_LINK_SAMPLES_H
+#define LR_VOXELIZE_LINK_SAMPLES_H
+
+#include "base/base.h"
+
+/* More than rounding of distances and their 16 bits, less than what would matter. */
+#define LR_LINK 1.001
+
+/* Connect them: parent[LR_CELLS] makes trees. distance: 0 where a sample links to none, infinity
+ * or below beyond the band. */
+void lr_link_samples(const float *distance, uint16_t *parent);
+uint16_t lr_linked_root(uint16_t *parent, uint16_t sample);
+
+#endif
