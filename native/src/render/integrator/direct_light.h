@@ -4,14 +4,7 @@
 #ifndef LR_RENDER_INTEGRATOR_DIRECT_LIGHT_H
 #define LR_RENDER_INTEGRATOR_DIRECT_LIGHT_H
 
-#include "render/integrator/context.h"
-
-/* A light sample as a shading point sees it. */
-typedef struct lr_sampled_light {
-    double direction[3], distance, color[3], pdf;
-    uint32_t visibility;
-    bool delta, shadow;
-} lr_sampled_light;
+#include "render/integrator/sampled_light.h"
 
 /* Add to the pixels what the first n shading points send to their viewers of the light
  * that lights and a world of unequal brightness send to them. The wave is

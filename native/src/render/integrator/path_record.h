@@ -7,7 +7,7 @@
 #ifndef LR_RENDER_INTEGRATOR_PATH_RECORD_H
 #define LR_RENDER_INTEGRATOR_PATH_RECORD_H
 
-#include "render/integrator/direct_light.h"
+#include "render/integrator/sampled_light.h"
 
 #define LR_OWN_EMISSION UINT64_MAX /* in place of the index of a light */
 

@@ -1,0 +1,16 @@
+/* What a light sends to a shading point.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_RENDER_INTEGRATOR_SAMPLED_LIGHT_H
+#define LR_RENDER_INTEGRATOR_SAMPLED_LIGHT_H
+
+#include "render/integrator/context.h"
+
+/* A light sample as a shading point sees it. */
+typedef struct lr_sampled_light {
+    double direction[3], distance, color[3], pdf;
+    uint32_t visibility;
+    bool delta, shadow;
+} lr_sampled_light;
+
+#endif
