@@ -26,6 +26,23 @@ def c_modules() -> Graph:
     return {name: uses - {name} for name, uses in graph.items()}
 
 
+def c_files() -> Graph:
+    """The files of native/src, by #include: x.h, x.c and what x.c is made of, x_impl.h, are one."""
+    source = ROOT / "native" / "src"
+    graph: Graph = {}
+    for path in sorted(source.rglob("*.[ch]")):
+        uses = graph.setdefault(_stem(path.relative_to(source)), set())
+        for target in re.findall(r'^#include "([^"]+/[^"]+)"', path.read_text("utf-8"), re.M):
+            uses.add(_stem(Path(target)))
+    for target in set().union(*graph.values()) - set(graph):  # lists: *.def
+        graph[target] = set()
+    return {name: uses - {name} for name, uses in graph.items()}
+
+
+def _stem(path: Path) -> str:
+    return path.with_name(path.stem.removesuffix("_impl")).as_posix()
+
+
 def python_modules(package: Path) -> Graph:
     """The modules of a package, by their dotted names within it; by import, anywhere in them."""
     paths = {

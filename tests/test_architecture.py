@@ -25,6 +25,10 @@ import leapray
 from leapray import _abi, _lib
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "docs"))
+
+import dependencies  # noqa: E402
+
 LONGEST = 600  # lines; a file past some 500 usually has two purposes
 
 # Each layer imports from layers above it in this list, or from its own.
@@ -211,6 +215,89 @@ def test_modules_of_the_core_include_no_module_above_them():
             if rank[above] > rank[module] or (beside and not module.startswith("grid")):
                 back.append(f"{path.name} includes {target}")
     assert not back, back
+
+
+# ---- files of the core -----------------------------------------------------------
+
+SOURCE = ROOT / "native" / "src"
+
+# What only grid/ may write: the store's arrays, entries, bits and sizes.
+LAYOUT = re.compile(
+    r"->table\b|\.table\[|(?<!counters)(?<!tile)(?<!record)->samples\b|->cells\[|->ids\[|->block_of\b"
+    r"|\bLR_BRICK\w*|\bLR_FIRST_STORED\b|\blr_(?:word|bit)_of\b|\bentry\w* >> 8"
+    r"|>> 3\b|& ~?7\b|\b512\b|\b(?:8|64) \*|\[8\]\[8\]"
+)
+NO_LAYOUT = {  # what looks like it, and is
+    ("distance/chamfer.c", "8 *"): "the weight of a step eight cells on",
+    ("mesh/closest_triangle.h", ">> 3"): "lanes of a tile",
+    ("render/film/pixel_filter.h", "512"): "entries of a filter's table",
+    ("traversers/smart.c", ">> 3"): "a digit of a Morton code",
+    ("traversers/smart.c", "& 7"): "a digit of a Morton code",
+    ("voxelize/brick_jobs.c", "64 *"): "bytes of a cache line",
+    ("voxelize/triangle_bins.c", "512"): "parts that threads run",
+}
+GENERATED = ("albedo_glass.c", "albedo_reflection.c")
+
+
+@cache
+def code(path: Path) -> str:
+    """A C file without comments and preprocessor lines; lines stay where they are."""
+    text = re.sub(
+        r"/\*.*?\*/", lambda m: "\n" * m[0].count("\n"), path.read_text("utf-8"), flags=re.DOTALL
+    )
+    return re.sub(r"^[ \t]*#(?:[^\n\\]|\\\n|\\.)*", "", text, flags=re.MULTILINE)
+
+
+def outermost(text: str) -> str:
+    """C code where what stands in braces is left out, with a semicolon behind."""
+    depth, kept = 0, []
+    for part in re.split(r"([{}])", text):
+        depth += part == "{"
+        if depth == 0:
+            kept.append(part)
+        if part == "}":
+            depth -= 1
+            kept.append("{};" if depth == 0 else "")
+    return "".join(kept)
+
+
+def test_only_grid_knows_how_samples_and_cells_lie():
+    found, excused, inside = [], set(), 0
+    for path in files("native/src/*.[ch]"):
+        name = path.relative_to(SOURCE).as_posix()
+        for number, line in enumerate(code(path).splitlines(), 1):
+            for match in LAYOUT.findall(line) if path.name not in GENERATED else ():
+                if name.startswith("grid/"):
+                    inside += 1
+                elif (name, match) in NO_LAYOUT:
+                    excused.add((name, match))
+                else:
+                    found.append(f"{name}:{number}: {match}")
+    assert inside > 100  # the store itself
+    assert not found, found
+    assert excused == NO_LAYOUT.keys()
+
+
+def test_no_files_of_the_core_include_each_other():
+    graph = dependencies.c_files()
+    assert len(graph) > 80 and graph["grid/brick_grid"] and graph["grid/volume"]
+    dependencies.ranks(graph)  # which names the circle
+
+
+def test_what_a_header_declares_its_source_defines():
+    elsewhere, n = [], 0
+    for header in files("native/src/*.h"):
+        own = [header.with_suffix(".c"), header.with_name(f"{header.stem}_impl.h")]
+        made = "".join(outermost(code(path)) for path in own if path.exists())
+        for statement in outermost(code(header)).split(";"):
+            if re.match(r"\s*(typedef|LR_INLINE)\b", statement) or statement.endswith("{}"):
+                continue
+            for name in re.findall(r"\b(lr_\w+)\(", statement)[:1]:
+                n += 1
+                if not re.search(rf"\b{name}\([^;{{}}]*\{{\}}", made):
+                    elsewhere.append(f"{header.relative_to(SOURCE)}: {name}")
+    assert n > 100
+    assert not elsewhere, elsewhere
 
 
 # ---- traversers are named once ---------------------------------------------

@@ -18,13 +18,14 @@
 enum {
     SEEN = 2 * LR_SIDE, /* cells along an axis: the brick and the one ahead */
     CAP = 15,
+    OCTANTS = 8,
     ROW = (1 << LR_SIDE) - 1 /* the cells of a brick's row */
 };
 
 typedef struct octants {
     uint32_t *bricks;    /* [table]: index into near, or LR_FAR_BRICK */
     uint8_t (*ahead)[8]; /* [table][octant]: distance in bricks, 0 where they hold surface */
-    uint8_t (*near)[8][LR_CELLS / 2]; /* [octant]: distance in cells, two to a byte */
+    uint8_t (*near)[OCTANTS][LR_CELLS / 2]; /* [octant]: distance in cells, two to a byte */
 } octants;
 
 void lr_cd_octant_free(void *data)
@@ -65,11 +66,11 @@ LR_INLINE uint8_t past_neighbours(const uint8_t *at, int octant, const int32_t p
 }
 
 /* All bricks, from the octant's far corner on; given up where the caller stops. */
-static void brick_distances(const lr_volume *v, int octant, uint8_t (*ahead)[8],
+static void brick_distances(const lr_volume *v, int octant, uint8_t (*ahead)[OCTANTS],
                             const lr_watch *watch)
 {
     const int32_t *n = v->table_size;
-    const ptrdiff_t stride[3] = {8, 8 * (ptrdiff_t)n[0], 8 * (ptrdiff_t)n[0] * n[1]};
+    const ptrdiff_t row = OCTANTS * (ptrdiff_t)n[0], stride[3] = {OCTANTS, row, row * n[1]};
     for (int32_t k = 0; k < n[2]; k++)
         for (int32_t j = 0; j < n[1] && !lr_stopped(watch); j++)
             for (int32_t i = 0; i < n[0]; i++) {
@@ -140,7 +141,7 @@ static void cell_distances(const lr_volume *v, const int32_t b[3], uint32_t numb
     lr_window window;
     framed rows;
     lr_window_fill(v, b, window);
-    for (int octant = 0; octant < 8; octant++) {
+    for (int octant = 0; octant < OCTANTS; octant++) {
         frame(window, rows);
         octant_distances(rows, octant, f->near[number][octant]);
     }
@@ -163,7 +164,7 @@ lr_status lr_cd_octant_build(const lr_volume *v, const int32_t *choices, const l
         if (f->ahead == NULL || f->near == NULL)
             status = lr_fail_memory(error, *nbytes, "distances ahead");
     }
-    for (int octant = 0; status == LR_OK && octant < 8; octant++) {
+    for (int octant = 0; status == LR_OK && octant < OCTANTS; octant++) {
         brick_distances(v, octant, f->ahead, watch);
         if (lr_stopped(watch))
             status = lr_fail_stopped(error);
