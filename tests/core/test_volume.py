@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import meshes
 import numpy as np
 import pytest
 
@@ -45,6 +46,20 @@ def test_samples_ids_and_surface_cells_come_back(dtype, shape):
         where = np.argwhere(want)[:, ::-1] - 1
         assert volume.info.surface_lo == tuple(where.min(axis=0))
         assert volume.info.surface_hi == tuple(where.max(axis=0))
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_voxelized_ramp_is_rounded_to_the_nearest_stored_value(dtype):
+    kind, one = DTYPES[dtype]
+    steps = 1 << 24 if kind is np.float32 else one
+    vertices, triangles = meshes.box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    wide = leapray.voxelize(vertices, triangles, 0.0625, dtype="f32", half_width=2.5)
+    volume = leapray.voxelize(vertices, triangles, 0.0625, dtype=dtype, half_width=2.5)
+    want = wide.read().astype(float)
+    assert 0.05 < ((want > 0.0) & (want < 1.0)).mean() < 0.95
+    rounding = 2.0**-8  # of f32 products up to 65535, and of the sums, in steps
+    assert np.abs(volume.read() / one - want).max() <= (0.5 + rounding) / steps
+    assert volume.read().max() == one
 
 
 def test_blocks_may_reach_beyond_the_lattice_where_samples_are_zero():
