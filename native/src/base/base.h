@@ -52,16 +52,18 @@ LR_INLINE void lr_cross_product(const double a[3], const double b[3], double out
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* Three unit vectors at right angles of which n, a unit vector too, is the last.
+/* Two unit vectors at right angles to the unit vector n and to each other.
  * Source: Duff et al., Building an orthonormal basis, revisited, 2017. */
-LR_INLINE void lr_axes_of(const double n[3], double axis[3][3])
+LR_INLINE void lr_orthonormal_basis(const double n[3], double s[3], double t[3])
 {
     const double sign = copysign(1.0, n[2]);
-    const double p = -1 / (sign + n[2]), q = n[0] * n[1] * p;
-    const double made[3][3] = {{1 + sign * n[0] * n[0] * p, sign * q, -sign * n[0]},
-                               {q, sign + n[1] * n[1] * p, -n[1]},
-                               {n[0], n[1], n[2]}};
-    memcpy(axis, made, sizeof made);
+    const double a = -1 / (sign + n[2]), b = n[0] * n[1] * a;
+    s[0] = 1 + sign * n[0] * n[0] * a;
+    s[1] = sign * b;
+    s[2] = -sign * n[0];
+    t[0] = b;
+    t[1] = sign + n[1] * n[1] * a;
+    t[2] = -n[1];
 }
 
 LR_INLINE bool lr_all_finite(const double *x, size_t n)

@@ -5,7 +5,8 @@
 
 void lr_basis_set(lr_basis *basis, const double n[3], const double view[3])
 {
-    lr_axes_of(n, basis->axis);
+    lr_orthonormal_basis(n, basis->axis[0], basis->axis[1]);
+    memcpy(basis->axis[2], n, sizeof basis->axis[2]);
     for (int a = 0; a < 3; a++)
         basis->view[a] = lr_dot(basis->axis[a], view);
 }

@@ -138,12 +138,11 @@ LR_INLINE void lr_film_sample(uint32_t hash, uint32_t sample, double *x, double 
 /* A direction about n (unit), its density proportional to the cosine. */
 LR_INLINE void lr_cosine_direction(const double n[3], double u, double v, double d[3])
 {
+    double s[3], t[3];
+    lr_orthonormal_basis(n, s, t);
     const double r = sqrt(u), x = r * cos(2 * LR_PI * v), y = r * sin(2 * LR_PI * v);
-    const double z = sqrt(1 - u);
-    double axis[3][3];
-    lr_axes_of(n, axis);
     for (int a = 0; a < 3; a++)
-        d[a] = x * axis[0][a] + y * axis[1][a] + z * axis[2][a];
+        d[a] = x * s[a] + y * t[a] + sqrt(1 - u) * n[a];
 }
 
 #endif
