@@ -29,10 +29,14 @@ SOURCES = (
     "render/bsdf/bsdf",
     "render/bsdf/material",
     "render/bsdf/shading_frame",
-    "render/lights/area_light",
+    "render/lights/area",
     "render/lights/environment",
     "render/lights/light",
+    "render/lights/light_fields",
     "render/lights/light_tree",
+    "render/lights/point",
+    "render/lights/spot",
+    "render/lights/sun",
 )
 KINDS = {"diffuse": 1, "glossy": 2, "transmission": 3, "transparent": 4}
 

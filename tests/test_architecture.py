@@ -361,6 +361,28 @@ def test_no_traverser_is_named_in_c():
     assert not found, found
 
 
+# ---- lights are told apart in one place ---------------------------------------
+
+
+def test_no_code_asks_for_the_type_of_a_light_but_through_the_list():
+    folder = ROOT / "native" / "src" / "render" / "lights"
+    rows = re.findall(r"^LR_LIGHT_TYPE\((\w+), (\w+)\)", (folder / "lights.def").read_text(), re.M)
+    assert [kind for kind, _ in rows] == [kind.name for kind in _abi.lr_light_kind]
+    types = [folder / f"{name}.c" for _, name in rows]
+    assert all(path.exists() for path in types)
+    named = re.compile(rf"\b({'|'.join(kind for kind, _ in rows)})\b")
+    asked = re.compile(r"light\w*(\[[^]]*\])?(->|\.)kind")
+    found = []
+    for path in files("native/src/*.[ch]", "native/leapray/*.py", "addon/*.py"):
+        text = re.sub(r"/\*.*?\*/", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+        if path not in [*types, ROOT / "native" / "leapray" / "_abi.py"]:
+            found += [f"{path.name} names {kind}" for kind in named.findall(text)]
+        elsewhere = path.suffix != ".py" and path not in [*types, folder / "light.c"]
+        if elsewhere and asked.search(text):
+            found.append(f"{path.name} asks for the kind of a light")
+    assert not found, found
+
+
 # ---- text ------------------------------------------------------------------
 
 

@@ -4,7 +4,6 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/bsdf/bsdf.h"
 #include "render/lights/light_tree.h"
-#include "render/lights/light.h"
 
 static lr_bsdf seen(const lr_material_desc *desc, const lr_point *point)
 {
@@ -82,7 +81,7 @@ LR_API int32_t door_environment(const lr_world *world, int64_t n, const double (
         if (u == NULL) {
             lr_environment_radiance(&e, ray[i].direction, ray[i].color);
             ray[i].pdf = lr_environment_pdf(&e, ray[i].direction);
-        } else if (!lr_environment_sample(&e, u[i], ray[i].direction, ray[i].color, &ray[i].pdf))
+        } else if (!lr_environment_sample(&e, u[i], &ray[i]))
             ray[i].pdf = 0;
     }
     lr_environment_free(&e);

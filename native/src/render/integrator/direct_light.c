@@ -26,25 +26,11 @@ static bool sample_light(const lr_scene *scene, uint64_t light_index, const doub
                          const double u[2], lr_sampled_light *sampled)
 {
     if (light_index == scene->n_lights) {
-        *sampled = (lr_sampled_light){
-            .distance = INFINITY, .visibility = scene->world_visibility, .shadow = true};
-        return lr_environment_sample(&scene->environment, u, sampled->direction, sampled->color,
-                                     &sampled->pdf);
+        sampled->visibility = scene->world_visibility | LR_VISIBLE_SHADOW;
+        return lr_environment_sample(&scene->environment, u, &sampled->ray);
     }
-    const lr_light *light = &scene->lights[light_index];
-    lr_light_ray ray;
-    if (!lr_light_sample(light, p, u, &ray))
-        return false;
-    *sampled = (lr_sampled_light){
-        .direction = {ray.direction[0], ray.direction[1], ray.direction[2]},
-        .distance = ray.distance,
-        .color = {ray.color[0], ray.color[1], ray.color[2]},
-        .pdf = ray.pdf,
-        .visibility = light->visibility,
-        .delta = ray.delta,
-        .shadow = (light->visibility & LR_VISIBLE_SHADOW) != 0,
-    };
-    return true;
+    sampled->visibility = scene->lights[light_index].visibility;
+    return lr_light_sample(&scene->lights[light_index], p, u, &sampled->ray);
 }
 
 static bool is_black(const double c[3])
@@ -58,20 +44,20 @@ static bool evaluate(const lr_shading_point *s, const lr_sampled_light *sampled,
                      double contribution[3])
 {
     lr_response group[LR_GROUPS];
-    lr_bsdf_eval(&s->bsdf, sampled->direction, group);
+    lr_bsdf_eval(&s->bsdf, sampled->ray.direction, group);
     double sum[3] = {0, 0, 0};
     for (int kind = LR_RAY_DIFFUSE; kind <= LR_RAY_TRANSMISSION; kind++) {
         const lr_response *response = &group[kind - LR_RAY_DIFFUSE];
         if ((sampled->visibility & lr_sees(kind)) == 0)
             continue;
-        const double other = sampled->delta ? 0 : s->probability[kind] * response->pdf;
-        const double share = lr_mis(probability * sampled->pdf, other);
+        const double other = sampled->ray.delta ? 0 : s->probability[kind] * response->pdf;
+        const double share = lr_mis(probability * sampled->ray.pdf, other);
         for (int a = 0; a < 3; a++)
             sum[a] += share * response->f_cos[a];
     }
-    const double scale = 1 / (probability * sampled->pdf);
+    const double scale = 1 / (probability * sampled->ray.pdf);
     for (int a = 0; a < 3; a++)
-        contribution[a] = sum[a] * sampled->color[a] * s->path->throughput[a] * scale;
+        contribution[a] = sum[a] * sampled->ray.color[a] * s->path->throughput[a] * scale;
     return !is_black(contribution);
 }
 
@@ -229,16 +215,16 @@ static bool light_by(const lr_job *job, const lr_shading_point *s, uint32_t ask,
     if (!lit)
         return false;
     if (light_index == job->scene->n_lights)
-        sampled.distance = lr_world_distance(job, s->path, LR_RAY_DIFFUSE);
+        sampled.ray.distance = lr_world_distance(job, s->path, LR_RAY_DIFFUSE);
     shadow_ray->shading_point = s;
     shadow_ray->clear = s->path->bounces[LR_RAY_TRANSPARENT];
-    shadow_ray->ends = sampled.distance;
+    shadow_ray->ends = sampled.ray.distance;
     w->shadow_media[n].n = 0;
     if (job->scene->has_media)
         w->shadow_media[n] = s->path->media;
-    if (sampled.shadow)
-        spawn_shadow_ray(job, (*n_rays)++, n, s, sampled.direction, sampled.distance,
-                         lr_leads_beyond(s, sampled.direction));
+    if ((sampled.visibility & LR_VISIBLE_SHADOW) != 0)
+        spawn_shadow_ray(job, (*n_rays)++, n, s, sampled.ray.direction, sampled.ray.distance,
+                         lr_leads_beyond(s, sampled.ray.direction));
     return true;
 }
 

@@ -94,16 +94,16 @@ static double weight_of(const lr_shading_point *s, const lr_sampled_light *sampl
 {
     lr_response group[LR_GROUPS];
     double part = 0, whole = 0;
-    lr_bsdf_eval(&s->bsdf, sampled->direction, group);
+    lr_bsdf_eval(&s->bsdf, sampled->ray.direction, group);
     for (int a = 0; a < 3; a++) {
         double f_cos = 0;
         for (int kind = LR_RAY_DIFFUSE; kind <= LR_RAY_TRANSMISSION; kind++)
             if ((sampled->visibility & lr_sees(kind)) != 0)
                 f_cos += group[kind - LR_RAY_DIFFUSE].f_cos[a];
         part += fabs(contribution[a]);
-        whole += fabs(f_cos * sampled->color[a] * s->path->throughput[a]);
+        whole += fabs(f_cos * sampled->ray.color[a] * s->path->throughput[a]);
     }
-    return whole > 0 ? part * probability * sampled->pdf / whole : 0;
+    return whole > 0 ? part * probability * sampled->ray.pdf / whole : 0;
 }
 
 void lr_record_light(const lr_job *job, const lr_shading_point *s, uint64_t light_index,
@@ -118,9 +118,9 @@ void lr_record_light(const lr_job *job, const lr_shading_point *s, uint64_t ligh
     put(event->origin, s->origin);
     if (sampled == NULL)
         return;
-    put(event->direction, sampled->direction);
-    event->t = sampled->distance;
-    event->pdf = sampled->pdf;
+    put(event->direction, sampled->ray.direction);
+    event->t = sampled->ray.distance;
+    event->pdf = sampled->ray.pdf;
     event->weight = weight_of(s, sampled, probability, shadow_ray->contribution);
 }
 

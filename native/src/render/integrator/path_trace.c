@@ -71,8 +71,6 @@ static void find_lights(const lr_job *job, const lr_path *path, const double d[3
     lr_light_walk walk;
     double o[3];
     scattered_at(path, d, o);
-    for (uint32_t k = 0; k < light_tree->n_suns && !(t_max < INFINITY); k++)
-        find_light(job, path, light_tree->suns[k], o, d, length);
     lr_light_tree_start(light_tree, &walk);
     for (uint64_t light_index;
          (light_index = lr_light_tree_next(light_tree, &walk, o, d, t_max)) != LR_LIGHT_NONE;)

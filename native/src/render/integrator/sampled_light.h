@@ -8,9 +8,8 @@
 
 /* A light sample as a shading point sees it. */
 typedef struct lr_sampled_light {
-    double direction[3], distance, color[3], pdf;
-    uint32_t visibility;
-    bool delta, shadow;
+    lr_light_ray ray;
+    uint32_t visibility; /* lr_visibility */
 } lr_sampled_light;
 
 #endif

@@ -73,12 +73,6 @@ void lr_environment_radiance(const lr_environment *e, const double d[3], double 
 
 /* ---- densities ------------------------------------------------------------ */
 
-/* Whatever its sign: light that is taken away counts as much. */
-static double brightness(const double rgb[3])
-{
-    return fabs(rgb[0]) + fabs(rgb[1]) + fabs(rgb[2]);
-}
-
 /* Of a texel of the table in the mean over it, by looks at its quarters' middles, which is
  * exact for linear interpolation; with a program at its ninths', one of which is its own middle. */
 static double inside_texel(const lr_environment *e, int32_t x, int32_t y)
@@ -87,7 +81,7 @@ static double inside_texel(const lr_environment *e, int32_t x, int32_t y)
     double sum = 0, rgb[3];
     for (int q = 0; q < n * n; q++) {
         look(e, x + (q % n + 0.5) / n, y + ((double)(q / n) + 0.5) / n, rgb);
-        sum += brightness(rgb) / (n * n);
+        sum += lr_brightness(rgb) / (n * n);
     }
     return sum;
 }
@@ -98,12 +92,12 @@ static double height_of(const lr_environment *e, int32_t y)
     return sin(LR_PI * ((y + 1.0) / e->height - 0.5)) - sin(LR_PI * ((double)y / e->height - 0.5));
 }
 
-/* Turn sums[0..n] into shares of the last; even ones where that is 0. Returns it. */
-static double normalize(double *sums, float *shares, int32_t n)
+/* Turn sums[0..n] into fractions of the last; even ones where that is 0. Returns it. */
+static double normalize(double *sums, float *fractions, int32_t n)
 {
     const double all = sums[n];
     for (int32_t i = 0; i <= n; i++)
-        shares[i] = (float)(all > 0 ? sums[i] / all : (double)i / n);
+        fractions[i] = (float)(all > 0 ? sums[i] / all : (double)i / n);
     return all;
 }
 
@@ -162,19 +156,19 @@ void lr_environment_free(lr_environment *e)
 
 /* ---- sampling ------------------------------------------------------------- */
 
-/* The step of shares[0..n] in which u lies; *within is where in it, 0..1. */
-static int32_t find(const float *shares, int32_t n, double u, double *within)
+/* The step of fractions[0..n] in which u lies; *within is where in it, 0..1. */
+static int32_t find(const float *fractions, int32_t n, double u, double *within)
 {
     int32_t lo = 0, hi = n;
     while (hi - lo > 1) {
         const int32_t middle = lo + (hi - lo) / 2;
-        if (shares[middle] <= u)
+        if (fractions[middle] <= u)
             lo = middle;
         else
             hi = middle;
     }
-    const double step = (double)shares[hi] - shares[lo];
-    *within = step > 0 ? lr_clamp((u - shares[lo]) / step, 0, 1) : 0.5;
+    const double step = (double)fractions[hi] - fractions[lo];
+    *within = step > 0 ? lr_clamp((u - fractions[lo]) / step, 0, 1) : 0.5;
     return lo;
 }
 
@@ -186,16 +180,17 @@ static double density(const lr_environment *e, int32_t x, int32_t y)
     return p * e->width / (2 * LR_PI * height_of(e, y));
 }
 
-bool lr_environment_sample(const lr_environment *e, const double u[2], double d[3], double rgb[3],
-                           double *pdf)
+bool lr_environment_sample(const lr_environment *e, const double u[2], lr_light_ray *ray)
 {
     if (e->image == NULL)
         return false;
     double tx, ty;
     const int32_t y = find(e->rows, e->height, u[1], &ty);
     const int32_t x = find(e->columns + (size_t)y * ((size_t)e->width + 1), e->width, u[0], &tx);
-    *pdf = density(e, x, y);
-    if (!(*pdf > 0))
+    ray->delta = false;
+    ray->distance = INFINITY;
+    ray->pdf = density(e, x, y);
+    if (!(ray->pdf > 0))
         return false;
     const double longitude = 2 * LR_PI * (0.5 - (x + tx) / e->width);
     const double z =
@@ -204,8 +199,8 @@ bool lr_environment_sample(const lr_environment *e, const double u[2], double d[
     const double q[3] = {r * cos(longitude), r * sin(longitude), z};
     const double *m = e->image_from_world;
     for (int a = 0; a < 3; a++)
-        d[a] = m[a] * q[0] + m[a + 3] * q[1] + m[a + 6] * q[2];
-    look(e, x + tx, (0.5 + asin(z) / LR_PI) * e->height, rgb);
+        ray->direction[a] = m[a] * q[0] + m[a + 3] * q[1] + m[a + 6] * q[2];
+    look(e, x + tx, (0.5 + asin(z) / LR_PI) * e->height, ray->color);
     return true;
 }
 

@@ -4,16 +4,16 @@
 #ifndef LR_RENDER_LIGHTS_ENVIRONMENT_H
 #define LR_RENDER_LIGHTS_ENVIRONMENT_H
 
-#include "base/base.h"
+#include "render/lights/light.h"
 
 typedef struct lr_environment {
     double color[3];
-    double brightness; /* mean of the image over all directions, of all colours, without signs */
+    double brightness; /* mean of the image's lr_brightness over all directions */
     double image_from_world[9];
     int32_t width, height;   /* of the table below, a multiple of the image's; 0 without one */
     const lr_texture *image; /* the caller's, or NULL */
-    float *rows;             /* [height + 1] share of the light below each row */
-    float *columns;          /* [height][width + 1] share of a row's light before each column */
+    float *rows;             /* [height + 1] fraction of the light below each row */
+    float *columns;          /* [height][width + 1] fraction of a row's light before each column */
 } lr_environment;
 
 lr_status lr_environment_check(const lr_world *world, lr_error *error);
@@ -23,10 +23,9 @@ void lr_environment_free(lr_environment *environment);
 /* The radiance that comes from direction d (unit). */
 void lr_environment_radiance(const lr_environment *environment, const double d[3], double rgb[3]);
 
-/* A direction, denser where the image is brighter, and its density per solid angle; false
- * without an image. u: 0..1, 1 not included. */
-bool lr_environment_sample(const lr_environment *environment, const double u[2], double d[3],
-                           double rgb[3], double *pdf);
+/* A ray to it as lr_light_sample gives, denser where the image is brighter; false without an
+ * image. */
+bool lr_environment_sample(const lr_environment *environment, const double u[2], lr_light_ray *ray);
 double lr_environment_pdf(const lr_environment *environment, const double d[3]); /* 0 likewise */
 
 #endif

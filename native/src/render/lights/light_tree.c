@@ -2,8 +2,8 @@
  *
  * Every node tells where its lights are, which way they shine and how much. From
  * that follows a bound of what they can bring to a point; going down from the root,
- * a child is taken with a chance in proportion to it. Suns and the world have no
- * place: they stand beside the root.
+ * a child is taken with a probability in proportion to it. Distant lights, which have no
+ * place, and the world stand beside the root.
  *
  * Source: Conty Estevez and Kulla, Importance sampling of many lights with adaptive
  * tree splitting, 2018 (bounds; orientation in the heuristic of the split); the
@@ -17,7 +17,6 @@
 #include "render/lights/light_tree.h"
 
 #include "base/error.h"
-#include "render/lights/light.h"
 
 enum {
     BINS = 12,
@@ -39,53 +38,28 @@ static double cos_less(double cos_a, double cos_b)
 
 /* ---- nodes ------------------------------------------------------------------ */
 
-/* A light that takes light away counts as much as one that brings it. */
-static double magnitude(const double c[3])
-{
-    return fabs(c[0]) + fabs(c[1]) + fabs(c[2]);
-}
-
-static void area_sides(const lr_light *light, double half[3])
-{
-    for (int a = 0; a < 3; a++) {
-        const double u = 0.5 * light->axis_u[a], v = 0.5 * light->axis_v[a];
-        half[a] = light->shape == LR_LIGHT_ROUND ? hypot(u, v) : fabs(u) + fabs(v);
-    }
-}
-
-/* A spot's light ends at its cone, an area's at its spread. */
 static lr_light_node leaf_of(const lr_light *light, uint32_t light_index)
 {
     lr_light_node node = {.child = light_index | LR_LIGHT_LEAF, .met = lr_light_has_extent(light)};
-    double half[3] = {light->radius, light->radius, light->radius};
-    if (light->kind == LR_LIGHT_AREA)
-        area_sides(light, half);
-    for (int a = 0; a < 3; a++) {
-        node.lo[a] = light->position[a] - half[a];
-        node.hi[a] = light->position[a] + half[a];
-        node.axis[a] = light->kind == LR_LIGHT_POINT ? a == 2 : light->direction[a];
-    }
-    node.cos_facing = light->kind == LR_LIGHT_POINT ? -1 : 1;
-    node.cos_shining = light->kind == LR_LIGHT_POINT ? 0 : fmax(cos(0.5 * light->angle), 0);
-    node.power = magnitude(light->color) * lr_light_intensity(light);
+    lr_light_bound(light, &node.bounds);
     return node;
 }
 
 /* The smallest cone around both: directions within it of *axis. */
-static void unite_cones(const lr_light_node *a, const lr_light_node *b, double axis[3],
+static void unite_cones(const lr_light_bounds *a, const lr_light_bounds *b, double axis[3],
                         double *cos_facing)
 {
     const double of_a = acos(lr_clamp(a->cos_facing, -1, 1));
     const double of_b = acos(lr_clamp(b->cos_facing, -1, 1));
     const double apart = acos(lr_clamp(lr_dot(a->axis, b->axis), -1, 1));
-    const lr_light_node *wide = of_a >= of_b ? a : b;
+    const lr_light_bounds *wide = of_a >= of_b ? a : b;
     const double wider = fmax(of_a, of_b), narrower = fmin(of_a, of_b);
     memcpy(axis, wide->axis, 3 * sizeof *axis);
     *cos_facing = wide->cos_facing;
     if (fmin(apart + narrower, LR_PI) <= wider)
         return;
     const double angle = 0.5 * (of_a + apart + of_b);
-    const lr_light_node *other = wide == a ? b : a;
+    const lr_light_bounds *other = wide == a ? b : a;
     double side[3];
     const double along = lr_dot(wide->axis, other->axis);
     for (int k = 0; k < 3; k++)
@@ -100,7 +74,7 @@ static void unite_cones(const lr_light_node *a, const lr_light_node *b, double a
         axis[k] = cos(turn) * wide->axis[k] + sin(turn) / length * side[k];
 }
 
-static void unite(lr_light_node *a, const lr_light_node *b)
+static void unite(lr_light_bounds *a, const lr_light_bounds *b)
 {
     double axis[3], cos_facing;
     unite_cones(a, b, axis, &cos_facing);
@@ -108,7 +82,6 @@ static void unite(lr_light_node *a, const lr_light_node *b)
     a->cos_facing = cos_facing;
     a->cos_shining = fmin(a->cos_shining, b->cos_shining);
     a->power += b->power;
-    a->met = a->met || b->met;
     for (int k = 0; k < 3; k++) {
         a->lo[k] = fmin(a->lo[k], b->lo[k]);
         a->hi[k] = fmax(a->hi[k], b->hi[k]);
@@ -117,29 +90,29 @@ static void unite(lr_light_node *a, const lr_light_node *b)
 
 /* ---- building --------------------------------------------------------------- */
 
-static double centre(const lr_light_node *node, int axis)
+static double centre(const lr_light_bounds *bounds, int axis)
 {
-    return 0.5 * (node->lo[axis] + node->hi[axis]);
+    return 0.5 * (bounds->lo[axis] + bounds->hi[axis]);
 }
 
 /* Power by the square of the box's diagonal and by the directions into which it goes. */
-static double cost_of(const lr_light_node *node)
+static double cost_of(const lr_light_bounds *bounds)
 {
-    const double x = node->hi[0] - node->lo[0], y = node->hi[1] - node->lo[1];
-    const double z = node->hi[2] - node->lo[2];
-    const double facing = acos(lr_clamp(node->cos_facing, -1, 1));
-    const double reach = fmin(facing + acos(node->cos_shining), LR_PI);
+    const double x = bounds->hi[0] - bounds->lo[0], y = bounds->hi[1] - bounds->lo[1];
+    const double z = bounds->hi[2] - bounds->lo[2];
+    const double facing = acos(lr_clamp(bounds->cos_facing, -1, 1));
+    const double reach = fmin(facing + acos(bounds->cos_shining), LR_PI);
     const double s = sin(facing);
     const double directions =
         2 * LR_PI * (1 - cos(facing)) +
         0.5 * LR_PI * (2 * reach * s - cos(facing - 2 * reach) - 2 * facing * s + cos(facing));
-    return node->power * directions * (x * x + y * y + z * z);
+    return bounds->power * directions * (x * x + y * y + z * z);
 }
 
 /* Which bin of the centres' range lo..hi. */
-static int bin_of(const lr_light_node *node, int axis, double lo, double hi)
+static int bin_of(const lr_light_bounds *bounds, int axis, double lo, double hi)
 {
-    return (int32_t)lr_clamp((centre(node, axis) - lo) / (hi - lo) * BINS, 0, BINS - 1);
+    return (int32_t)lr_clamp((centre(bounds, axis) - lo) / (hi - lo) * BINS, 0, BINS - 1);
 }
 
 typedef struct lr_cut {
@@ -151,23 +124,23 @@ typedef struct lr_cut {
 static void try_axis(const lr_light_node *leaves, uint32_t n, int axis, lr_cut *best)
 {
     double lo = INFINITY, hi = -INFINITY, above[BINS];
-    lr_light_node bins[BINS];
+    lr_light_bounds bins[BINS];
     bool used[BINS] = {false};
     for (uint32_t i = 0; i < n; i++) {
-        lo = fmin(lo, centre(&leaves[i], axis));
-        hi = fmax(hi, centre(&leaves[i], axis));
+        lo = fmin(lo, centre(&leaves[i].bounds, axis));
+        hi = fmax(hi, centre(&leaves[i].bounds, axis));
     }
     if (!(hi > lo && hi - lo < INFINITY))
         return;
     for (uint32_t i = 0; i < n; i++) {
-        const int b = bin_of(&leaves[i], axis, lo, hi);
+        const int b = bin_of(&leaves[i].bounds, axis, lo, hi);
         if (used[b])
-            unite(&bins[b], &leaves[i]);
+            unite(&bins[b], &leaves[i].bounds);
         else
-            bins[b] = leaves[i];
+            bins[b] = leaves[i].bounds;
         used[b] = true;
     }
-    lr_light_node part = bins[BINS - 1]; /* holds the highest centre */
+    lr_light_bounds part = bins[BINS - 1]; /* holds the highest centre */
     for (int b = BINS - 1; b > 0; b--) {
         if (b < BINS - 1 && used[b])
             unite(&part, &bins[b]);
@@ -193,7 +166,7 @@ static uint32_t part(lr_light_node *leaves, uint32_t n, uint32_t depth)
         return n / 2;
     uint32_t low = 0;
     for (uint32_t i = 0; i < n; i++)
-        if (bin_of(&leaves[i], best.axis, best.lo, best.hi) < best.bin) {
+        if (bin_of(&leaves[i].bounds, best.axis, best.lo, best.hi) < best.bin) {
             const lr_light_node swap = leaves[low];
             leaves[low++] = leaves[i];
             leaves[i] = swap;
@@ -217,7 +190,8 @@ static void grow(lr_light_tree *light_tree, lr_light_node *leaves, uint32_t n, u
     grow(light_tree, leaves, low, child, at, depth + 1);
     grow(light_tree, leaves + low, n - low, child + 1, at, depth + 1);
     *node = light_tree->nodes[child];
-    unite(node, &light_tree->nodes[child + 1]);
+    unite(&node->bounds, &light_tree->nodes[child + 1].bounds);
+    node->met = node->met || light_tree->nodes[child + 1].met;
     node->child = child;
     node->parent = parent;
 }
@@ -226,7 +200,7 @@ lr_status lr_light_tree_make(const lr_light *lights, uint64_t n_lights,
                              const lr_environment *environment, lr_light_tree *light_tree,
                              lr_error *error)
 {
-    *light_tree = (lr_light_tree){.lights = lights, .n_lights = n_lights};
+    *light_tree = (lr_light_tree){.n_lights = n_lights};
     light_tree->n = n_lights + (environment->width > 0);
     light_tree->world = LR_PI * environment->brightness;
     if (n_lights >= LR_LIGHT_LEAF / 2)
@@ -236,20 +210,21 @@ lr_status lr_light_tree_make(const lr_light *lights, uint64_t n_lights,
     lr_light_node *leaves = malloc(n * sizeof *leaves);
     light_tree->nodes = malloc(2 * n * sizeof *light_tree->nodes);
     light_tree->leaf = malloc(n * sizeof *light_tree->leaf);
-    light_tree->suns = malloc(n * sizeof *light_tree->suns);
-    const bool got = leaves && light_tree->nodes && light_tree->leaf && light_tree->suns;
+    const bool got = leaves && light_tree->nodes && light_tree->leaf;
     uint32_t n_leaves = 0;
     for (uint32_t i = 0; i < n_lights && got; i++) {
-        light_tree->leaf[i] = UINT32_MAX;
-        if (lights[i].kind == LR_LIGHT_SUN)
-            light_tree->suns[light_tree->n_suns++] = i;
-        else
-            leaves[n_leaves++] = leaf_of(&lights[i], i);
+        const lr_light_node leaf = leaf_of(&lights[i], i);
+        if (leaf.bounds.distant) {
+            light_tree->leaf[i] = light_tree->n_distant;
+            light_tree->nodes[light_tree->n_distant++] = leaf;
+        } else {
+            leaves[n_leaves++] = leaf;
+        }
     }
-    if (got && n_leaves > 0) {
-        light_tree->n_nodes = 1;
-        grow(light_tree, leaves, n_leaves, 0, 0, 0);
-    }
+    const uint32_t root = light_tree->n_distant;
+    light_tree->n_nodes = root + (n_leaves > 0);
+    if (n_leaves > 0)
+        grow(light_tree, leaves, n_leaves, root, root, 0);
     free(leaves);
     if (got)
         return LR_OK;
@@ -261,7 +236,6 @@ void lr_light_tree_free(lr_light_tree *light_tree)
 {
     free(light_tree->nodes);
     free(light_tree->leaf);
-    free(light_tree->suns);
     *light_tree = (lr_light_tree){.n = 0};
 }
 
@@ -275,86 +249,99 @@ static double facing(const double n[3], const double d[3], double cos_around)
     return fmax(cos_less(lr_clamp(lr_dot(n, d), -1, 1), cos_around), 0);
 }
 
-/* A bound of the irradiance that the node's lights bring, but for the distance, which is that of
+/* A bound of the irradiance that lights bring, but for the distance, which is that of
  * the box's centre, and no less than its radius. */
-static double bound(const lr_light_node *node, const double p[3], const double n[3])
+static double bound(const lr_light_bounds *bounds, const double p[3], const double n[3])
 {
     double to[3], radius2 = 0;
     for (int a = 0; a < 3; a++) {
-        const double half = 0.5 * (node->hi[a] - node->lo[a]);
-        to[a] = centre(node, a) - p[a];
+        const double half = 0.5 * (bounds->hi[a] - bounds->lo[a]);
+        to[a] = centre(bounds, a) - p[a];
         radius2 += half * half;
     }
     const double square = lr_dot(to, to);
     if (!(square > radius2)) /* within: all is possible */
-        return radius2 > 0 ? node->power / radius2 : 0;
+        return radius2 > 0 ? bounds->power / radius2 : 0;
     const double distance = sqrt(square);
     const double cos_seen = sqrt(1 - radius2 / square); /* of the box's half width */
     for (int a = 0; a < 3; a++)
         to[a] /= distance;
-    const double cos_axis = lr_clamp(-lr_dot(to, node->axis), -1, 1);
-    const double cos_least = cos_less(cos_less(cos_axis, node->cos_facing), cos_seen);
-    if (cos_least < node->cos_shining)
+    const double cos_axis = lr_clamp(-lr_dot(to, bounds->axis), -1, 1);
+    const double cos_least = cos_less(cos_less(cos_axis, bounds->cos_facing), cos_seen);
+    if (cos_least < bounds->cos_shining)
         return 0;
-    return node->power * cos_least * facing(n, to, cos_seen) / square;
+    return bounds->power * cos_least * facing(n, to, cos_seen) / square;
 }
 
-static double bound_sun(const lr_light *sun, const double n[3])
+static double bound_distant(const lr_light_bounds *bounds, const double n[3])
 {
-    return magnitude(sun->color) * facing(n, sun->direction, cos(0.5 * sun->angle));
+    return bounds->power * facing(n, bounds->axis, bounds->cos_facing);
 }
 
-/* Of all lights beside each other: the tree, the suns, the world. */
+/* Of the lights of the tree alone. */
+static double bound_root(const lr_light_tree *light_tree, const double p[3], const double n[3])
+{
+    const uint32_t root = light_tree->n_distant;
+    return light_tree->n_nodes > root ? bound(&light_tree->nodes[root].bounds, p, n) : 0;
+}
+
+/* Of all lights beside each other: the tree, the distant lights, the world. */
 static double bound_all(const lr_light_tree *light_tree, const double p[3], const double n[3])
 {
     double all = light_tree->world;
-    for (uint32_t i = 0; i < light_tree->n_suns; i++)
-        all += bound_sun(&light_tree->lights[light_tree->suns[i]], n);
-    return light_tree->n_nodes > 0 ? all + bound(&light_tree->nodes[0], p, n) : all;
+    for (uint32_t i = 0; i < light_tree->n_distant; i++)
+        all += bound_distant(&light_tree->nodes[i].bounds, n);
+    return all + bound_root(light_tree, p, n);
+}
+
+/* The fraction of what two neighbours bring that is the first one's; -1 where that is nothing. */
+static double first_fraction(const lr_light_node *child, const double p[3], const double n[3])
+{
+    const double first = bound(&child[0].bounds, p, n), second = bound(&child[1].bounds, p, n);
+    return first + second > 0 ? first / (first + second) : -1;
 }
 
 /* Down the tree; u in 0..1 is used up. */
 static uint64_t descend(const lr_light_tree *light_tree, const double p[3], const double n[3],
-                        double u, double *chance)
+                        double u, double *probability)
 {
-    const lr_light_node *node = light_tree->nodes;
+    const lr_light_node *node = &light_tree->nodes[light_tree->n_distant];
     while ((node->child & LR_LIGHT_LEAF) == 0) {
         const lr_light_node *child = &light_tree->nodes[node->child];
-        const double first = bound(child, p, n), second = bound(child + 1, p, n);
-        if (!(first + second > 0))
+        const double fraction = first_fraction(child, p, n);
+        if (fraction < 0)
             return LR_LIGHT_NONE;
-        const double share = first / (first + second);
-        const bool left = u < share;
-        u = fmin(left ? u / share : (u - share) / (1 - share), 1 - 0x1p-53);
-        *chance *= left ? share : 1 - share;
-        node = left ? child : child + 1;
+        const bool first = u < fraction;
+        u = fmin(first ? u / fraction : (u - fraction) / (1 - fraction), 1 - 0x1p-53);
+        *probability *= first ? fraction : 1 - fraction;
+        node = first ? child : child + 1;
     }
     return node->child & ~LR_LIGHT_LEAF;
 }
 
 uint64_t lr_light_tree_choose(const lr_light_tree *light_tree, const double p[3], const double n[3],
-                              double u, double *chance)
+                              double u, double *probability)
 {
     const double all = bound_all(light_tree, p, n);
     if (!(all > 0))
         return LR_LIGHT_NONE;
     double x = u * all;
-    for (uint32_t i = 0; i < light_tree->n_suns; i++) {
-        const double sun = bound_sun(&light_tree->lights[light_tree->suns[i]], n);
-        *chance = sun / all;
-        if (x < sun)
-            return light_tree->suns[i];
-        x -= sun;
+    for (uint32_t i = 0; i < light_tree->n_distant; i++) {
+        const double distant = bound_distant(&light_tree->nodes[i].bounds, n);
+        *probability = distant / all;
+        if (x < distant)
+            return light_tree->nodes[i].child & ~LR_LIGHT_LEAF;
+        x -= distant;
     }
-    *chance = light_tree->world / all;
+    *probability = light_tree->world / all;
     if (x < light_tree->world)
         return light_tree->n_lights;
     x -= light_tree->world;
-    const double tree = light_tree->n_nodes > 0 ? bound(&light_tree->nodes[0], p, n) : 0;
-    *chance = tree / all;
+    const double tree = bound_root(light_tree, p, n);
+    *probability = tree / all;
     if (!(tree > 0)) /* by rounding */
         return LR_LIGHT_NONE;
-    return descend(light_tree, p, n, lr_clamp(x / tree, 0, 1 - 0x1p-53), chance);
+    return descend(light_tree, p, n, lr_clamp(x / tree, 0, 1 - 0x1p-53), probability);
 }
 
 double lr_light_tree_probability(const lr_light_tree *light_tree, uint64_t light_index,
@@ -366,42 +353,41 @@ double lr_light_tree_probability(const lr_light_tree *light_tree, uint64_t light
     if (light_index == light_tree->n_lights)
         return light_tree->world / all;
     uint32_t at = light_tree->leaf[light_index];
-    if (at == UINT32_MAX)
-        return bound_sun(&light_tree->lights[light_index], n) / all;
-    double chance = bound(&light_tree->nodes[0], p, n) / all;
-    while (at != 0 && chance > 0) {
+    if (at < light_tree->n_distant)
+        return bound_distant(&light_tree->nodes[at].bounds, n) / all;
+    double probability = bound_root(light_tree, p, n) / all;
+    while (at != light_tree->n_distant && probability > 0) {
         const lr_light_node *parent = &light_tree->nodes[light_tree->nodes[at].parent];
-        const double first = bound(&light_tree->nodes[parent->child], p, n);
-        const double second = bound(&light_tree->nodes[parent->child + 1], p, n);
-        if (!(first + second > 0))
+        const double fraction = first_fraction(&light_tree->nodes[parent->child], p, n);
+        if (fraction < 0)
             return 0;
-        const double share = first / (first + second);
-        chance *= at == parent->child ? share : 1 - share;
+        probability *= at == parent->child ? fraction : 1 - fraction;
         at = light_tree->nodes[at].parent;
     }
-    return chance;
+    return probability;
 }
 
 /* ---- rays ------------------------------------------------------------------- */
 
 void lr_light_tree_start(const lr_light_tree *light_tree, lr_light_walk *walk)
 {
-    walk->n = light_tree->n_nodes > 0;
-    walk->node[0] = 0;
+    walk->n_distant = 0;
+    walk->n = light_tree->n_nodes > light_tree->n_distant;
+    walk->node[0] = light_tree->n_distant;
 }
 
-/* A share by which boxes are grown against rounding. */
+/* A fraction by which boxes are grown against rounding. */
 static const double MARGIN = 0x1p-40;
 
-static bool meets(const lr_light_node *node, const double o[3], const double d[3], double t_max)
+static bool meets(const lr_light_bounds *bounds, const double o[3], const double d[3], double t_max)
 {
     double enter = 0, leave = t_max;
     for (int a = 0; a < 3; a++) {
-        const double slack = MARGIN * (fabs(node->lo[a]) + fabs(node->hi[a]) + fabs(o[a]));
-        const double t0 = (node->lo[a] - slack - o[a]) / d[a];
-        const double t1 = (node->hi[a] + slack - o[a]) / d[a];
+        const double slack = MARGIN * (fabs(bounds->lo[a]) + fabs(bounds->hi[a]) + fabs(o[a]));
+        const double t0 = (bounds->lo[a] - slack - o[a]) / d[a];
+        const double t1 = (bounds->hi[a] + slack - o[a]) / d[a];
         if (d[a] == 0) {
-            if (o[a] < node->lo[a] - slack || o[a] > node->hi[a] + slack)
+            if (o[a] < bounds->lo[a] - slack || o[a] > bounds->hi[a] + slack)
                 return false;
             continue;
         }
@@ -414,9 +400,14 @@ static bool meets(const lr_light_node *node, const double o[3], const double d[3
 uint64_t lr_light_tree_next(const lr_light_tree *light_tree, lr_light_walk *walk, const double o[3],
                             const double d[3], double t_max)
 {
+    while (walk->n_distant < light_tree->n_distant && !(t_max < INFINITY)) {
+        const lr_light_node *node = &light_tree->nodes[walk->n_distant++];
+        if (node->met)
+            return node->child & ~LR_LIGHT_LEAF;
+    }
     while (walk->n > 0) {
         const lr_light_node *node = &light_tree->nodes[walk->node[--walk->n]];
-        if (!node->met || !meets(node, o, d, t_max))
+        if (!node->met || !meets(&node->bounds, o, d, t_max))
             continue;
         if ((node->child & LR_LIGHT_LEAF) != 0)
             return node->child & ~LR_LIGHT_LEAF;

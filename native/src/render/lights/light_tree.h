@@ -14,49 +14,42 @@ enum {
 
 #define LR_LIGHT_NONE UINT64_MAX
 
-/* Some lights: what a place may get of them. */
+/* Some lights, or one. */
 typedef struct lr_light_node {
-    double lo[3], hi[3]; /* box */
-    double axis[3];      /* they face directions within an angle of this (unit); */
-    double cos_facing;   /* its cosine. */
-    double cos_shining;  /* Each shines up to this angle, at most a right one, beside them. */
-    double power;        /* sum of their intensities, of all colours, whatever their sign */
-    uint32_t child;      /* the first of two neighbours; or the light | LR_LIGHT_LEAF */
-    uint32_t parent;     /* of the root itself */
-    bool met;            /* by rays: some has extent */
+    lr_light_bounds bounds;
+    uint32_t child;  /* the first of two neighbours; or the light | LR_LIGHT_LEAF */
+    uint32_t parent; /* of the root itself */
+    bool met;        /* by rays: some has extent */
 } lr_light_node;
 
 #define LR_LIGHT_LEAF 0x80000000u
 
 typedef struct lr_light_tree {
-    const lr_light *lights;
     uint64_t n_lights;
     uint64_t n;           /* with the world, the last, where it has to be asked like a light */
-    lr_light_node *nodes; /* the first is the root */
-    uint32_t n_nodes;
-    uint32_t *leaf; /* [n_lights] its node, or for suns UINT32_MAX */
-    uint32_t *suns;
-    uint32_t n_suns;
-    double world; /* its irradiance, of all colours */
+    lr_light_node *nodes; /* first the distant lights, then the root */
+    uint32_t n_nodes, n_distant;
+    uint32_t *leaf; /* [n_lights] its node */
+    double world;   /* its irradiance, of lr_brightness */
 } lr_light_tree;
 
-/* lights must stay. */
 lr_status lr_light_tree_make(const lr_light *lights, uint64_t n_lights,
                              const lr_environment *environment, lr_light_tree *light_tree,
                              lr_error *error);
 void lr_light_tree_free(lr_light_tree *light_tree);
 
 /* A light for the point p of a surface with normal n (unit; zero: it gets light from either side),
- * the likelier the more it may bring, and its chance; LR_LIGHT_NONE where none brings anything.
- * u: 0..1, 1 not included. */
+ * the likelier the more it may bring, and its selection probability; LR_LIGHT_NONE where none
+ * brings anything. u: 0..1, 1 not included. */
 uint64_t lr_light_tree_choose(const lr_light_tree *light_tree, const double p[3], const double n[3],
-                              double u, double *chance);
+                              double u, double *probability);
 double lr_light_tree_probability(const lr_light_tree *light_tree, uint64_t light_index,
                                  const double p[3], const double n[3]);
 
-/* Lights of extent, suns apart, whose boxes the ray from o along d meets before t_max, one after
- * the other. The tree is at most so high. */
+/* Lights of extent that the ray from o along d may meet before t_max, one after the other: distant
+ * ones, then those whose boxes it meets. The tree is at most so high. */
 typedef struct lr_light_walk {
+    uint32_t n_distant; /* behind it */
     uint32_t n, node[LR_LIGHT_WALK];
 } lr_light_walk;
 

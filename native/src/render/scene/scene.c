@@ -230,7 +230,7 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     for (uint64_t i = 0; i < desc->n_lights; i++) {
         double *d = scene->lights[i].direction;
         const double length = sqrt(lr_dot(d, d));
-        for (int a = 0; a < 3 && scene->lights[i].kind != LR_LIGHT_POINT; a++)
+        for (int a = 0; a < 3 && length > 0; a++) /* not all types have one */
             d[a] /= length;
     }
     for (uint64_t i = 0; i < desc->n_materials; i++)

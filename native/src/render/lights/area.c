@@ -19,12 +19,37 @@
  * 2013.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "render/lights/area_light.h"
+#include "base/error.h"
+#include "render/lights/light_fields.h"
+#include "render/lights/light_geometry.h"
+#include "render/lights/light_type.h"
 
 /* Spreads from here on are as good as pi: slats that let everything through. */
 static const double SPREAD_FULL = LR_PI - 2e-6;
 /* Half a spread below which tan(h) - h loses digits, and h^3 / 3 is as good to 1e-8. */
 static const double SPREAD_THIN = 1e-4;
+
+lr_status lr_area_light_check(const lr_light *light, uint64_t i, lr_error *error)
+{
+    const int fields = LR_FIELD_POSITION | LR_FIELD_DIRECTION | LR_FIELD_SHAPE | LR_FIELD_ANGLE;
+    double n[3];
+    lr_cross_product(light->axis_u, light->axis_v, n);
+    const double area = sqrt(lr_dot(n, n));
+    if (!(area > 0 && isfinite(area)))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "light %llu must have two finite sides that span an area",
+                       (unsigned long long)i);
+    if (!isfinite(light->plane_margin))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "light %llu must have a finite plane margin, it has %g",
+                       (unsigned long long)i, light->plane_margin);
+    return lr_light_fields_check(light, i, fields, error);
+}
+
+bool lr_area_light_has_extent(const lr_light *light)
+{
+    return light->angle > 0;
+}
 
 /* ---- radiance ------------------------------------------------------------- */
 
@@ -33,7 +58,7 @@ static bool is_full(const lr_light *light)
     return light->angle >= SPREAD_FULL;
 }
 
-/* What leaves along d, which leads to the light, as a share of its color; not of a beam. */
+/* What leaves along d, which leads to the light, as a fraction of its color; not of a beam. */
 static double let_out(const lr_light *light, const double d[3])
 {
     const double cosine = -lr_dot(d, light->direction);
@@ -47,24 +72,33 @@ static double let_out(const lr_light *light, const double d[3])
     return fmax(steepest - slope, 0) / lost;
 }
 
-static bool shine(const lr_light *light, const double d[3], double color[3])
-{
-    const double share = let_out(light, d);
-    for (int a = 0; a < 3; a++)
-        color[a] = share * light->color[a];
-    return share > 0;
-}
-
 static double area_of(const lr_light *light)
 {
     const double *u = light->axis_u, *v = light->axis_v;
     return sqrt(lr_dot(u, u) * lr_dot(v, v)) * (light->shape == LR_LIGHT_ROUND ? LR_PI / 4 : 1);
 }
 
-double lr_area_light_intensity(const lr_light *light)
+/* The radiant intensity where it is largest, as a multiple of color. */
+static double intensity(const lr_light *light)
 {
     const double *n = light->direction, against[3] = {-n[0], -n[1], -n[2]};
     return area_of(light) * (light->angle > 0 ? let_out(light, against) : LR_PI);
+}
+
+void lr_area_light_bound(const lr_light *light, lr_light_bounds *bounds)
+{
+    double half[3];
+    for (int a = 0; a < 3; a++) {
+        const double u = 0.5 * light->axis_u[a], v = 0.5 * light->axis_v[a];
+        half[a] = light->shape == LR_LIGHT_ROUND ? hypot(u, v) : fabs(u) + fabs(v);
+    }
+    *bounds = (lr_light_bounds){
+        .axis = {light->direction[0], light->direction[1], light->direction[2]},
+        .cos_facing = 1,
+        .cos_shining = fmax(cos(0.5 * light->angle), 0),
+        .power = lr_brightness(light->color) * intensity(light),
+    };
+    lr_light_box(light, half, bounds);
 }
 
 /* ---- what is seen ----------------------------------------------------------- */
@@ -151,8 +185,8 @@ static bool see_part(const lr_light *light, const double p[3], lr_light_part *r)
         r->hi[k] = 0.5 * r->length[k];
     }
     const double *x = r->axis[0], *y = r->axis[1];
-    const double n[3] = {x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2],
-                         x[0] * y[1] - x[1] * y[0]};
+    double n[3];
+    lr_cross_product(x, y, n);
     const double sign = lr_dot(r->to, n) > 0 ? -1 : 1;
     for (int a = 0; a < 3; a++)
         r->axis[2][a] = sign * n[a];
@@ -285,11 +319,12 @@ bool lr_area_light_sample(const lr_light *light, const double p[3], const double
         return true;
     }
     const bool all = r.kind == LR_PART_ELLIPSE || light->shape == LR_LIGHT_FULL;
-    return (all || holds(&r, light->shape, to)) && shine(light, ray->direction, ray->color);
+    return (all || holds(&r, light->shape, to)) &&
+           lr_light_shine(light, let_out(light, ray->direction), ray->color);
 }
 
-bool lr_area_light_hit(const lr_light *light, const double o[3], const double d[3], double *t,
-                       double color[3], double *pdf)
+bool lr_area_light_hit(const lr_light *light, const double o[3], const double d[3], double t_max,
+                       double *t, double color[3], double *pdf)
 {
     lr_light_part r;
     const double cosine = -lr_dot(d, light->direction);
@@ -297,9 +332,9 @@ bool lr_area_light_hit(const lr_light *light, const double o[3], const double d[
         return false;
     const double distance = r.height / cosine;
     const double to[3] = {distance * d[0], distance * d[1], distance * d[2]};
-    if (!holds(&r, light->shape, to) || !shine(light, d, color))
+    if (!holds(&r, light->shape, to) || !lr_light_shine(light, let_out(light, d), color))
         return false;
     *pdf = density(light, &r, d, distance);
     *t = end_of(light, r.height, distance);
-    return true;
+    return *t < t_max;
 }
