@@ -296,6 +296,26 @@ def test_shadows_take_on_the_colour_of_what_is_transparent(sphere, floor):
     assert not opaque["Combined"][under][:, :3].any()  # as Cycles: glass casts a full shadow
 
 
+@pytest.mark.parametrize("kind", ["sun", "point"])
+def test_every_pane_in_the_way_of_light_takes_its_share(kind, floor):
+    """They cover the whole picture, so that every ray of the wave goes on."""
+    light = Light(kind, (3, 3, 3), (0, 0, 40), direction=(0, 0, 1))
+    cam = camera((0, 0, 1), size=(8, 8), width=1, kind="orthographic")
+    tint, sigma, thickness = 0.9, 0.2, 8.75 / 8  # of voxels of 1/8
+    pane = material("transparent", (tint,) * 3, absorption=(sigma,) * 3)
+    panes = leapray.build(slab(half=2.0))
+
+    def mean(n):
+        things = [one(panes, at(z=3.0 + 2 * k), visible_camera=False) for k in range(n)]
+        things = [(one(floor), material("diffuse")), *((thing, pane) for thing in things)]
+        return render(cam, things, [light], world=(0, 0, 0), size=(8, 8))["Combined"][..., 0].mean()
+
+    free = mean(0)
+    for n in (1, 2, 3):
+        want = (tint**2 * np.exp(-sigma * thickness)) ** n
+        assert mean(n) / free == pytest.approx(want, rel=1e-3)
+
+
 def test_beyond_the_limit_of_transparent_surfaces_all_is_black(sphere):
     things = [(one(sphere, at(y=2.5 * k)), material("transparent")) for k in range(3)]
     cam = camera((0, -40, 0), width=0.02)

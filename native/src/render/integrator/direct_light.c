@@ -114,9 +114,9 @@ static uint32_t pass_surfaces(const lr_job *job, uint32_t n)
         lr_shadow_ray *shadow_ray = &w->shadow_rays[k];
         const bool hit = wave->instance[i] != LR_NOWHERE;
         const double d[3] = {wave->ray.dx[i], wave->ray.dy[i], wave->ray.dz[i]};
+        const double t = wave->t[i]; /* its place may be taken by the next ray that is kept */
         if (job->scene->has_media)
-            lr_medium_stack_absorb(job->scene, &w->shadow_media[k], wave->t[i],
-                                   shadow_ray->contribution);
+            lr_medium_stack_absorb(job->scene, &w->shadow_media[k], t, shadow_ray->contribution);
         if (!hit || is_black(shadow_ray->contribution))
             continue;
         lr_shading_point s;
@@ -124,11 +124,11 @@ static uint32_t pass_surfaces(const lr_job *job, uint32_t n)
         const bool through = shadow_ray->clear++ <= (uint32_t)job->tile->transparent_bounces;
         for (int a = 0; a < 3; a++)
             shadow_ray->contribution[a] *= through ? s.bsdf.transparency[a] : 0;
+        shadow_ray->ends -= t;
         if (!is_black(shadow_ray->contribution))
-            spawn_shadow_ray(job, kept++, k, &s, d, shadow_ray->ends - wave->t[i], true);
+            spawn_shadow_ray(job, kept++, k, &s, d, shadow_ray->ends, true);
         else
             lr_record_blocked(job, shadow_ray, wave->instance[i]);
-        shadow_ray->ends -= wave->t[i];
     }
     return kept;
 }
