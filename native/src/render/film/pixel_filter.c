@@ -7,7 +7,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/film/pixel_filter.h"
 
-/* Integral of the window over 0..x, as a share of that over 0..1. */
+/* Integral of the window over 0..x, as a fraction of that over 0..1. */
 static double integral(double x)
 {
     const double a = (2 * LR_PI) * x;
@@ -15,12 +15,12 @@ static double integral(double x)
                    (0.35875 * (2 * LR_PI));
 }
 
-static double inverse(double share)
+static double inverse(double fraction)
 {
     double lo = 0, hi = 1;
     for (int k = 0; k < 60; k++) {
         const double middle = 0.5 * (lo + hi);
-        if (integral(middle) < share)
+        if (integral(middle) < fraction)
             lo = middle;
         else
             hi = middle;
@@ -31,8 +31,8 @@ static double inverse(double share)
 void lr_filter_make(int32_t filter, double width, double *table)
 {
     for (int k = 0; k <= LR_FILTER_TABLE; k++) {
-        const double share = (double)k / LR_FILTER_TABLE;
-        table[k] = filter == LR_FILM_BOX ? share - 0.5 : 2 * width * (inverse(share) - 0.5);
+        const double fraction = (double)k / LR_FILTER_TABLE;
+        table[k] = filter == LR_FILM_BOX ? fraction - 0.5 : 2 * width * (inverse(fraction) - 0.5);
     }
     table[LR_FILTER_TABLE / 2] = 0;
 }

@@ -13,6 +13,7 @@
 
 #include "base/error.h"
 #include "render/film/sampling.h"
+#include "render/integrator/intersect_closest.h"
 #include "render/integrator/medium_stack.h"
 #include "render/integrator/path_record.h"
 #include "render/integrator/scatter.h"
@@ -51,9 +52,9 @@ static bool evaluate(const lr_shading_point *s, const lr_sampled_light *sampled,
         if ((sampled->visibility & lr_sees(kind)) == 0)
             continue;
         const double other = sampled->ray.delta ? 0 : s->probability[kind] * response->pdf;
-        const double share = lr_mis(probability * sampled->ray.pdf, other);
+        const double mis_weight = lr_mis(probability * sampled->ray.pdf, other);
         for (int a = 0; a < 3; a++)
-            sum[a] += share * response->f_cos[a];
+            sum[a] += mis_weight * response->f_cos[a];
     }
     const double scale = 1 / (probability * sampled->ray.pdf);
     for (int a = 0; a < 3; a++)
@@ -61,113 +62,115 @@ static bool evaluate(const lr_shading_point *s, const lr_sampled_light *sampled,
     return !is_black(contribution);
 }
 
-/* Aim ray `ray` of the wave, which carries shadow ray `shadow_ray`, from the surface of a shading
- * point. */
-static void spawn_shadow_ray(const lr_job *job, uint32_t ray, uint32_t shadow_ray,
-                             const lr_shading_point *s, const double d[3], double t_max,
-                             bool beyond)
+/* Reads a shading point; writes ray i, which leaves its surface along d. owner: see
+ * lr_ray_queue. */
+static void spawn_shadow_ray(const lr_shading_point *s, const double d[3], double t_max,
+                             bool beyond, uint32_t owner, uint32_t i, lr_ray_queue *rays)
 {
-    lr_workspace *w = job->workspace;
     double origin[3];
-    w->wave.start[ray] = lr_surface_light_start(s, beyond, d, origin);
-    lr_aim(&w->wave, ray, origin, d, t_max);
-    w->wave.from[ray] = s->instance;
-    w->wave.visibility[ray] = LR_VISIBLE_SHADOW;
-    w->carried[ray] = shadow_ray;
-    if (job->scene->has_media && beyond)
-        lr_surface_cross(job->scene, s, &w->shadow_media[shadow_ray]);
+    rays->start[i] = lr_surface_light_start(s, beyond, d, origin);
+    lr_aim(rays, i, origin, d, t_max);
+    rays->from[i] = s->instance;
+    rays->visibility[i] = LR_VISIBLE_SHADOW;
+    rays->owner[i] = owner;
 }
 
-/* Shadow rays that no opaque surface has stopped; their rays are moved to the front. */
-static uint32_t keep_free(const lr_job *job, uint32_t n)
+/* Reads the hits; writes the contributions of shadow rays that an opaque surface has stopped,
+ * which are 0, and moves the rays of the others to the front. */
+static void keep_free(const lr_hit_queue *hits, lr_ray_queue *rays, lr_shadow_queue *shadow_rays,
+                      lr_record *record)
 {
-    lr_workspace *w = job->workspace;
-    uint32_t kept = 0;
-    lr_wave *wave = &w->wave;
+    const uint32_t n = rays->n;
+    rays->n = 0;
     for (uint32_t i = 0; i < n; i++) {
-        lr_shadow_ray *shadow_ray = &w->shadow_rays[w->carried[i]];
-        if (wave->instance[i] != LR_NOWHERE) {
+        lr_shadow_ray *shadow_ray = &shadow_rays->rays[rays->owner[i]];
+        if (hits->instance[i] != LR_NOWHERE) {
             memset(shadow_ray->contribution, 0, sizeof shadow_ray->contribution);
-            lr_record_blocked(job, shadow_ray, wave->instance[i]);
+            lr_record_blocked(shadow_ray, hits->instance[i], record);
             continue;
         }
+        const uint32_t kept = rays->n++;
         double o[3], d[3];
-        lr_get_ray(&wave->ray, i, o, d);
-        lr_aim(wave, kept, o, d, wave->t[i]);
-        wave->from[kept] = wave->from[i];
-        wave->start[kept] = wave->start[i];
-        wave->visibility[kept] = wave->visibility[i];
-        w->carried[kept++] = w->carried[i];
+        lr_get_ray(&rays->ray, i, o, d);
+        lr_aim(rays, kept, o, d, rays->t_max[i]);
+        rays->from[kept] = rays->from[i];
+        rays->start[kept] = rays->start[i];
+        rays->visibility[kept] = rays->visibility[i];
+        rays->owner[kept] = rays->owner[i];
     }
-    return kept;
 }
 
-/* Take the rays through the transparent surfaces that they have hit. Returns how
- * many are still on their way. */
-static uint32_t pass_surfaces(const lr_job *job, uint32_t n)
+/* Take the rays through the transparent surfaces that they have hit: reads the hits; writes the
+ * shadow rays' contributions and media, and rays from there for those still on their way. */
+static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
+                          const lr_hit_queue *hits, lr_ray_queue *rays,
+                          lr_shadow_queue *shadow_rays, lr_record *record)
 {
-    lr_workspace *w = job->workspace;
-    lr_wave *wave = &w->wave;
-    uint32_t kept = 0;
+    const uint32_t n = rays->n;
+    rays->n = 0;
     for (uint32_t i = 0; i < n; i++) {
-        const uint32_t k = w->carried[i];
-        lr_shadow_ray *shadow_ray = &w->shadow_rays[k];
-        const bool hit = wave->instance[i] != LR_NOWHERE;
-        const double d[3] = {wave->ray.dx[i], wave->ray.dy[i], wave->ray.dz[i]};
-        const double t = wave->t[i]; /* its place may be taken by the next ray that is kept */
-        if (job->scene->has_media)
-            lr_medium_stack_absorb(job->scene, &w->shadow_media[k], t, shadow_ray->contribution);
+        const uint32_t k = rays->owner[i];
+        lr_shadow_ray *shadow_ray = &shadow_rays->rays[k];
+        lr_medium_stack *media = &shadow_rays->media[k];
+        const bool hit = hits->instance[i] != LR_NOWHERE;
+        const double d[3] = {rays->ray.dx[i], rays->ray.dy[i], rays->ray.dz[i]};
+        if (scene->has_media)
+            lr_medium_stack_absorb(scene, media, hits->t[i], shadow_ray->contribution);
         if (!hit || is_black(shadow_ray->contribution))
             continue;
         lr_shading_point s;
-        lr_surface_find(job->scene, wave, i, &w->shadow_media[k], &s);
-        const bool through = shadow_ray->clear++ <= (uint32_t)job->tile->transparent_bounces;
+        lr_surface_find(scene, rays, hits, i, media, &s);
+        const bool through = shadow_ray->clear++ <= transparent_bounces;
         for (int a = 0; a < 3; a++)
             shadow_ray->contribution[a] *= through ? s.bsdf.transparency[a] : 0;
-        shadow_ray->ends -= t;
-        if (!is_black(shadow_ray->contribution))
-            spawn_shadow_ray(job, kept++, k, &s, d, shadow_ray->ends, true);
-        else
-            lr_record_blocked(job, shadow_ray, wave->instance[i]);
+        shadow_ray->ends -= hits->t[i];
+        if (is_black(shadow_ray->contribution)) {
+            lr_record_blocked(shadow_ray, hits->instance[i], record);
+            continue;
+        }
+        spawn_shadow_ray(&s, d, shadow_ray->ends, true, k, rays->n++, rays);
+        if (scene->has_media)
+            lr_surface_cross(scene, &s, media);
     }
-    return kept;
 }
 
-/* Trace the n rays of the wave, then add the contributions of the first n_shadow_rays, in
- * their order, which so does not depend on how full the wave was. */
-static lr_status trace_shadow_rays(const lr_job *job, uint32_t n, uint32_t n_shadow_rays)
+/* Trace shadow rays, then add their contributions in their order, which so does not depend on how
+ * full the wave was: reads the rays; writes shadow rays and the pixels' sums. Both queues are
+ * empty then. */
+static lr_status trace_shadow_rays(const lr_context *context, lr_shadow_queue *shadow_rays,
+                                   lr_wave *wave, lr_film *film)
 {
-    lr_workspace *w = job->workspace;
-    const bool clear = job->scene->has_clear;
-    lr_cast_options options = {
-        .among = clear ? LR_AMONG_OPAQUE : LR_AMONG_ALL,
-        .any = true,
-        .leaving = true,
-        .trace = job->tile->trace,
-    };
-    lr_status status = lr_cast_wave(job, n, &options);
-    uint32_t traced = keep_free(job, status == LR_OK ? n : 0);
+    const lr_scene *scene = context->scene;
+    lr_ray_queue *rays = &wave->rays;
+    lr_hit_queue *hits = &wave->hits;
+    lr_record *record = context->tile->record;
+    lr_intersect_options options = {
+        .among = scene->has_clear ? LR_AMONG_OPAQUE : LR_AMONG_ALL, .any = true, .leaving = true};
+    lr_status status = lr_intersect_closest(context, &options, rays, hits, &wave->memory);
+    if (status == LR_OK)
+        keep_free(hits, rays, shadow_rays, record);
     options.among = LR_AMONG_CLEAR;
     options.any = false;
-    while (status == LR_OK && (clear || job->scene->has_media) && traced > 0) {
-        status = lr_cast_wave(job, traced, &options);
+    while (status == LR_OK && (scene->has_clear || scene->has_media) && rays->n > 0) {
+        status = lr_intersect_closest(context, &options, rays, hits, &wave->memory);
         if (status == LR_OK)
-            traced = pass_surfaces(job, traced);
+            pass_surfaces(scene, (uint32_t)context->tile->transparent_bounces, hits, rays,
+                          shadow_rays, record);
     }
-    for (uint32_t k = 0; k < n_shadow_rays && status == LR_OK; k++) {
-        const lr_path *path = w->shadow_rays[k].shading_point->path;
-        lr_add_light(job, path->pixel, path->bounces[LR_RAY_CAMERA],
-                     w->shadow_rays[k].contribution);
-        lr_record_contribution(job, &w->shadow_rays[k]);
+    for (uint32_t k = 0; k < shadow_rays->n && status == LR_OK; k++) {
+        const lr_path *path = shadow_rays->rays[k].shading_point->path;
+        lr_film_add(film, path->pixel, path->bounces[LR_RAY_CAMERA],
+                    shadow_rays->rays[k].contribution);
+        lr_record_contribution(&shadow_rays->rays[k], record);
     }
+    shadow_rays->n = rays->n = 0;
     return status;
 }
 
 /* The light of sample `ask` of a shading point, and the expected number of its samples. */
-static uint64_t choose_light(const lr_job *job, const lr_shading_point *s, uint32_t ask,
-                             double *probability)
+static uint64_t choose_light(const lr_light_tree *light_tree, const lr_shading_point *s,
+                             uint32_t ask, double *probability)
 {
-    const lr_light_tree *light_tree = &job->scene->light_tree;
     const uint32_t bounces = s->path->bounces[LR_RAY_CAMERA];
     float side[3];
     *probability = 1;
@@ -183,8 +186,8 @@ static uint64_t choose_light(const lr_job *job, const lr_shading_point *s, uint3
     return light_index;
 }
 
-/* Cycles counts so: rays that meet the light by themselves find it all the same, with the share
- * that they would have. */
+/* Cycles counts so: rays that meet the light by themselves find it all the same, with the MIS
+ * weight that they would have. */
 static bool is_beyond_limit(const lr_scene *scene, uint64_t light_index, const lr_path *path)
 {
     const int32_t limit = light_index == scene->n_lights ? scene->world_bounces
@@ -192,93 +195,102 @@ static bool is_beyond_limit(const lr_scene *scene, uint64_t light_index, const l
     return path->bounces[LR_RAY_CAMERA] > limit;
 }
 
-/* Make shadow ray n of light sample `ask`, if it contributes anything; its ray, if it
- * needs one, is the next of the wave. */
-static bool light_by(const lr_job *job, const lr_shading_point *s, uint32_t ask, uint32_t n,
-                     uint32_t *n_rays)
+/* Reads a shading point; writes the shadow ray of its light sample `ask`, if that contributes
+ * anything, and its ray, if it needs one. */
+static void light_by(const lr_context *context, const lr_shading_point *s, uint32_t ask,
+                     lr_shadow_queue *shadow_rays, lr_ray_queue *rays)
 {
-    lr_workspace *w = job->workspace;
+    const lr_scene *scene = context->scene;
     double probability;
-    const uint64_t light_index = choose_light(job, s, ask, &probability);
-    if (light_index == LR_LIGHT_NONE || is_beyond_limit(job->scene, light_index, s->path))
-        return false;
-    const uint32_t key = lr_key(s->path->key, FIRST_LIGHT + ask);
+    const uint64_t light_index = choose_light(&scene->light_tree, s, ask, &probability);
+    if (light_index == LR_LIGHT_NONE || is_beyond_limit(scene, light_index, s->path))
+        return;
+    const uint32_t key = lr_key(s->path->key, FIRST_LIGHT + ask), n = shadow_rays->n;
+    const bool world = light_index == scene->n_lights;
     double u[2] = {0, 0};
     lr_sampled_light sampled;
-    lr_shadow_ray *shadow_ray = &w->shadow_rays[n];
-    if (light_index == job->scene->n_lights ||
-        lr_light_has_extent(&job->scene->lights[light_index]))
+    lr_shadow_ray *shadow_ray = &shadow_rays->rays[n];
+    if (world || lr_light_has_extent(&scene->lights[light_index]))
         lr_sample_pair(key, s->path->sample, u);
-    const bool lit = sample_light(job->scene, light_index, s->origin, u, &sampled) &&
+    const bool lit = sample_light(scene, light_index, s->origin, u, &sampled) &&
                      evaluate(s, &sampled, probability, shadow_ray->contribution);
-    lr_record_light(job, s, light_index, probability, lit ? &sampled : NULL, shadow_ray);
+    lr_record_light(s, light_index, probability, lit ? &sampled : NULL, shadow_ray,
+                    context->tile->record);
     if (!lit)
-        return false;
-    if (light_index == job->scene->n_lights)
-        sampled.ray.distance = lr_world_distance(job, s->path, LR_RAY_DIFFUSE);
+        return;
+    if (world)
+        sampled.ray.distance = lr_world_distance(context->tile, s->path, LR_RAY_DIFFUSE);
     shadow_ray->shading_point = s;
     shadow_ray->clear = s->path->bounces[LR_RAY_TRANSPARENT];
     shadow_ray->ends = sampled.ray.distance;
-    w->shadow_media[n].n = 0;
-    if (job->scene->has_media)
-        w->shadow_media[n] = s->path->media;
-    if ((sampled.visibility & LR_VISIBLE_SHADOW) != 0)
-        spawn_shadow_ray(job, (*n_rays)++, n, s, sampled.ray.direction, sampled.ray.distance,
-                         lr_leads_beyond(s, sampled.ray.direction));
-    return true;
+    shadow_rays->media[n].n = 0;
+    if (scene->has_media)
+        shadow_rays->media[n] = s->path->media;
+    shadow_rays->n++;
+    if ((sampled.visibility & LR_VISIBLE_SHADOW) == 0)
+        return;
+    const bool beyond = lr_leads_beyond(s, sampled.ray.direction);
+    spawn_shadow_ray(s, sampled.ray.direction, sampled.ray.distance, beyond, n, rays->n++, rays);
+    if (scene->has_media && beyond)
+        lr_surface_cross(scene, s, &shadow_rays->media[n]);
 }
 
 /* How many light samples this shading point takes. */
-static uint32_t asked(const lr_job *job, const lr_shading_point *s)
+static uint32_t asked(const lr_light_tree *light_tree, const lr_shading_point *s)
 {
     if (s->path->last || (s->material->flags & LR_MATERIAL_SCATTERS) == 0)
         return 0;
-    return lr_light_tree_asked(&job->scene->light_tree, s->path->bounces[LR_RAY_CAMERA]);
+    return lr_light_tree_asked(light_tree, s->path->bounces[LR_RAY_CAMERA]);
 }
 
-lr_status lr_light_shading_points(const lr_job *job, uint32_t n)
+lr_status lr_light_shading_points(const lr_context *context, const lr_shading_queue *shading_points,
+                                  lr_shadow_queue *shadow_rays, lr_wave *wave, lr_film *film)
 {
-    const uint32_t most = lr_light_tree_asked(&job->scene->light_tree, 0);
-    uint32_t n_shadow_rays = 0, n_rays = 0;
+    const lr_light_tree *light_tree = &context->scene->light_tree;
+    const uint32_t most = lr_light_tree_asked(light_tree, 0);
+    lr_status status = LR_OK;
+    shadow_rays->n = wave->rays.n = 0;
     for (uint32_t ask = 0; ask < most; ask++)
-        for (uint32_t k = 0; k < n; k++) {
-            const lr_shading_point *s = &job->workspace->shading_points[k];
-            if (lr_stopped(job->watch))
-                return lr_fail_stopped(job->error);
-            if (ask >= asked(job, s) || !light_by(job, s, ask, n_shadow_rays, &n_rays))
-                continue;
-            if (++n_shadow_rays < job->workspace->room)
-                continue;
-            const lr_status status = trace_shadow_rays(job, n_rays, n_shadow_rays);
-            if (status != LR_OK)
-                return status;
-            n_shadow_rays = n_rays = 0;
+        for (uint32_t k = 0; k < shading_points->n && status == LR_OK; k++) {
+            const lr_shading_point *s = &shading_points->points[k];
+            if (lr_stopped(context->watch))
+                return lr_fail_stopped(context->error);
+            if (ask < asked(light_tree, s))
+                light_by(context, s, ask, shadow_rays, &wave->rays);
+            if (shadow_rays->n == shadow_rays->capacity)
+                status = trace_shadow_rays(context, shadow_rays, wave, film);
         }
-    return n_shadow_rays > 0 ? trace_shadow_rays(job, n_rays, n_shadow_rays) : LR_OK;
+    if (status == LR_OK && shadow_rays->n > 0)
+        status = trace_shadow_rays(context, shadow_rays, wave, film);
+    return status;
 }
 
-lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n)
+lr_status lr_ambient_occlusion(const lr_context *context, const lr_shading_queue *shading_points,
+                               lr_wave *wave, lr_film *film)
 {
-    lr_workspace *w = job->workspace;
-    const lr_cast_options options = {.any = true, .leaving = true, .trace = job->tile->trace};
-    uint32_t n_rays = 0;
-    for (uint32_t k = 0; k < n; k++) {
-        const lr_shading_point *s = &w->shading_points[k];
+    const lr_intersect_options options = {.any = true, .leaving = true};
+    lr_ray_queue *rays = &wave->rays;
+    rays->n = 0;
+    for (uint32_t k = 0; k < shading_points->n; k++) {
+        const lr_shading_point *s = &shading_points->points[k];
         double u[2], d[3];
         if (!s->path->seen)
             continue;
         lr_sample_pair(lr_key(s->path->key, AMBIENT), s->path->sample, u);
         lr_cosine_direction(s->bsdf.basis.axis[2], u[0], u[1], d);
-        spawn_shadow_ray(job, n_rays++, k, s, d, job->tile->ao_distance, false);
+        spawn_shadow_ray(s, d, context->tile->ao_distance, false, k, rays->n++, rays);
     }
-    const lr_status status = n_rays > 0 ? lr_cast_wave(job, n_rays, &options) : LR_OK;
-    for (uint32_t i = 0; i < n_rays && status == LR_OK; i++) {
-        const lr_shading_point *s = &w->shading_points[w->carried[i]];
+    if (rays->n == 0)
+        return LR_OK;
+    const lr_status status =
+        lr_intersect_closest(context, &options, rays, &wave->hits, &wave->memory);
+    for (uint32_t i = 0; i < rays->n && status == LR_OK; i++) {
+        const lr_shading_point *s = &shading_points->points[rays->owner[i]];
         double open = 0;
         for (int a = 0; a < 3; a++)
             open += s->path->throughput[a] * (1 - s->bsdf.transparency[a]) / 3;
-        if (w->wave.instance[i] == LR_NOWHERE)
-            w->pixels[s->path->pixel].ao += open;
+        if (wave->hits.instance[i] == LR_NOWHERE)
+            film->pixels[s->path->pixel].ao += open;
     }
     return status;
 }

@@ -4,18 +4,24 @@
 #ifndef LR_RENDER_INTEGRATOR_DIRECT_LIGHT_H
 #define LR_RENDER_INTEGRATOR_DIRECT_LIGHT_H
 
+#include "render/film/film.h"
+#include "render/integrator/context.h"
+#include "render/integrator/queues.h"
 #include "render/integrator/sampled_light.h"
 
-/* Add to the pixels what the first n shading points send to their viewers of the light
- * that lights and a world of unequal brightness send to them. The wave is
- * overwritten. */
-lr_status lr_light_shading_points(const lr_job *job, uint32_t n);
+/* What shading points send to their viewers of the light that lights and a world of unequal
+ * brightness send to them: reads the shading points; writes the pixels' sums, and on the way
+ * shadow rays and the wave. */
+lr_status lr_light_shading_points(const lr_context *context, const lr_shading_queue *shading_points,
+                                  lr_shadow_queue *shadow_rays, lr_wave *wave, lr_film *film);
 
-/* Add to the pixels' ao how much of the sky within tile->ao_distance the first n
- * shading points see, which are seen by the camera. The wave is overwritten. */
-lr_status lr_ambient_occlusion(const lr_job *job, uint32_t n);
+/* How much of the sky within tile->ao_distance shading points see, which are seen by the camera:
+ * reads the shading points; writes the pixels' ao, and on the way the wave. */
+lr_status lr_ambient_occlusion(const lr_context *context, const lr_shading_queue *shading_points,
+                               lr_wave *wave, lr_film *film);
 
-/* How often the surface that the path has left last asked the light; at the point o. */
+/* The expected number of samples that the surface which the path has left last took of the light;
+ * at the point o. */
 LR_INLINE double lr_light_probability(const lr_scene *scene, const lr_path *path,
                                       uint64_t light_index, const double o[3])
 {
@@ -28,7 +34,7 @@ LR_INLINE double lr_light_probability(const lr_scene *scene, const lr_path *path
            lr_light_tree_probability(light_tree, light_index, o, n);
 }
 
-/* The share of one of two ways to find the same light: densities p of this one
+/* The MIS weight of one of two ways to find the same light: densities p of this one
  * and q of the other. Power heuristic: Veach 1997. */
 LR_INLINE double lr_mis(double p, double q)
 {

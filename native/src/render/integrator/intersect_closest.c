@@ -1,4 +1,4 @@
-/* Casting a wave.
+/* The nearest hits of a wave.
  *
  * In rounds: every ray walks the hierarchy to the next instance that it may meet
  * before its nearest hit; the pairs of ray and instance are sorted by instance;
@@ -15,55 +15,44 @@
 
 enum { DIGIT_BITS = 11, N_DIGITS = 1 << DIGIT_BITS };
 
-typedef struct lr_caster {
-    const lr_scene *scene;
-    lr_workspace *w;
-    const lr_cast_options *options;
-    lr_counters *counters;
-    const lr_watch *watch;
-    lr_error *error;
-} lr_caster;
-
-/* May ray i hit this instance at all? */
-static bool meets(const lr_caster *c, uint32_t i, uint32_t instance)
+/* May a ray of that visibility hit this instance at all? */
+static bool may_hit(const lr_placed *placed, lr_among among, uint32_t visibility)
 {
-    const lr_placed *placed = &c->scene->instances[instance];
-    const bool wanted =
-        placed->clear ? c->options->among != LR_AMONG_OPAQUE : c->options->among != LR_AMONG_CLEAR;
-    return wanted && (placed->visibility & c->w->wave.visibility[i]) != 0;
+    const bool wanted = placed->clear ? among != LR_AMONG_OPAQUE : among != LR_AMONG_CLEAR;
+    return wanted && (placed->visibility & visibility) != 0;
 }
 
-/* Take ray i's walk up again. */
-static uint32_t walk(const lr_caster *c, uint32_t i)
+/* The next instance that ray i may hit before t: takes its walk up again. Reads the ray; writes
+ * its stack. */
+static uint32_t next_instance(const lr_scene *scene, const lr_intersect_options *options,
+                              const lr_ray_queue *rays, uint32_t i, double t, lr_branch *stack,
+                              uint32_t *n)
 {
-    const lr_wave *wave = &c->w->wave;
-    const lr_hierarchy *hierarchy = &c->scene->hierarchy;
-    lr_branch *stack = wave->stack + (size_t)i * hierarchy->height;
-    uint32_t *n = &wave->stacked[i];
-    while (*n > 0 && stack[*n - 1].t > wave->t[i]) /* so most walks end */
+    while (*n > 0 && stack[*n - 1].t > t) /* so most walks end */
         --*n;
     if (*n == 0)
         return LR_NOWHERE;
     double o[3], d[3];
-    lr_get_ray(&wave->ray, i, o, d);
+    lr_get_ray(&rays->ray, i, o, d);
     const lr_slabs ray = lr_slabs_of(o, d);
     for (;;) {
         const uint32_t instance =
-            lr_hierarchy_next(hierarchy, &ray, c->options->t_min, wave->t[i], stack, n);
-        if (instance == LR_NOWHERE || meets(c, i, instance))
+            lr_hierarchy_next(&scene->hierarchy, &ray, options->t_min, t, stack, n);
+        if (instance == LR_NOWHERE ||
+            may_hit(&scene->instances[instance], options->among, rays->visibility[i]))
             return instance;
     }
 }
 
 /* Sort by instance; the order of rays stays within each. Least significant digit
  * first, no more digits than the number of instances has. The sorted pairs are
- * in w->pairs. */
-static void sort_pairs(lr_workspace *w, uint32_t n, uint32_t n_instances)
+ * in memory->pairs. */
+static void sort_pairs(lr_intersect_memory *memory, uint32_t n, uint32_t n_instances)
 {
     for (uint32_t shift = 0; shift < 32 && (n_instances - 1) >> shift != 0; shift += DIGIT_BITS) {
         uint32_t place[N_DIGITS] = {0};
         for (uint32_t i = 0; i < n; i++)
-            place[w->pairs[i].instance >> shift & (N_DIGITS - 1)]++;
+            place[memory->pairs[i].instance >> shift & (N_DIGITS - 1)]++;
         uint32_t sum = 0;
         for (uint32_t digit = 0; digit < N_DIGITS; digit++) {
             const uint32_t count = place[digit];
@@ -71,57 +60,57 @@ static void sort_pairs(lr_workspace *w, uint32_t n, uint32_t n_instances)
             sum += count;
         }
         for (uint32_t i = 0; i < n; i++)
-            w->pairs_sorted[place[w->pairs[i].instance >> shift & (N_DIGITS - 1)]++] = w->pairs[i];
-        lr_pair *swap = w->pairs;
-        w->pairs = w->pairs_sorted;
-        w->pairs_sorted = swap;
+            memory->pairs_sorted[place[memory->pairs[i].instance >> shift & (N_DIGITS - 1)]++] =
+                memory->pairs[i];
+        lr_pair *swap = memory->pairs;
+        memory->pairs = memory->pairs_sorted;
+        memory->pairs_sorted = swap;
     }
 }
 
-/* Take the rays of these pairs, all of one instance, into its object space.
- * Returns whether one of them leaves its surface. */
-static bool fill_batch(const lr_caster *c, const lr_pair *pairs, uint32_t n)
+/* Take the rays of these pairs, all of one instance, into its object space: reads rays and the
+ * nearest hits so far; writes the batch. Returns whether one of the rays leaves its surface. */
+static bool fill_batch(const lr_scene *scene, bool leaving, const lr_pair *pairs, uint32_t n,
+                       const lr_ray_queue *rays, const lr_hit_queue *hits, lr_batch *batch)
 {
-    const lr_wave *wave = &c->w->wave;
-    lr_batch *batch = &c->w->batch;
-    const double *m = c->scene->instances[pairs[0].instance].object_from_world;
+    const double *m = scene->instances[pairs[0].instance].object_from_world;
     bool leaves = false;
     for (uint32_t k = 0; k < n; k++) {
         const uint32_t i = pairs[k].ray;
         double o[3], d[3], p[3], v[3];
-        lr_get_ray(&wave->ray, i, o, d);
+        lr_get_ray(&rays->ray, i, o, d);
         lr_map_point(m, o, p);
         lr_map_vector(m, d, v);
         lr_put_ray(&batch->ray, k, p, v);
-        batch->t_max[k] = wave->t[i];
+        batch->t_max[k] = hits->t[i];
     }
-    if (!c->options->leaving)
+    if (!leaving)
         return false;
     for (uint32_t k = 0; k < n; k++) {
         const uint32_t i = pairs[k].ray;
-        const bool left = wave->from[i] == pairs[k].instance;
-        batch->start[k] = left ? wave->start[i] : (lr_start){.side = 0};
+        const bool left = rays->from[i] == pairs[k].instance;
+        batch->start[k] = left ? rays->start[i] : (lr_start){.side = 0};
         leaves |= left;
     }
     return leaves;
 }
 
-/* Keep the hits that come before what the rays had. */
-static void scatter(const lr_caster *c, const lr_pair *pairs, uint32_t n)
+/* Keep what comes before the nearest hits so far: reads the batch's hits; writes the wave's. */
+static void keep_nearest(const lr_intersect_options *options, const lr_pair *pairs, uint32_t n,
+                         const lr_batch *batch, lr_hit_queue *hits)
 {
-    lr_wave *wave = &c->w->wave;
-    const lr_hits *from = &c->w->batch.hit, *to = &wave->hit;
+    const lr_hits *from = &batch->hit, *to = &hits->hit;
     for (uint32_t k = 0; k < n; k++) {
         const uint32_t i = pairs[k].ray, instance = pairs[k].instance;
         const double t = from->t[k];
-        if (c->options->steps)
+        if (options->steps)
             to->steps[i] += from->steps[k];
-        if (!(t < INFINITY) || t > wave->t[i] || (t == wave->t[i] && instance > wave->instance[i]))
+        if (!(t < INFINITY) || t > hits->t[i] || (t == hits->t[i] && instance > hits->instance[i]))
             continue;
-        wave->instance[i] = instance;
-        if (c->options->any)
+        hits->instance[i] = instance;
+        if (options->any)
             continue;
-        wave->t[i] = t;
+        hits->t[i] = t;
         to->ci[i] = from->ci[k];
         to->cj[i] = from->cj[k];
         to->ck[i] = from->ck[k];
@@ -136,94 +125,103 @@ static void scatter(const lr_caster *c, const lr_pair *pairs, uint32_t n)
     }
 }
 
-static lr_status trace_group(const lr_caster *c, const lr_pair *pairs, uint32_t n)
+/* Trace a filled batch in its instance: reads its rays; writes its hits. */
+static lr_status trace_batch(const lr_context *context, const lr_intersect_options *options,
+                             uint32_t instance, bool leaves, uint32_t n, const lr_batch *batch)
 {
-    const lr_batch *b = &c->w->batch;
-    const bool leaves = fill_batch(c, pairs, n);
     const lr_rays rays = {
-        .ox = b->ray.ox,
-        .oy = b->ray.oy,
-        .oz = b->ray.oz,
-        .dx = b->ray.dx,
-        .dy = b->ray.dy,
-        .dz = b->ray.dz,
-        .t_min = c->options->t_min != 0 ? b->t_min : NULL,
-        .t_max = b->t_max,
-        .start = leaves ? b->start : NULL,
+        .ox = batch->ray.ox,
+        .oy = batch->ray.oy,
+        .oz = batch->ray.oz,
+        .dx = batch->ray.dx,
+        .dy = batch->ray.dy,
+        .dz = batch->ray.dz,
+        .t_min = options->t_min != 0 ? batch->t_min : NULL,
+        .t_max = batch->t_max,
+        .start = leaves ? batch->start : NULL,
     };
-    const lr_hits only_t = {.t = b->hit.t};
-    lr_hits all = b->hit;
-    if (!c->options->steps)
+    const lr_hits only_t = {.t = batch->hit.t};
+    lr_hits all = batch->hit;
+    if (!options->steps)
         all.steps = NULL;
-    const lr_watch stop = {.stop = c->watch != NULL ? c->watch->stop : NULL};
-    const lr_status status =
-        lr_trace(c->scene->instances[pairs[0].instance].structure, &rays, n, &c->options->trace,
-                 c->options->any ? &only_t : &all, c->counters, &stop, c->error);
-    if (status == LR_OK)
-        scatter(c, pairs, n);
-    return status;
+    const lr_watch stop = {.stop = context->watch != NULL ? context->watch->stop : NULL};
+    return lr_trace(context->scene->instances[instance].structure, &rays, n, &context->tile->trace,
+                    options->any ? &only_t : &all, context->counters, &stop, context->error);
 }
 
-static lr_status trace_pairs(const lr_caster *c, uint32_t n)
+/* Trace the sorted pairs, a batch for each instance: reads rays; writes hits, and the batch. */
+static lr_status trace_pairs(const lr_context *context, const lr_intersect_options *options,
+                             const lr_pair *pairs, uint32_t n, const lr_ray_queue *rays,
+                             lr_hit_queue *hits, lr_batch *batch)
 {
-    const lr_pair *pairs = c->w->pairs;
     for (uint32_t first = 0, end; first < n; first = end) {
-        for (end = first + 1; end < n && pairs[end].instance == pairs[first].instance;)
+        const uint32_t instance = pairs[first].instance;
+        for (end = first + 1; end < n && pairs[end].instance == instance;)
             end++;
-        const lr_status status = trace_group(c, pairs + first, end - first);
+        const bool leaves = fill_batch(context->scene, options->leaving, pairs + first, end - first,
+                                       rays, hits, batch);
+        const lr_status status =
+            trace_batch(context, options, instance, leaves, end - first, batch);
         if (status != LR_OK)
             return status;
+        keep_nearest(options, pairs + first, end - first, batch, hits);
     }
     return LR_OK;
 }
 
-static void begin(const lr_caster *c, uint32_t n)
+/* No ray has hit anything yet: reads the rays' ends; writes hits and walks. */
+static void begin(const lr_hierarchy *hierarchy, double t_min, const lr_ray_queue *rays,
+                  lr_hit_queue *hits, lr_intersect_memory *memory)
 {
-    lr_wave *wave = &c->w->wave;
-    for (uint32_t i = 0; i < n; i++) {
-        wave->instance[i] = LR_NOWHERE;
-        wave->hit.steps[i] = 0;
-        wave->stacked[i] = c->scene->hierarchy.n_nodes > 0 ? 1 : 0;
-        wave->stack[(size_t)i * c->scene->hierarchy.height] = (lr_branch){c->options->t_min, 0};
-        c->w->batch.t_min[i] = c->options->t_min;
-        c->w->active[i] = i;
+    for (uint32_t i = 0; i < rays->n; i++) {
+        hits->t[i] = rays->t_max[i];
+        hits->instance[i] = LR_NOWHERE;
+        hits->hit.steps[i] = 0;
+        memory->stacked[i] = hierarchy->n_nodes > 0 ? 1 : 0;
+        memory->stack[(size_t)i * hierarchy->height] = (lr_branch){t_min, 0};
+        memory->batch.t_min[i] = t_min;
+        memory->active[i] = i;
     }
 }
 
-lr_status lr_cast(const lr_scene *scene, lr_workspace *workspace, uint32_t n,
-                  const lr_cast_options *options, lr_counters *counters, const lr_watch *watch,
-                  lr_error *error)
+lr_status lr_intersect_closest(const lr_context *context, const lr_intersect_options *options,
+                               const lr_ray_queue *rays, lr_hit_queue *hits,
+                               lr_intersect_memory *memory)
 {
-    const lr_caster c = {scene, workspace, options, counters, watch, error};
-    lr_workspace *w = workspace;
+    const lr_scene *scene = context->scene;
+    lr_counters *counters = context->counters;
     const uint64_t rays_before = counters != NULL ? counters->rays : 0;
     const uint64_t hits_before = counters != NULL ? counters->hits : 0;
-    begin(&c, n);
-    for (uint32_t n_active = n; n_active > 0;) {
+    begin(&scene->hierarchy, options->t_min, rays, hits, memory);
+    for (uint32_t n_active = rays->n; n_active > 0;) {
         uint32_t n_pairs = 0, still = 0;
         for (uint32_t k = 0; k < n_active; k++) {
-            const uint32_t ray = w->active[k], instance = walk(&c, ray);
+            const uint32_t ray = memory->active[k];
+            lr_branch *stack = memory->stack + (size_t)ray * scene->hierarchy.height;
+            const uint32_t instance = next_instance(scene, options, rays, ray, hits->t[ray], stack,
+                                                    &memory->stacked[ray]);
             if (instance == LR_NOWHERE)
                 continue;
-            w->pairs[n_pairs++] = (lr_pair){ray, instance};
-            w->active[still++] = ray;
+            memory->pairs[n_pairs++] = (lr_pair){ray, instance};
+            memory->active[still++] = ray;
         }
-        if (lr_stopped(watch))
-            return lr_fail_stopped(error);
-        sort_pairs(w, n_pairs, scene->n_instances);
-        const lr_status status = trace_pairs(&c, n_pairs);
+        if (lr_stopped(context->watch))
+            return lr_fail_stopped(context->error);
+        sort_pairs(memory, n_pairs, scene->n_instances);
+        const lr_status status =
+            trace_pairs(context, options, memory->pairs, n_pairs, rays, hits, &memory->batch);
         if (status != LR_OK)
             return status;
         n_active = 0;
         for (uint32_t k = 0; k < still; k++)
-            if (!options->any || w->wave.instance[w->active[k]] == LR_NOWHERE)
-                w->active[n_active++] = w->active[k];
+            if (!options->any || hits->instance[memory->active[k]] == LR_NOWHERE)
+                memory->active[n_active++] = memory->active[k];
     }
     if (counters != NULL) { /* a ray counts once, not once per instance */
-        counters->rays = rays_before + n;
+        counters->rays = rays_before + rays->n;
         counters->hits = hits_before;
-        for (uint32_t i = 0; i < n; i++)
-            counters->hits += w->wave.instance[i] != LR_NOWHERE;
+        for (uint32_t i = 0; i < rays->n; i++)
+            counters->hits += hits->instance[i] != LR_NOWHERE;
     }
     return LR_OK;
 }

@@ -1,11 +1,11 @@
-/* Casting a wave: a batch of world-space rays against all instances.
+/* The nearest hits of a wave: rays of world space against all instances.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_INTEGRATOR_INTERSECT_CLOSEST_H
 #define LR_RENDER_INTEGRATOR_INTERSECT_CLOSEST_H
 
+#include "render/integrator/context.h"
 #include "render/integrator/queues.h"
-#include "render/scene/scene.h"
 
 /* Which instances count. */
 typedef enum lr_among {
@@ -14,22 +14,18 @@ typedef enum lr_among {
     LR_AMONG_CLEAR   /* the others */
 } lr_among;
 
-typedef struct lr_cast_options {
+typedef struct lr_intersect_options {
     double t_min;
     lr_among among;
     bool any;     /* whether something is hit, not what is first */
-    bool leaving; /* wave->from and wave->start are set */
-    bool steps;   /* count them into wave->hit.steps; not with `any` */
-    lr_trace_options trace;
-} lr_cast_options;
+    bool leaving; /* rays->from and rays->start are set */
+    bool steps;   /* count them into hits->hit.steps; not with `any` */
+} lr_intersect_options;
 
-/* Cast the first n rays of the workspace's wave; ray, visibility and, where they
- * end, t are set. Without `any` the hit of ray i goes to wave->hit[i], wave->t[i]
- * and wave->instance[i]; of several hits at the same t that of the lowest instance.
- * With `any` only wave->instance[i] is set. wave->instance[i] is LR_NOWHERE where
- * nothing is hit. */
-lr_status lr_cast(const lr_scene *scene, lr_workspace *workspace, uint32_t n,
-                  const lr_cast_options *options, lr_counters *counters, const lr_watch *watch,
-                  lr_error *error);
+/* Reads the rays; writes their hits. Of several hits at the same t that of the lowest instance
+ * counts. With `any` only hits->instance tells something. */
+lr_status lr_intersect_closest(const lr_context *context, const lr_intersect_options *options,
+                               const lr_ray_queue *rays, lr_hit_queue *hits,
+                               lr_intersect_memory *memory);
 
 #endif

@@ -52,9 +52,9 @@ LR_INLINE double lr_medium_stack_ior(const lr_scene *scene, const lr_medium_stac
     return 1;
 }
 
-/* Weaken what comes over a way of this length. */
+/* Attenuate what comes over this length. */
 LR_INLINE void lr_medium_stack_absorb(const lr_scene *scene, const lr_medium_stack *in,
-                                      double length, double weight[3])
+                                      double length, double throughput[3])
 {
     for (uint32_t k = 0; k < in->n; k++) {
         const lr_material *m = &scene->materials[in->material[k]];
@@ -62,25 +62,12 @@ LR_INLINE void lr_medium_stack_absorb(const lr_scene *scene, const lr_medium_sta
             continue;
         for (int a = 0; a < 3; a++)
             if (m->absorption[a] > 0)
-                weight[a] *= exp(-m->absorption[a] * length);
+                throughput[a] *= exp(-m->absorption[a] * length);
     }
 }
 
 /* The solids around a point of the world, among those that a ray can get into.
  * Returns how many did not fit. */
 uint32_t lr_medium_stack_find(const lr_scene *scene, const double p[3], lr_medium_stack *in);
-
-/* The material of id `id` of an instance; its slot, if asked. */
-LR_INLINE uint32_t lr_material_of(const lr_scene *scene, uint32_t instance, int32_t id,
-                                  uint32_t *slot)
-{
-    const lr_placed *placed = &scene->instances[instance];
-    const uint32_t last = placed->n_materials - 1;
-    const uint32_t m = id > 0 ? (uint32_t)id : 0;
-    const uint32_t at = placed->first_material + (m < last ? m : last);
-    if (slot != NULL)
-        *slot = at;
-    return scene->slots[at];
-}
 
 #endif

@@ -4,21 +4,18 @@
 #ifndef LR_RENDER_INTEGRATOR_PASSES_H
 #define LR_RENDER_INTEGRATOR_PASSES_H
 
-#include "render/integrator/context.h"
+#include "render/film/film.h"
+#include "render/integrator/queues.h"
 
-/* What n pixels from `first` on show where nothing is. */
-void lr_write_nothing(const lr_job *job, uint64_t first, uint32_t n);
+/* What the camera's rays have hit: reads the shading points; writes the geometry passes. */
+void lr_write_geometry(const lr_scene *scene, const lr_shading_queue *shading_points,
+                       lr_film *film);
 
-/* What the camera's rays have hit, in the first n shading points of the wave. */
-void lr_write_geometry(const lr_job *job, uint32_t n, uint64_t first);
+/* How many cells they visited: reads the wave's paths and hits; writes the steps pass. */
+void lr_write_steps(const lr_path *paths, const lr_ray_queue *rays, const lr_hit_queue *hits,
+                    lr_film *film);
 
-/* The steps of the first n rays of the wave. */
-void lr_write_steps(const lr_job *job, uint32_t n, uint64_t first);
-
-/* Add the mist before a shading point, if the camera sees it. */
-void lr_add_mist(const lr_job *job, const lr_shading_point *shading_point);
-
-/* The passes that are sums over samples, of n pixels from `first` on. */
-void lr_write_sums(const lr_job *job, uint64_t first, uint32_t n);
+/* The mist before what the camera sees: reads a shading point; writes its pixel's sum. */
+void lr_add_mist(const lr_scene *scene, const lr_shading_point *shading_point, lr_film *film);
 
 #endif

@@ -9,15 +9,14 @@ _Static_assert(sizeof((lr_event *)0)->media == sizeof((lr_medium_stack *)0)->ins
                "an event holds a whole medium stack");
 
 /* The record's next event, of this kind and on this path; NULL where none is to be written. */
-static lr_event *next_event(const lr_job *job, lr_event_kind kind, const lr_path *path)
+static lr_event *next_event(lr_event_kind kind, const lr_path *path, lr_record *record)
 {
-    lr_record *record = job->tile->record;
     if (record == NULL || record->n++ >= record->capacity)
         return NULL;
     lr_event *event = &record->events[record->n - 1];
     *event = (lr_event){
         .kind = kind,
-        .sample = job->sample,
+        .sample = (uint32_t)(record->samples - 1),
         .ray = path->key,
         .bounces = path->bounces[LR_RAY_CAMERA],
         .transparent = path->bounces[LR_RAY_TRANSPARENT],
@@ -32,11 +31,11 @@ static void put(double to[3], const double from[3])
     memcpy(to, from, 3 * sizeof *to);
 }
 
-void lr_record_ray(const lr_job *job, const lr_path *path, const lr_path *parent, int kind)
+void lr_record_ray(const lr_path *path, const lr_path *parent, int kind, lr_record *record)
 {
-    if (job->tile->record != NULL && parent == NULL)
-        job->tile->record->samples++;
-    lr_event *event = next_event(job, LR_EVENT_RAY, path);
+    if (record != NULL && parent == NULL)
+        record->samples++;
+    lr_event *event = next_event(LR_EVENT_RAY, path, record);
     if (event == NULL)
         return;
     event->parent = parent != NULL ? parent->key : path->key;
@@ -54,43 +53,42 @@ void lr_record_ray(const lr_job *job, const lr_path *path, const lr_path *parent
     put(event->throughput, path->throughput);
 }
 
-void lr_record_hit(const lr_job *job, uint32_t i, const lr_shading_point *s)
+void lr_record_hit(const lr_path *path, const lr_hit_queue *hits, uint32_t i,
+                   const lr_shading_point *s, lr_record *record)
 {
-    const lr_wave *wave = &job->workspace->wave;
-    const lr_path *path = job->workspace->traced[i];
-    lr_event *event = next_event(job, LR_EVENT_HIT, path);
+    lr_event *event = next_event(LR_EVENT_HIT, path, record);
     if (event == NULL)
         return;
-    event->steps = wave->hit.steps[i];
-    event->t = s != NULL ? wave->t[i] : INFINITY;
+    event->steps = hits->hit.steps[i];
+    event->t = s != NULL ? hits->t[i] : INFINITY;
     put(event->throughput, path->throughput);
     if (s == NULL)
         return;
     event->instance = s->instance;
     event->material = s->material_index;
-    event->id = wave->hit.id[i];
-    event->triangle = wave->hit.triangle[i];
+    event->id = hits->hit.id[i];
+    event->triangle = hits->hit.triangle[i];
     memcpy(event->cell, s->start.cell, sizeof event->cell);
     event->side = s->start.side;
     put(event->position, s->position);
     lr_bsdf_normal(&s->bsdf, event->normal);
 }
 
-void lr_record_found(const lr_job *job, const lr_path *path, uint64_t light_index, double weight,
-                     const double contribution[3])
+void lr_record_found(const lr_path *path, uint64_t light_index, double mis_weight,
+                     const double contribution[3], lr_record *record)
 {
-    lr_event *event = next_event(job, LR_EVENT_FOUND, path);
+    lr_event *event = next_event(LR_EVENT_FOUND, path, record);
     if (event == NULL)
         return;
     event->light = light_index;
-    event->weight = weight;
+    event->weight = mis_weight;
     put(event->contribution, contribution);
 }
 
-/* The weight by multiple importance sampling in a contribution: its share of what the sample
- * would bring if nothing else found the light. */
-static double weight_of(const lr_shading_point *s, const lr_sampled_light *sampled,
-                        double probability, const double contribution[3])
+/* The MIS weight in a contribution: its fraction of what the sample would bring if nothing else
+ * found the light. */
+static double mis_weight_of(const lr_shading_point *s, const lr_sampled_light *sampled,
+                            double probability, const double contribution[3])
 {
     lr_response group[LR_GROUPS];
     double part = 0, whole = 0;
@@ -106,11 +104,11 @@ static double weight_of(const lr_shading_point *s, const lr_sampled_light *sampl
     return whole > 0 ? part * probability * sampled->ray.pdf / whole : 0;
 }
 
-void lr_record_light(const lr_job *job, const lr_shading_point *s, uint64_t light_index,
-                     double probability, const lr_sampled_light *sampled, lr_shadow_ray *shadow_ray)
+void lr_record_light(const lr_shading_point *s, uint64_t light_index, double probability,
+                     const lr_sampled_light *sampled, lr_shadow_ray *shadow_ray, lr_record *record)
 {
-    lr_event *event = next_event(job, LR_EVENT_LIGHT, s->path);
-    shadow_ray->event = event != NULL ? job->tile->record->n - 1 : UINT64_MAX;
+    lr_event *event = next_event(LR_EVENT_LIGHT, s->path, record);
+    shadow_ray->event = event != NULL ? record->n - 1 : UINT64_MAX;
     if (event == NULL)
         return;
     event->light = light_index;
@@ -121,28 +119,27 @@ void lr_record_light(const lr_job *job, const lr_shading_point *s, uint64_t ligh
     put(event->direction, sampled->ray.direction);
     event->t = sampled->ray.distance;
     event->pdf = sampled->ray.pdf;
-    event->weight = weight_of(s, sampled, probability, shadow_ray->contribution);
+    event->weight = mis_weight_of(s, sampled, probability, shadow_ray->contribution);
 }
 
 /* The event of a shadow ray, or NULL. */
-static lr_event *event_of(const lr_job *job, const lr_shadow_ray *shadow_ray)
+static lr_event *event_of(const lr_shadow_ray *shadow_ray, const lr_record *record)
 {
-    const lr_record *record = job->tile->record;
     if (record == NULL || shadow_ray->event >= record->capacity)
         return NULL;
     return &record->events[shadow_ray->event];
 }
 
-void lr_record_blocked(const lr_job *job, const lr_shadow_ray *shadow_ray, uint32_t instance)
+void lr_record_blocked(const lr_shadow_ray *shadow_ray, uint32_t instance, lr_record *record)
 {
-    lr_event *event = event_of(job, shadow_ray);
+    lr_event *event = event_of(shadow_ray, record);
     if (event != NULL)
         event->instance = instance;
 }
 
-void lr_record_contribution(const lr_job *job, const lr_shadow_ray *shadow_ray)
+void lr_record_contribution(const lr_shadow_ray *shadow_ray, lr_record *record)
 {
-    lr_event *event = event_of(job, shadow_ray);
+    lr_event *event = event_of(shadow_ray, record);
     if (event != NULL)
         put(event->contribution, shadow_ray->contribution);
 }

@@ -1,36 +1,37 @@
 /* What happens on the paths of one pixel, for who looks for the cause of a wrong one.
  *
- * The events go to the caller's array; without one these functions return at once. They are
+ * The events go to the caller's record; where that is NULL these functions return at once. They are
  * called once per ray or light sample, never per cell.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_INTEGRATOR_PATH_RECORD_H
 #define LR_RENDER_INTEGRATOR_PATH_RECORD_H
 
+#include "render/integrator/queues.h"
 #include "render/integrator/sampled_light.h"
 
 #define LR_OWN_EMISSION UINT64_MAX /* in place of the index of a light */
 
 /* The path's next ray, which follows that of its parent; NULL: the camera's. kind: lr_ray_kind. */
-void lr_record_ray(const lr_job *job, const lr_path *path, const lr_path *parent, int kind);
+void lr_record_ray(const lr_path *path, const lr_path *parent, int kind, lr_record *record);
 
-/* What ray i of the wave has hit; NULL: nothing. */
-void lr_record_hit(const lr_job *job, uint32_t i, const lr_shading_point *shading_point);
+/* What the path's ray, i of the wave, has hit; NULL: nothing. */
+void lr_record_hit(const lr_path *path, const lr_hit_queue *hits, uint32_t i,
+                   const lr_shading_point *shading_point, lr_record *record);
 
-/* A light that the path's ray has met, its weight and what it adds to the pixel. */
-void lr_record_found(const lr_job *job, const lr_path *path, uint64_t light_index, double weight,
-                     const double contribution[3]);
+/* A light that the path's ray has met, its MIS weight and what it adds to the pixel. */
+void lr_record_found(const lr_path *path, uint64_t light_index, double mis_weight,
+                     const double contribution[3], lr_record *record);
 
 /* A light that a shading point samples, and the shadow ray that asks what is in between; sampled:
  * NULL where it sends nothing. */
-void lr_record_light(const lr_job *job, const lr_shading_point *s, uint64_t light_index,
-                     double probability, const lr_sampled_light *sampled,
-                     lr_shadow_ray *shadow_ray);
+void lr_record_light(const lr_shading_point *s, uint64_t light_index, double probability,
+                     const lr_sampled_light *sampled, lr_shadow_ray *shadow_ray, lr_record *record);
 
 /* The instance that stops the light of a shadow ray. */
-void lr_record_blocked(const lr_job *job, const lr_shadow_ray *shadow_ray, uint32_t instance);
+void lr_record_blocked(const lr_shadow_ray *shadow_ray, uint32_t instance, lr_record *record);
 
 /* What the shadow ray has added to the pixel. */
-void lr_record_contribution(const lr_job *job, const lr_shadow_ray *shadow_ray);
+void lr_record_contribution(const lr_shadow_ray *shadow_ray, lr_record *record);
 
 #endif

@@ -1,9 +1,8 @@
-/* The working memory of one tile: every array that the renderer writes beside
- * the passes, laid out in the caller's buffer.
+/* The queues between the stages of a tile, laid out in the caller's buffer.
  *
  * Pixels are rendered in stretches of at most LR_STRETCH; one sample of each
  * makes a first wave. What its rays spawn waits in a queue with a fixed number of
- * places per pixel. So memory depends neither on the size of the image nor on the
+ * slots per pixel. So memory depends neither on the size of the image nor on the
  * number of samples nor on the depth of recursion, and what is left out where the
  * queue is full depends on the pixel alone.
  *
@@ -11,15 +10,14 @@
 #ifndef LR_RENDER_INTEGRATOR_QUEUES_H
 #define LR_RENDER_INTEGRATOR_QUEUES_H
 
-#include "render/film/pixel_filter.h"
+#include "base/arena.h"
 #include "render/integrator/path_state.h"
 #include "render/scene/scene.h"
 
 enum {
     /* Measured on one sphere, a thousand and a hundred thousand: 512 to 4096 differ by
      * less than a tenth. Small tiles of memory, batches that end soon. */
-    LR_STRETCH = 1024,
-    LR_PARTS = 4 /* of a pixel's samples, for the estimate of its noise */
+    LR_STRETCH = 1024
 };
 
 typedef struct lr_rays_buffer {
@@ -46,18 +44,31 @@ LR_INLINE void lr_get_ray(const lr_rays_buffer *rays, uint32_t i, double o[3], d
     d[2] = rays->dz[i];
 }
 
-/* Rays in world space and what they hit. */
-typedef struct lr_wave {
+/* Rays in world space that are traced together. */
+typedef struct lr_ray_queue {
+    uint32_t n, capacity;
     lr_rays_buffer ray;
+    double *t_max;
     uint32_t *from;       /* the instance whose surface the ray leaves */
     lr_start *start;      /* where there */
     uint32_t *visibility; /* instances with one of these flags count */
-    double *t;            /* at first where the ray ends, then of the nearest hit so far */
-    uint32_t *instance;   /* of that hit, or LR_NOWHERE */
-    lr_hits hit;          /* in object space; its t is not used */
-    lr_branch *stack;     /* [n][height]: what is left of each ray's walk */
-    uint32_t *stacked;
-} lr_wave;
+    uint32_t *owner;      /* place of its path, shadow ray or shading point in their queue */
+} lr_ray_queue;
+
+/* Aim ray i. */
+LR_INLINE void lr_aim(lr_ray_queue *rays, uint32_t i, const double o[3], const double d[3],
+                      double t_max)
+{
+    lr_put_ray(&rays->ray, i, o, d);
+    rays->t_max[i] = t_max;
+}
+
+/* What each of them hits. */
+typedef struct lr_hit_queue {
+    double *t;          /* where the ray ends if nothing is hit */
+    uint32_t *instance; /* or LR_NOWHERE */
+    lr_hits hit;        /* in object space; its t is not used */
+} lr_hit_queue;
 
 /* The rays of one instance in its object space. */
 typedef struct lr_batch {
@@ -72,6 +83,21 @@ typedef struct lr_pair {
     uint32_t ray, instance;
 } lr_pair;
 
+/* What the search for hits needs beside them. */
+typedef struct lr_intersect_memory {
+    lr_branch *stack; /* [n][height]: what is left of each ray's walk */
+    uint32_t *stacked;
+    uint32_t *active; /* rays whose walk goes on */
+    lr_pair *pairs, *pairs_sorted;
+    lr_batch batch;
+} lr_intersect_memory;
+
+typedef struct lr_wave {
+    lr_ray_queue rays;
+    lr_hit_queue hits;
+    lr_intersect_memory memory;
+} lr_wave;
+
 /* A point of a surface that is to be lit and scatters. */
 typedef struct lr_shading_point {
     lr_point point;
@@ -83,8 +109,8 @@ typedef struct lr_shading_point {
                          surface, */
     double lift[3];   /* for light that grazes the triangle */
     const lr_path *path;
-    uint32_t ray; /* of the wave that found it */
-    double left;  /* of the path's way */
+    double t;    /* of the path's ray */
+    double left; /* of the path's way */
     const lr_material *material;
     uint32_t instance, material_index;
     int32_t object_index;
@@ -104,43 +130,41 @@ typedef struct lr_shadow_ray {
     uint64_t event; /* its place in the record, where there is one */
 } lr_shadow_ray;
 
-/* The sums over a pixel's samples. */
-typedef struct lr_sum {
-    double part[LR_PARTS][3]; /* radiance */
-    double alpha, mist, ao;
-    double emission[3], environment[3];
-} lr_sum;
+typedef struct lr_shading_queue {
+    uint32_t n;
+    lr_shading_point *points;
+} lr_shading_queue;
 
-/* Paths of one wave, some for every pixel: those of pixel p are n[p] at its
- * `branches` places. */
-typedef struct lr_queue {
-    lr_path *paths;
+typedef struct lr_shadow_queue {
+    uint32_t n, capacity;
+    lr_shadow_ray *rays;
+    lr_medium_stack *media; /* that each ray is in */
+} lr_shadow_queue;
+
+/* Paths of one wave, some for every pixel: those of pixel p are the first n[p] of its slots. */
+typedef struct lr_path_queue {
+    uint32_t slots; /* per pixel */
+    lr_path *paths; /* [pixels][slots] */
     uint32_t *n;
-} lr_queue;
+    uint32_t *free_slots; /* per pixel: those that no path of the queue before needs */
+} lr_path_queue;
 
-typedef struct lr_workspace {
+/* The first slot of a pixel. */
+LR_INLINE size_t lr_slot_of(const lr_path_queue *queue, uint32_t pixel)
+{
+    return (size_t)pixel * queue->slots;
+}
+
+typedef struct lr_queues {
+    lr_path_queue now, next;
     lr_wave wave;
-    lr_batch batch;
-    lr_pair *pairs, *pairs_sorted;
-    uint32_t *active; /* rays whose walk goes on */
-    uint32_t room;    /* rays in a wave */
-    lr_queue now, next;
-    uint32_t *free_slots; /* per pixel, places of the next queue that no path of this one needs */
-    lr_path **traced;     /* the path of each ray of a wave */
-    lr_shading_point *shading_points;
-    lr_shadow_ray *shadow_rays;
-    lr_medium_stack *shadow_media; /* of each shadow ray's ray */
-    uint32_t *carried;             /* the shadow ray of each ray of a wave */
-    lr_sum *pixels;
-    uint32_t *hash;    /* per pixel */
-    uint32_t *sampled; /* per pixel, how often */
-    bool *settled;     /* per pixel, whether it wants no more */
-    double *filter;    /* offsets from the pixel's centre by the integral of the filter */
-} lr_workspace;
+    lr_shading_queue shading_points;
+    lr_shadow_queue shadow_rays;
+} lr_queues;
 
-/* Lay the arrays out from base, which may be NULL to ask for the size. Returns
- * the bytes used. */
-uint64_t lr_workspace_lay(void *base, uint64_t n_pixels, uint32_t branches, uint32_t height,
-                          lr_workspace *workspace);
+/* Lay the queues out for that many pixels and paths of each. height: of the scene's
+ * hierarchy. */
+void lr_queues_lay(lr_arena *arena, uint64_t n_pixels, uint32_t paths_per_pixel, uint32_t height,
+                   lr_queues *queues);
 
 #endif

@@ -1,20 +1,16 @@
 /* A tile: stretches of pixels, one sample of each at a time.
  *
  * Sample 0 goes through the pixel's centre, so the geometry passes cost no rays
- * of their own. Sums are kept in f64 and in the order of the samples; no pixel
- * knows of its neighbours, so that the picture does not depend on the tiles.
- *
- * Where a noise threshold is given, a pixel is settled when its noise is below it.
- * The noise is told by how far the means of its samples' interleaved quarters lie
- * apart, which sees that even samples are better than random ones.
+ * of their own. No pixel knows of its neighbours, so that the picture does not depend
+ * on the tiles.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/error.h"
 #include "render/film/camera.h"
+#include "render/film/film.h"
 #include "render/film/pixel_filter.h"
 #include "render/film/sampling.h"
 #include "render/integrator/medium_stack.h"
-#include "render/integrator/passes.h"
 #include "render/integrator/path_record.h"
 #include "render/integrator/path_trace.h"
 
@@ -83,148 +79,101 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
     return LR_OK;
 }
 
-/* The camera's ray through film point (x, y) as a path. */
-static void start(const lr_job *job, uint32_t pixel, lr_turn turn, double x, double y)
+/* The camera's ray through film point (x, y), and the solids that it begins in. */
+static void start_path(const lr_context *context, double x, double y, lr_path *path)
 {
-    const lr_scene *scene = job->scene;
-    lr_workspace *w = job->workspace;
-    lr_path *path = &w->now.paths[(size_t)pixel * job->branches];
-    *path = (lr_path){
-        .throughput = {1, 1, 1},
-        .pdf = INFINITY,
-        .t_max = scene->camera.clip_end,
-        .from = LR_NOWHERE,
-        .pixel = pixel,
-        .key = turn.key,
-        .sample = turn.first + job->sample,
-        .visibility = LR_VISIBLE_CAMERA,
-        .seen = true,
-    };
+    const lr_scene *scene = context->scene;
     lr_camera_ray(&scene->camera, x, y, path->origin, path->direction);
-    w->now.n[pixel] = 1;
-    if (scene->has_media) {
-        double p[3];
-        for (int a = 0; a < 3; a++)
-            p[a] = path->origin[a] + scene->camera.clip_start * path->direction[a];
-        const uint32_t forgotten = lr_medium_stack_find(scene, p, &path->media);
-        if (job->counters != NULL)
-            job->counters->forgotten += forgotten;
-    }
-    lr_record_ray(job, path, NULL, LR_RAY_CAMERA);
+    if (!scene->has_media)
+        return;
+    double p[3];
+    for (int a = 0; a < 3; a++)
+        p[a] = path->origin[a] + scene->camera.clip_start * path->direction[a];
+    const uint32_t forgotten = lr_medium_stack_find(scene, p, &path->media);
+    if (context->counters != NULL)
+        context->counters->forgotten += forgotten;
 }
 
-/* Start one sample of every pixel of the stretch that is not settled; it begins
- * at pixel `first` of the tile. */
-static void aim(const lr_job *job, uint64_t first, uint32_t n)
+/* Start one sample of every pixel that is not settled: reads the film; writes paths, and counts
+ * the samples on the film. */
+static void start_paths(const lr_context *context, uint32_t sample_bits, lr_film *film,
+                        lr_path_queue *paths)
 {
-    lr_workspace *w = job->workspace;
-    const lr_tile *tile = job->tile;
-    for (uint32_t i = 0; i < n; i++) {
-        double u, v;
-        w->now.n[i] = 0;
-        if (w->settled[i] || lr_stopped(job->watch))
+    for (uint32_t pixel = 0; pixel < film->n_pixels; pixel++) {
+        int32_t i, j;
+        double x, y;
+        paths->n[pixel] = 0;
+        if (lr_stopped(context->watch) || !lr_film_next(film, pixel, &x, &y))
             continue;
-        const int32_t x = tile->x + (int32_t)((first + i) % (uint64_t)tile->width);
-        const int32_t y = tile->y + (int32_t)((first + i) / (uint64_t)tile->width);
-        lr_film_sample(w->hash[i], job->sample, &u, &v);
-        start(job, i, lr_pixel_turn(x, y, tile->seed, job->sample_bits),
-              x + 0.5 + lr_filter_offset(w->filter, u), y + 0.5 + lr_filter_offset(w->filter, v));
-        w->sampled[i]++;
+        lr_film_place(film, pixel, &i, &j);
+        const lr_turn turn = lr_pixel_turn(i, j, film->tile->seed, sample_bits);
+        lr_path *path = &paths->paths[lr_slot_of(paths, pixel)];
+        *path = (lr_path){
+            .throughput = {1, 1, 1},
+            .pdf = INFINITY,
+            .t_max = context->scene->camera.clip_end,
+            .from = LR_NOWHERE,
+            .pixel = pixel,
+            .key = turn.key,
+            .sample = turn.first + film->sample,
+            .visibility = LR_VISIBLE_CAMERA,
+            .seen = true,
+        };
+        start_path(context, x, y, path);
+        paths->n[pixel] = 1;
+        lr_record_ray(path, NULL, LR_RAY_CAMERA, film->tile->record);
     }
 }
 
-static void begin(const lr_job *job, uint64_t first, uint32_t n)
+/* Lay all working memory out from base, which may be NULL to ask for the size. Returns the bytes
+ * used. */
+static uint64_t lay(void *base, uint64_t n_pixels, uint32_t paths_per_pixel, uint32_t height,
+                    lr_queues *queues, lr_film *film)
 {
-    lr_workspace *w = job->workspace;
-    const lr_tile *tile = job->tile;
-    memset(w->pixels, 0, n * sizeof *w->pixels);
-    for (uint32_t i = 0; i < n; i++) {
-        const int32_t x = tile->x + (int32_t)((first + i) % (uint64_t)tile->width);
-        const int32_t y = tile->y + (int32_t)((first + i) / (uint64_t)tile->width);
-        w->hash[i] = lr_pixel_hash(x, y, tile->seed);
-        w->sampled[i] = 0;
-        w->settled[i] = false;
-    }
-    lr_write_nothing(job, first, n);
-}
-
-/* The noise of a pixel's mean after n samples, relative to the root of its
- * brightness, as Cycles weighs it. */
-static double noise(const lr_sum *pixel, uint32_t n)
-{
-    double sum = 0, error = 0;
-    for (int a = 0; a < 3; a++) {
-        double mean = 0, spread = 0;
-        for (int k = 0; k < LR_PARTS; k++)
-            mean += pixel->part[k][a];
-        for (int k = 0; k < LR_PARTS; k++) {
-            const double off = LR_PARTS * pixel->part[k][a] - mean;
-            spread += off * off;
-        }
-        sum += mean / n;
-        error += sqrt(spread / (LR_PARTS * (LR_PARTS - 1))) / n;
-    }
-    return error / (1e-4 + sqrt(fabs(sum))); /* Cycles' guard against black */
-}
-
-/* Cycles' choice where the user makes none. */
-static uint32_t least_samples(const lr_tile *tile)
-{
-    if (tile->min_samples > 0)
-        return (uint32_t)tile->min_samples;
-    return (uint32_t)ceil(16 / fmin(pow(tile->noise_threshold, 0.3), 4));
-}
-
-/* Which pixels are done; true where all are. Looked at after 4, 8, 12, 16, 32, ... samples. */
-static bool settle(const lr_job *job, uint32_t n_pixels)
-{
-    lr_workspace *w = job->workspace;
-    const uint32_t n = job->sample + 1;
-    const uint32_t every = n < 16 ? LR_PARTS : 16;
-    if (!(job->tile->noise_threshold > 0) || n % every != 0 || n < least_samples(job->tile))
-        return false;
-    bool all = true;
-    for (uint32_t i = 0; i < n_pixels; i++) {
-        if (!w->settled[i])
-            w->settled[i] = noise(&w->pixels[i], n) < job->tile->noise_threshold;
-        all = all && w->settled[i];
-    }
-    return all;
+    enum { LINE = 64 }; /* arrays begin on cache lines */
+    const uint64_t n = n_pixels < LR_STRETCH ? n_pixels : LR_STRETCH;
+    const uint64_t skip = (LINE - (uintptr_t)base % LINE) % LINE;
+    lr_arena arena = {base != NULL ? (char *)base + skip : NULL, 0};
+    lr_queues_lay(&arena, n, paths_per_pixel, height, queues);
+    lr_film_lay(&arena, n, film);
+    return arena.used + (base != NULL ? skip : LINE);
 }
 
 uint64_t lr_render_nbytes(const lr_scene *scene, int32_t width, int32_t height, int32_t branches)
 {
-    if (scene == NULL || width < 1 || height < 1 || branches < 1 || branches > LR_BRANCHES_MAX)
+    if (scene == NULL || width < 1 || height < 1 || branches < 1 ||
+        branches > LR_BRANCHES_MAX)
         return 0;
-    lr_workspace workspace;
-    return lr_workspace_lay(NULL, (uint64_t)width * (uint64_t)height, (uint32_t)branches,
-                            scene->hierarchy.height, &workspace);
-}
-
-/* The n pixels from `first` on. */
-static lr_status render_stretch(lr_job *job, uint64_t first, uint32_t n)
-{
-    const lr_tile *tile = job->tile;
-    const double n_pixels = (double)tile->width * tile->height;
-    begin(job, first, n);
-    for (int32_t sample = 0; sample < tile->samples; sample++) {
-        job->sample = (uint32_t)sample;
-        aim(job, first, n);
-        const lr_status status = lr_trace_paths(job, n, first, sample == 0);
-        if (status != LR_OK)
-            return status;
-        lr_progress(job->watch, ((double)first + n * (sample + 1.0) / tile->samples) / n_pixels);
-        if (settle(job, n))
-            break;
-    }
-    lr_write_sums(job, first, n);
-    return LR_OK;
+    lr_queues queues;
+    lr_film film;
+    return lay(NULL, (uint64_t)width * (uint64_t)height, (uint32_t)branches,
+               scene->hierarchy.height, &queues, &film);
 }
 
 /* How many bits n has. */
 static uint32_t bits_of(uint32_t n)
 {
     return n > 0 ? 32 - (uint32_t)__builtin_clz(n) : 0;
+}
+
+/* All samples of the film's pixels. */
+static lr_status render_stretch(const lr_context *context, lr_queues *queues, lr_film *film)
+{
+    const lr_tile *tile = context->tile;
+    const double n_pixels = (double)tile->width * tile->height;
+    const uint32_t samples = (uint32_t)tile->samples, sample_bits = bits_of(samples - 1);
+    for (film->sample = 0; film->sample < samples; film->sample++) {
+        start_paths(context, sample_bits, film, &queues->now);
+        const lr_status status = lr_trace_paths(context, film->sample == 0, queues, film);
+        if (status != LR_OK)
+            return status;
+        const double done = film->n_pixels * (film->sample + 1.0) / samples;
+        lr_progress(context->watch, ((double)film->first + done) / n_pixels);
+        if (lr_film_settle(film))
+            break;
+    }
+    lr_film_write(film);
+    return LR_OK;
 }
 
 lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_passes *passes,
@@ -235,25 +184,22 @@ lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_pa
     if (status != LR_OK)
         return status;
     const uint64_t n_pixels = (uint64_t)tile->width * (uint64_t)tile->height;
-    const uint32_t branches = (uint32_t)tile->branches;
-    lr_workspace w;
-    lr_workspace_lay(workspace, n_pixels, branches, scene->hierarchy.height, &w);
-    lr_filter_make(tile->filter, tile->filter_width, w.filter);
-    lr_job job = {
+    const lr_context context = {
         .scene = scene,
-        .workspace = &w,
         .tile = tile,
-        .passes = passes,
+        .last_contributes = scene->world_shines || scene->shines || scene->has_lights,
         .counters = counters,
         .watch = watch,
         .error = error,
-        .branches = branches,
-        .sample_bits = bits_of((uint32_t)tile->samples - 1),
-        .last_contributes = scene->world_shines || scene->shines || scene->has_lights,
     };
+    lr_queues queues;
+    lr_film film = {.tile = tile, .passes = passes};
+    lay(workspace, n_pixels, (uint32_t)tile->branches, scene->hierarchy.height, &queues, &film);
+    lr_filter_make(tile->filter, tile->filter_width, film.filter);
     for (uint64_t first = 0; first < n_pixels && status == LR_OK; first += LR_STRETCH) {
         const uint64_t left = n_pixels - first;
-        status = render_stretch(&job, first, left < LR_STRETCH ? (uint32_t)left : LR_STRETCH);
+        lr_film_begin(&film, first, left < LR_STRETCH ? (uint32_t)left : LR_STRETCH);
+        status = render_stretch(&context, &queues, &film);
     }
     return status;
 }

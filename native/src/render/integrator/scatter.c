@@ -3,7 +3,7 @@
  * A surface spawns rays of several kinds: by its diffuse lobes, by its glossy ones,
  * refracted, straight through. Where the queue has slots for all kinds that matter, each
  * is spawned; else those of the largest throughput are, and one of the others, chosen at
- * random by its share. Paths of low throughput end by Russian roulette. Both are weighted
+ * random by what it sends on. Paths of low throughput end by Russian roulette. Both are weighted
  * by the inverse probability.
  *
  * Limits count as in Cycles: a ray beyond its limit still finds lights, the world
@@ -30,15 +30,14 @@ enum {
     CHILD = 40
 }; /* choices: see lr_key */
 
-static double largest(const double weight[3])
+static double largest(const double throughput[3])
 {
-    return fmax(weight[0], fmax(weight[1], weight[2]));
+    return fmax(throughput[0], fmax(throughput[1], throughput[2]));
 }
 
 /* Whether a ray of this kind is not scattered again. */
-static bool is_last(const lr_job *job, const lr_path *path, int kind)
+static bool is_last(const lr_tile *tile, const lr_path *path, int kind)
 {
-    const lr_tile *tile = job->tile;
     const int32_t limit[LR_RAY_KINDS] = {tile->max_bounces, tile->diffuse_bounces,
                                          tile->glossy_bounces, tile->transmission_bounces,
                                          tile->transparent_bounces};
@@ -47,23 +46,24 @@ static bool is_last(const lr_job *job, const lr_path *path, int kind)
     return kind != LR_RAY_TRANSPARENT && path->bounces[LR_RAY_CAMERA] >= limit[LR_RAY_CAMERA];
 }
 
-double lr_world_distance(const lr_job *job, const lr_path *path, int kind)
+double lr_world_distance(const lr_tile *tile, const lr_path *path, int kind)
 {
     const bool short_sighted =
-        job->tile->ambient_distance > 0 && kind == LR_RAY_DIFFUSE && is_last(job, path, kind);
-    return short_sighted ? job->tile->ambient_distance : INFINITY;
+        tile->ambient_distance > 0 && kind == LR_RAY_DIFFUSE && is_last(tile, path, kind);
+    return short_sighted ? tile->ambient_distance : INFINITY;
 }
 
 /* Whether a path of this kind may contribute anything. */
-static bool may_contribute(const lr_job *job, const lr_shading_point *s, int kind)
+static bool may_contribute(const lr_context *context, const lr_shading_point *s, int kind)
 {
+    const bool contributes = context->last_contributes || !is_last(context->tile, s->path, kind);
     if (!(s->bsdf.share[kind] > 0))
         return false;
-    if (kind == LR_RAY_TRANSPARENT && s->path->bounces[kind] > job->tile->transparent_bounces)
+    if (kind == LR_RAY_TRANSPARENT && s->path->bounces[kind] > context->tile->transparent_bounces)
         return false;
     if (kind == LR_RAY_TRANSPARENT) /* the camera sees through to alpha */
-        return s->path->seen || job->last_contributes || !is_last(job, s->path, kind);
-    return !s->path->last && (job->last_contributes || !is_last(job, s->path, kind));
+        return s->path->seen || contributes;
+    return !s->path->last && contributes;
 }
 
 /* A share of a group as one that sums and quotients can take. */
@@ -72,7 +72,7 @@ static double bounded(double share)
     return fmin(share, 0x1p1000);
 }
 
-void lr_scatter_choose(const lr_job *job, lr_shading_point *s, uint32_t *free_slots)
+void lr_scatter_choose(const lr_context *context, lr_shading_point *s, uint32_t *free_slots)
 {
     int order[LR_RAY_KINDS];
     uint32_t n = 0, sure = 0;
@@ -80,16 +80,16 @@ void lr_scatter_choose(const lr_job *job, lr_shading_point *s, uint32_t *free_sl
     for (int kind = 0; kind < LR_RAY_KINDS; kind++) {
         s->probability[kind] = 0;
         s->sure[kind] = false;
-        if (kind == LR_RAY_CAMERA || !may_contribute(job, s, kind))
+        if (kind == LR_RAY_CAMERA || !may_contribute(context, s, kind))
             continue;
         uint32_t at = n++;
         for (; at > 0 && s->bsdf.share[order[at - 1]] < s->bsdf.share[kind]; at--)
             order[at] = order[at - 1];
         order[at] = kind;
     }
-    const double weight = largest(s->path->throughput);
+    const double throughput = largest(s->path->throughput);
     while (sure < n && sure < *free_slots + (*free_slots + 1 >= n) &&
-           s->bsdf.share[order[sure]] * weight >= LOW_THROUGHPUT)
+           s->bsdf.share[order[sure]] * throughput >= LOW_THROUGHPUT)
         s->sure[order[sure++]] = true;
     if (sure + 1 == n) /* nothing to choose from */
         s->sure[order[sure++]] = true;
@@ -161,7 +161,7 @@ static void go_through(const lr_shading_point *s, lr_path *child)
 }
 
 /* A direction of this kind; false where the light is lost. */
-static bool scatter_direction(const lr_job *job, const lr_shading_point *s, int kind,
+static bool scatter_direction(const lr_tile *tile, const lr_shading_point *s, int kind,
                               lr_path *child)
 {
     lr_scatter sample;
@@ -177,28 +177,30 @@ static bool scatter_direction(const lr_job *job, const lr_shading_point *s, int 
     child->pdf = sample.delta ? INFINITY : sample.pdf * s->probability[kind];
     lr_lit_side(s, child->normal);
     child->travelled = 0;
-    child->t_max = lr_world_distance(job, s->path, kind);
+    child->t_max = lr_world_distance(tile, s->path, kind);
     child->visibility = lr_sees(kind);
     child->seen = false;
     child->bounces[LR_RAY_CAMERA]++;
     return true;
 }
 
-static void spawn_path(const lr_job *job, const lr_shading_point *s, int kind)
+/* Reads a shading point; writes a path of this kind into the next queue, if it goes on. */
+static void spawn_path(const lr_context *context, const lr_shading_point *s, int kind,
+                       lr_path_queue *next)
 {
-    lr_workspace *w = job->workspace;
+    const lr_scene *scene = context->scene;
     const uint32_t pixel = s->path->pixel;
-    assert(w->next.n[pixel] < job->branches); /* what lr_scatter_choose has counted */
-    lr_path *child = &w->next.paths[(size_t)pixel * job->branches + w->next.n[pixel]];
+    assert(next->n[pixel] < next->slots); /* what lr_scatter_choose has counted */
+    lr_path *child = &next->paths[lr_slot_of(next, pixel) + next->n[pixel]];
     *child = *s->path;
     for (int a = 0; a < 3; a++)
         child->throughput[a] /= s->probability[kind];
-    child->last = is_last(job, s->path, kind);
+    child->last = is_last(context->tile, s->path, kind);
     child->key = lr_key(s->path->key, CHILD + (uint32_t)kind);
     child->bounces[kind]++;
     if (kind == LR_RAY_TRANSPARENT)
         go_through(s, child);
-    else if (!scatter_direction(job, s, kind, child))
+    else if (!scatter_direction(context->tile, s, kind, child))
         return;
     if (!survives_roulette(child))
         return;
@@ -210,17 +212,17 @@ static void spawn_path(const lr_job *job, const lr_shading_point *s, int kind)
     memcpy(child->origin, beyond ? s->position : s->origin, sizeof child->origin);
     child->from = s->instance;
     child->start = lr_surface_start(s, beyond);
-    if (beyond && job->scene->has_media && lr_surface_cross(job->scene, s, &child->media) &&
-        job->counters != NULL)
-        job->counters->forgotten++;
-    w->next.n[pixel]++;
-    lr_record_ray(job, child, s->path, kind);
+    if (beyond && scene->has_media && lr_surface_cross(scene, s, &child->media) &&
+        context->counters != NULL)
+        context->counters->forgotten++;
+    next->n[pixel]++;
+    lr_record_ray(child, s->path, kind, context->tile->record);
 }
 
-void lr_scatter_on(const lr_job *job, const lr_shading_point *s)
+void lr_scatter_on(const lr_context *context, const lr_shading_point *s, lr_path_queue *next)
 {
     const int drawn = s->chooses_one ? choose_kind(s) : 0;
     for (int kind = LR_RAY_DIFFUSE; kind < LR_RAY_KINDS; kind++)
         if (s->sure[kind] || kind == drawn)
-            spawn_path(job, s, kind);
+            spawn_path(context, s, kind, next);
 }

@@ -5,16 +5,20 @@
 #define LR_RENDER_INTEGRATOR_SCATTER_H
 
 #include "render/integrator/context.h"
+#include "render/integrator/queues.h"
 
-/* Decide which kinds of rays are followed from a shading point; sets their probabilities. At most
- * 1 + *spare of them are; those beyond the first are taken from *spare. */
-void lr_scatter_choose(const lr_job *job, lr_shading_point *shading_point, uint32_t *free_slots);
+/* Decide which kinds of rays are followed from a shading point: reads its BSDF and path; writes
+ * their probabilities. At most 1 + *free_slots of them are; those beyond the first are taken from
+ * *free_slots. */
+void lr_scatter_choose(const lr_context *context, lr_shading_point *shading_point,
+                       uint32_t *free_slots);
 
-/* Put the rays that were chosen into the next queue. */
-void lr_scatter_on(const lr_job *job, const lr_shading_point *shading_point);
+/* Follow the kinds that were chosen: reads the shading point; writes paths into the next queue. */
+void lr_scatter_on(const lr_context *context, const lr_shading_point *shading_point,
+                   lr_path_queue *next);
 
 /* How far a ray of this kind from a surface of the path must see nothing, to see
  * the world. */
-double lr_world_distance(const lr_job *job, const lr_path *path, int kind);
+double lr_world_distance(const lr_tile *tile, const lr_path *path, int kind);
 
 #endif

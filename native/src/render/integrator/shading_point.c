@@ -96,10 +96,10 @@ static bool rise(const lr_placed *placed, const lr_shading_point *s, int32_t id,
     const double slope = sqrt(lr_dot(g, g));
     lr_map_gradient(v->storage_from_object, g, g_object);
     lr_map_gradient(placed->object_from_world, g_object, g_world);
-    const double share =
+    const double scale =
         lr_clamp(left_out, -RISE_MAX * slope, RISE_MAX * slope) / lr_dot(g_world, g_world);
     for (int a = 0; a < 3; a++)
-        offset[a] = -share * g_world[a];
+        offset[a] = -scale * g_world[a];
     return fabs(left_out) > RISE_MIN * slope && lr_dot(offset, s->point.facing) > 0;
 }
 
@@ -147,19 +147,20 @@ static double eta(const lr_scene *scene, const lr_shading_point *s, const lr_med
     return s->point.inside ? s->material->ior / around : around / s->material->ior;
 }
 
-void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
-                     const lr_medium_stack *media, lr_shading_point *shading_point)
+void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_hit_queue *hits,
+                     uint32_t i, const lr_medium_stack *media, lr_shading_point *shading_point)
 {
-    const lr_placed *placed = &scene->instances[wave->instance[i]];
-    const lr_hits *hit = &wave->hit;
+    const lr_placed *placed = &scene->instances[hits->instance[i]];
+    const lr_hits *hit = &hits->hit;
     lr_point *point = &shading_point->point;
     double o[3], d[3];
-    lr_get_ray(&wave->ray, i, o, d);
+    lr_get_ray(&rays->ray, i, o, d);
     const double normal[3] = {hit->nx[i], hit->ny[i], hit->nz[i]};
     const double field_normal[3] = {hit->gx[i], hit->gy[i], hit->gz[i]};
     const double length = sqrt(lr_dot(d, d));
+    shading_point->t = hits->t[i];
     for (int a = 0; a < 3; a++) {
-        shading_point->position[a] = o[a] + wave->t[i] * d[a];
+        shading_point->position[a] = o[a] + shading_point->t * d[a];
         point->view[a] = -d[a] / length;
         point->color[a] = 1;
     }
@@ -171,7 +172,7 @@ void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
             point->normal[a] = -point->normal[a];
             point->facing[a] = -point->facing[a];
         }
-    shading_point->instance = wave->instance[i];
+    shading_point->instance = hits->instance[i];
     shading_point->start = (lr_start){{hit->ci[i], hit->cj[i], hit->ck[i]}, point->inside ? 1 : -1};
     const lr_volume *volume = lr_structure_volume(placed->structure);
     double offset[3], p[3];

@@ -6,12 +6,12 @@
 
 #include "render/integrator/queues.h"
 
-/* The point that ray i of the wave, which is in these solids, has hit. Surfaces
- * have two sides; the direction of the ray against the field's own normal tells
- * which one is seen, and the normals are turned to it. Sets all but path and
- * probabilities. */
-void lr_surface_find(const lr_scene *scene, const lr_wave *wave, uint32_t i,
-                     const lr_medium_stack *media, lr_shading_point *shading_point);
+/* The point that ray i, which is in these solids, has hit: reads the ray and its hit; writes all
+ * of the shading point but what its path gives and its probabilities. Surfaces have two sides;
+ * the direction of the ray against the field's own normal tells which one is seen, and the
+ * normals are turned to it. */
+void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_hit_queue *hits,
+                     uint32_t i, const lr_medium_stack *media, lr_shading_point *shading_point);
 
 /* What a ray is in after it has gone through the surface; true where that was too
  * much and something was forgotten. */

@@ -47,4 +47,17 @@ struct lr_scene {
     lr_hierarchy hierarchy;
 };
 
+/* The material of id `id` of an instance; its slot, if asked. */
+LR_INLINE uint32_t lr_material_of(const lr_scene *scene, uint32_t instance, int32_t id,
+                                  uint32_t *slot)
+{
+    const lr_placed *placed = &scene->instances[instance];
+    const uint32_t last = placed->n_materials - 1;
+    const uint32_t m = id > 0 ? (uint32_t)id : 0;
+    const uint32_t at = placed->first_material + (m < last ? m : last);
+    if (slot != NULL)
+        *slot = at;
+    return scene->slots[at];
+}
+
 #endif

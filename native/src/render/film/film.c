@@ -1,0 +1,136 @@
+/* The film: pixels of a stretch and their sums.
+ *
+ * Where a noise threshold is given, a pixel is settled when its noise is below it.
+ * The noise is told by how far the means of its samples' interleaved quarters lie
+ * apart, which sees that even samples are better than random ones.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/film/film.h"
+
+#include "render/film/pixel_filter.h"
+#include "render/film/sampling.h"
+
+static const float FAR_AWAY = 1e10f; /* the depth of nothing, as in Blender */
+
+void lr_film_lay(lr_arena *arena, uint64_t n, lr_film *film)
+{
+    film->pixels = lr_arena_take(arena, n, sizeof *film->pixels);
+    film->hash = lr_arena_take(arena, n, sizeof *film->hash);
+    film->sampled = lr_arena_take(arena, n, sizeof *film->sampled);
+    film->settled = lr_arena_take(arena, n, sizeof *film->settled);
+    film->filter = lr_arena_take_doubles(arena, LR_FILTER_TABLE + 1);
+}
+
+/* What a pixel shows where nothing is. */
+static void clear_passes(const lr_passes *passes, uint64_t pixel)
+{
+    static const double zero[3] = {0, 0, 0};
+    lr_pass_put(passes->depth, pixel, FAR_AWAY);
+    lr_pass_put(passes->object_index, pixel, 0);
+    lr_pass_put(passes->material_index, pixel, 0);
+    lr_pass_put(passes->error, pixel, 0);
+    lr_pass_put(passes->volume, pixel, 0);
+    lr_pass_put_triple(passes->normal, pixel, zero, 1);
+    lr_pass_put_triple(passes->position, pixel, zero, 1);
+}
+
+void lr_film_begin(lr_film *film, uint64_t first, uint32_t n)
+{
+    film->first = first;
+    film->n_pixels = n;
+    memset(film->pixels, 0, n * sizeof *film->pixels);
+    for (uint32_t i = 0; i < n; i++) {
+        int32_t x, y;
+        lr_film_place(film, i, &x, &y);
+        film->hash[i] = lr_pixel_hash(x, y, film->tile->seed);
+        film->sampled[i] = 0;
+        film->settled[i] = false;
+        clear_passes(film->passes, first + i);
+    }
+}
+
+void lr_film_place(const lr_film *film, uint32_t pixel, int32_t *x, int32_t *y)
+{
+    const uint64_t at = film->first + pixel, width = (uint64_t)film->tile->width;
+    *x = film->tile->x + (int32_t)(at % width);
+    *y = film->tile->y + (int32_t)(at / width);
+}
+
+bool lr_film_next(lr_film *film, uint32_t pixel, double *x, double *y)
+{
+    double u, v;
+    int32_t i, j;
+    if (film->settled[pixel])
+        return false;
+    lr_film_place(film, pixel, &i, &j);
+    lr_film_sample(film->hash[pixel], film->sample, &u, &v);
+    *x = i + 0.5 + lr_filter_offset(film->filter, u);
+    *y = j + 0.5 + lr_filter_offset(film->filter, v);
+    film->sampled[pixel]++;
+    return true;
+}
+
+/* The noise of a pixel's mean after n samples, relative to the root of its
+ * brightness, as Cycles weighs it. */
+static double noise(const lr_pixel_sums *pixel, uint32_t n)
+{
+    double sum = 0, error = 0;
+    for (int a = 0; a < 3; a++) {
+        double mean = 0, spread = 0;
+        for (int k = 0; k < LR_PARTS; k++)
+            mean += pixel->part[k][a];
+        for (int k = 0; k < LR_PARTS; k++) {
+            const double off = LR_PARTS * pixel->part[k][a] - mean;
+            spread += off * off;
+        }
+        sum += mean / n;
+        error += sqrt(spread / (LR_PARTS * (LR_PARTS - 1))) / n;
+    }
+    return error / (1e-4 + sqrt(fabs(sum))); /* Cycles' guard against black */
+}
+
+/* Cycles' choice where the user makes none. */
+static uint32_t least_samples(const lr_tile *tile)
+{
+    if (tile->min_samples > 0)
+        return (uint32_t)tile->min_samples;
+    return (uint32_t)ceil(16 / fmin(pow(tile->noise_threshold, 0.3), 4));
+}
+
+/* Looked at after 4, 8, 12, 16, 32, ... samples. */
+bool lr_film_settle(lr_film *film)
+{
+    const lr_tile *tile = film->tile;
+    const uint32_t n = film->sample + 1;
+    const uint32_t every = n < 16 ? LR_PARTS : 16;
+    if (!(tile->noise_threshold > 0) || n % every != 0 || n < least_samples(tile))
+        return false;
+    bool all = true;
+    for (uint32_t i = 0; i < film->n_pixels; i++) {
+        if (!film->settled[i])
+            film->settled[i] = noise(&film->pixels[i], n) < tile->noise_threshold;
+        all = all && film->settled[i];
+    }
+    return all;
+}
+
+void lr_film_write(const lr_film *film)
+{
+    const lr_passes *passes = film->passes;
+    for (uint32_t i = 0; i < film->n_pixels; i++) {
+        const lr_pixel_sums *pixel = &film->pixels[i];
+        const uint64_t p = film->first + i;
+        const double samples = film->sampled[i];
+        for (uint64_t a = 0; a < 3; a++) {
+            double sum = 0;
+            for (int part = 0; part < LR_PARTS; part++)
+                sum += pixel->part[part][a];
+            passes->combined[4 * p + a] = (float)(sum / samples);
+        }
+        passes->combined[4 * p + 3] = (float)(1 + pixel->alpha / samples);
+        lr_pass_put(passes->mist, p, 1 - pixel->mist / samples);
+        lr_pass_put(passes->ao, p, pixel->ao / samples);
+        lr_pass_put_triple(passes->emission, p, pixel->emission, 1 / samples);
+        lr_pass_put_triple(passes->environment, p, pixel->environment, 1 / samples);
+    }
+}
