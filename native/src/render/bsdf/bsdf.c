@@ -14,7 +14,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/bsdf/bsdf.h"
 
-#include "render/bsdf/albedo.h"
+#include "render/bsdf/albedo_glass.h"
 #include "render/bsdf/ggx.h"
 #include "render/bsdf/oren_nayar.h"
 
