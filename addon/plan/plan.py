@@ -258,8 +258,7 @@ class Planner(Separation):
     def _keep_triangles(self, work: Work) -> bool:
         """Let a solid's cells keep their triangles at creases and thin walls, if that helps.
 
-        It costs less than halving the voxels, but for meshes whose triangles are smaller
-        than these: there every cell would keep some.
+        It costs less than halving the voxels, unless nearly every cell would keep some.
         """
         m, e = work.measured, work.errors
         flat = work.mesh.corner_normals is None
@@ -325,9 +324,9 @@ class Planner(Separation):
         waits = work.errors.of_normals() > 1 and work.exact == "sheets" and self._crowds(work)
         turned_only = work.turned_only(bar) and not waits
         if turned_only and len(work.history) > 1 and work.history[-1] > 0.8 * work.history[-2]:
-            if self._may_keep_triangles(work) and not self._crowds(work):
-                if self._try(work, exact="every", own_normals=True):
-                    return True  # smooth and flat faces meet all over
+            may = self._may_keep_triangles(work) and not self._crowds(work)
+            if may and self._try(work, exact="every", own_normals=True):
+                return True  # smooth and flat faces meet all over
             work.stuck = "finer voxels bring them no nearer"
             return False
         if not waits and len(work.history) > 3 and work.history[-1] > 0.9 * work.history[-4]:

@@ -132,7 +132,7 @@ class _Corners:
         return normals
 
     def _of_vertices(self) -> bool:
-        """Whether Cycles takes normals of vertices, and so smooths across the edges of flat faces."""
+        """Whether Cycles takes normals of vertices, which smooth across flat faces' edges."""
         sharp = self.mesh.attributes.get("sharp_edge")
         if bpy.app.version >= (5, 0) or self.mesh.has_custom_normals:
             return False

@@ -402,7 +402,8 @@ static lost lose(scene *s)
     if (!told)
         return s->carried != 0 ? LR_ASTRAY : LR_AGREES;
     /* of a triangle that is wound inside out the side is wrong, but not of the field */
-    if (!isnan(height) && !(fabs(value) + height <= LR_FIELD_OFF && is_wound_well(s, &s->out, triangle)))
+    if (!isnan(height) &&
+        !(fabs(value) + height <= LR_FIELD_OFF && is_wound_well(s, &s->out, triangle)))
         return LR_AGREES;
     if (fabs(value) > LR_FIELD_OFF)
         return LR_PASSED;

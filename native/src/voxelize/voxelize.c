@@ -22,7 +22,6 @@
 #include "voxelize/hole_fill.h"
 #include "voxelize/scratch.h"
 
-
 /* Central differences at the corners of a surface cell reach sqrt(6) from the
  * surface (samples at offsets 2, 1, 1); the rest is for rounding. The lattice
  * has room for them, and a sheet wants its heights there. A solid's samples

@@ -141,8 +141,7 @@ static uint64_t lay(void *base, uint64_t n_pixels, uint32_t paths_per_pixel, uin
 
 uint64_t lr_render_nbytes(const lr_scene *scene, int32_t width, int32_t height, int32_t branches)
 {
-    if (scene == NULL || width < 1 || height < 1 || branches < 1 ||
-        branches > LR_BRANCHES_MAX)
+    if (scene == NULL || width < 1 || height < 1 || branches < 1 || branches > LR_BRANCHES_MAX)
         return 0;
     lr_queues queues;
     lr_film film;

@@ -4,7 +4,7 @@
 #ifndef LR_RENDER_INTEGRATOR_SAMPLED_LIGHT_H
 #define LR_RENDER_INTEGRATOR_SAMPLED_LIGHT_H
 
-#include "render/lights/light.h"
+#include "render/lights/light_ray.h"
 
 /* A light sample as a shading point sees it. */
 typedef struct lr_sampled_light {

@@ -4,7 +4,7 @@
 #ifndef LR_RENDER_LIGHTS_ENVIRONMENT_H
 #define LR_RENDER_LIGHTS_ENVIRONMENT_H
 
-#include "render/lights/light.h"
+#include "render/lights/light_ray.h"
 
 typedef struct lr_environment {
     double color[3];

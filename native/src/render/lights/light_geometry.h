@@ -9,7 +9,7 @@
 #ifndef LR_RENDER_LIGHTS_LIGHT_GEOMETRY_H
 #define LR_RENDER_LIGHTS_LIGHT_GEOMETRY_H
 
-#include "render/lights/light.h"
+#include "render/lights/light_ray.h"
 
 /* A light's color x scale; false where that is nothing. */
 LR_INLINE bool lr_light_shine(const lr_light *light, double scale, double color[3])

@@ -16,6 +16,8 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/lights/light_tree.h"
 
+#include "render/lights/light.h"
+
 #include "base/error.h"
 
 enum {

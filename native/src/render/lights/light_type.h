@@ -5,7 +5,7 @@
 #ifndef LR_RENDER_LIGHTS_LIGHT_TYPE_H
 #define LR_RENDER_LIGHTS_LIGHT_TYPE_H
 
-#include "render/lights/light.h"
+#include "render/lights/light_ray.h"
 
 /* As the functions of light.h; check: of the fields that not all types have. */
 #define LR_LIGHT_TYPE(kind, name)                                                                  \
