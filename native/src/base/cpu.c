@@ -9,6 +9,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/cpu.h"
 
+#ifdef LR_X86
 #include <cpuid.h>
 
 enum {
@@ -41,6 +42,12 @@ int32_t lr_cpu_simd(void)
         return LR_SIMD_PORTABLE;
     return (state & ZMM_STATE) == ZMM_STATE && (b & wide) == wide ? LR_SIMD_AVX512 : LR_SIMD_AVX2;
 }
+#else
+int32_t lr_cpu_simd(void)
+{
+    return LR_SIMD_PORTABLE;
+}
+#endif
 
 lr_status lr_cpu_choose(int32_t wanted, int32_t *simd, lr_error *error)
 {

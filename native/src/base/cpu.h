@@ -7,6 +7,11 @@
 #include "base/base.h"
 #include "base/error.h"
 
+/* Whether there are vector instructions, of x86; not under LR_PORTABLE. */
+#if defined __x86_64__ && !defined LR_PORTABLE
+#define LR_X86 1
+#endif
+
 /* The best of lr_simd. It asks the processor, which takes up to 0.1 ms under a
  * hypervisor: once per call of the interface, not per part. */
 int32_t lr_cpu_simd(void);

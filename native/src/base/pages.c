@@ -8,7 +8,7 @@
 
 enum { HEADER = 64, LEAST = 1 << 19 /* bytes that are worth a call to the system */ };
 
-void *lr_pages_new(uint64_t n, size_t element_nbytes)
+void *(lr_pages_new)(uint64_t n, size_t element_nbytes)
 {
     if (n > (UINT64_MAX >> 1) / element_nbytes)
         return NULL;

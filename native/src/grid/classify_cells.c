@@ -5,11 +5,11 @@
  * needs a place.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include <immintrin.h>
 
 #include "grid/classify_cells.h"
 
 #include "base/error.h"
+#include "base/sse2.h"
 #include "grid/attributes/triangle_attributes.h"
 
 /* 0: zero throughout, 1: one throughout, 2: neither. Ids other than 0, touched

@@ -1,8 +1,8 @@
-/* Nearest triangles by the instructions that every processor here has (SSE2).
+/* Nearest triangles by the instructions that every processor here has (SSE2),
+ * or by none.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include <immintrin.h>
-
+#include "base/sse2.h"
 #include "mesh/closest_triangle.h"
 #include "mesh/triangle_distance.h"
 

@@ -113,8 +113,10 @@ LR_INLINE bool empty_cube(const void *data, const lr_volume *v, const lr_ray *r,
     return false;
 }
 
-#define LR_NAME   cd
-#define LR_BOX    empty_cube
+#define LR_NAME cd
+#define LR_BOX  empty_cube
+#ifdef LR_X86
 #define LR_FITS   lr_cd_fits_packet8
 #define LR_PACKET lr_cd_trace_packet8
+#endif
 #include "trace/walk_template.h"

@@ -9,8 +9,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/brick.h"
 
-#include <immintrin.h>
-
+#include "base/sse2.h"
 #include "mesh/triangle_box.h"
 #include "voxelize/component_sides.h"
 #include "voxelize/coverage.h"

@@ -109,9 +109,14 @@ static lr_status place_lattice(lr_voxelizer *v, lr_error *error)
 
 static lr_nearest_search *search_by(int32_t simd)
 {
-    return simd == LR_SIMD_AVX512 ? lr_nearest_avx512
-           : simd == LR_SIMD_AVX2 ? lr_nearest_avx2
-                                  : lr_nearest_portable;
+#ifdef LR_X86
+    if (simd == LR_SIMD_AVX512)
+        return lr_nearest_avx512;
+    if (simd == LR_SIMD_AVX2)
+        return lr_nearest_avx2;
+#endif
+    (void)simd;
+    return lr_nearest_portable;
 }
 
 /* Of the band; kind is LR_KIND_SOLID or LR_KIND_SHEET. */

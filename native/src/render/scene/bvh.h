@@ -11,9 +11,8 @@
 #ifndef LR_RENDER_SCENE_BVH_H
 #define LR_RENDER_SCENE_BVH_H
 
-#include <emmintrin.h>
-
 #include "base/base.h"
+#include "base/sse2.h"
 
 #define LR_NOWHERE UINT32_MAX
 #define LR_LEAF    0x80000000u /* flag of a child that is an instance, not a node */
