@@ -111,12 +111,12 @@ def environment() -> dict[str, str]:
 class Unit:
     """One source file, its object, and the note of what the object was made from."""
 
-    def __init__(self, source: Path, tag: str) -> None:
-        self.source = source
-        name = str(source.relative_to(NATIVE / "src").with_suffix("")).replace("/", ".")
-        self.object = OBJECTS / f"{name}.o"
-        self.depends = OBJECTS / f"{name}.d"
-        self.note = OBJECTS / f"{name}.key"
+    def __init__(self, source: Path, tag: str, folder: Path = OBJECTS) -> None:
+        self.source = os.path.relpath(source, NATIVE)
+        name = self.source.removeprefix("src/").removesuffix(".c").replace("/", ".").lstrip(".")
+        self.object = folder / f"{name}.o"
+        self.depends = folder / f"{name}.d"
+        self.note = folder / f"{name}.key"
         self.tag = tag
 
     def key(self) -> str:
@@ -136,10 +136,10 @@ class Unit:
         return self.object.exists() and known == self.key()
 
     def compile(self, command: tuple[str, ...]) -> None:
+        """Compile by command, which holds all flags."""
         self.note.unlink(missing_ok=True)
-        source = str(self.source.relative_to(NATIVE))
         outputs = ["-MMD", "-MF", str(self.depends), "-o", str(self.object)]
-        run([*command, *TARGET, *FLAGS, *PLACES, "-c", source, *outputs])
+        run([*command, "-c", self.source, *outputs])
         self.note.write_text(self.key())
 
 
@@ -183,11 +183,7 @@ def compile_stale(command: tuple[str, ...], units: list[Unit], stale: list[Unit]
     if current(units, stale):
         return False
     say(f"compiling {len(stale)} of {len(units)} files of the core")
-    pool = ThreadPoolExecutor(os.cpu_count())
-    try:
-        list(pool.map(lambda unit: unit.compile(command), stale))
-    finally:
-        pool.shutdown(cancel_futures=True)
+    compile_each(stale, (*command, *TARGET, *FLAGS, *PLACES))
     beside = LIBRARY.with_suffix(f".{os.getpid()}")
     objects = [str(unit.object) for unit in units]
     try:
@@ -200,13 +196,22 @@ def compile_stale(command: tuple[str, ...], units: list[Unit], stale: list[Unit]
     return True
 
 
+def compile_each(units: list[Unit], command: tuple[str, ...]) -> None:
+    """Compile side by side; the first failure is raised."""
+    pool = ThreadPoolExecutor(os.cpu_count())
+    try:
+        list(pool.map(lambda unit: unit.compile(command), units))
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
 def write_commands(command: tuple[str, ...], units: list[Unit]) -> None:
     """compile_commands.json, by which editors and analysers know how each file is compiled."""
     entries = [
         {
             "directory": str(NATIVE),
-            "file": str(unit.source),
-            "arguments": [*command, *TARGET, *FLAGS, "-c", str(unit.source)],
+            "file": str(NATIVE / unit.source),
+            "arguments": [*command, *TARGET, *FLAGS, "-c", str(NATIVE / unit.source)],
         }
         for unit in units
     ]

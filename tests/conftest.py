@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tests find the core and the add-on in this checkout, and their helpers beside them."""
+"""Tests find the core and the add-on in this checkout, and their helpers beside them; or the
+core in the folder that LEAPRAY_PACKAGE names, see native/build_variants.py."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -10,6 +12,8 @@ ROOT = Path(__file__).resolve().parent.parent
 for folder in (ROOT, ROOT / "native", ROOT / "tests"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
+if "LEAPRAY_PACKAGE" in os.environ:
+    sys.path.insert(0, os.environ["LEAPRAY_PACKAGE"])
 
 
 def pytest_addoption(parser):

@@ -5,7 +5,7 @@
 
 Each call is made by a generator of its own, so that --first I --calls 1 repeats it. It must end
 within a minute by a result that holds what is promised or by a LeapRayError whose
-text is a sentence. --sanitize compiles the core by the system's gcc or clang with
+text is a sentence. --sanitize compiles the core by the system's gcc with
 AddressSanitizer and UndefinedBehaviorSanitizer, once, and calls that.
 """
 
@@ -25,7 +25,6 @@ if __name__ == "__main__":
     native = str(Path(__file__).resolve().parent.parent / "native")
     sys.path[:0] = [os.environ.get("LEAPRAY_PACKAGE", native), native]
 
-import sanitized
 from hostile_arguments import (
     DTYPES,
     NUMBERS,
@@ -38,6 +37,7 @@ from hostile_arguments import (
     known_volumes,
 )
 
+import build_variants
 import leapray
 from leapray import programs, rendering
 
@@ -449,7 +449,8 @@ def main() -> int:
     parser.add_argument("--keep-on", action="store_true", help="tell all faults, not the first")
     chosen = parser.parse_args()
     if chosen.sanitize:
-        return sanitized.run(__file__, [word for word in sys.argv[1:] if word != "--sanitize"])
+        words = [word for word in sys.argv if word != "--sanitize"]
+        return build_variants.run("address", words)
     faulthandler.enable()
     ends = run(chosen.seed, chosen.first, chosen.calls, chosen.keep_on)
     for end, count in sorted(ends.items()):
