@@ -228,13 +228,13 @@ static bool samples_finite(const lr_volume *v, const unsigned char *samples, siz
     return lr_first_not_finite(samples, v->desc.sample_type, n) == n;
 }
 
-/* Bounds and number of the surface cells, and that every brick has one place. */
-static const char *wrong_bricks(lr_volume *v, const lr_watch *watch)
+/* Bounds and number of the surface cells, and that every brick has one place; found, zeros, is
+ * one byte a brick. */
+static const char *wrong_bricks(lr_volume *v, uint8_t *found, const lr_watch *watch)
 {
     const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
     uint32_t n_found = LR_FIRST_STORED;
-    uint8_t *found = calloc(v->n_bricks, 1);
-    const char *wrong = found == NULL ? "there is no memory to check them" : NULL;
+    const char *wrong = NULL;
     lr_bound_nothing(v);
     v->n_surface_cells = 0;
     size_t at = 0;
@@ -259,7 +259,6 @@ static const char *wrong_bricks(lr_volume *v, const lr_watch *watch)
                     n_found++;
                 }
             }
-    free(found);
     if (wrong == NULL && !lr_stopped(watch) && n_found != v->n_bricks)
         wrong = "the table of bricks";
     for (int a = 0; a < 3 && wrong == NULL && v->n_surface_cells > 0; a++)
@@ -320,9 +319,9 @@ static const char *wrong_objects(const lr_volume *v)
     return right ? NULL : "the objects";
 }
 
-static const char *wrong_with(lr_volume *v, const lr_watch *watch)
+static const char *wrong_with(lr_volume *v, uint8_t *found, const lr_watch *watch)
 {
-    const char *wrong = wrong_bricks(v, watch);
+    const char *wrong = wrong_bricks(v, found, watch);
     if (wrong == NULL && !samples_finite(v, v->samples, (size_t)v->n_bricks * LR_CELLS))
         wrong = "samples that are not finite";
     if (wrong == NULL && v->faces != NULL && !lr_stopped(watch))
@@ -424,7 +423,11 @@ static lr_status fill(lr_volume *v, const head *h, const uint8_t *bytes, const l
     }
     if (v->triangle_cells != NULL && v->triangle_cells->start[h->n_triangle_cells] != h->n_list)
         return lr_fail(error, LR_E_ARGUMENT, "bytes of a volume are wrong: the lists of cells");
-    const char *wrong = wrong_with(v, watch);
+    uint8_t *found = calloc(v->n_bricks, 1);
+    if (found == NULL)
+        return lr_fail_memory(error, v->n_bricks, "the check of a volume");
+    const char *wrong = wrong_with(v, found, watch);
+    free(found);
     if (lr_stopped(watch))
         return lr_fail_stopped(error);
     v->finished = wrong == NULL;

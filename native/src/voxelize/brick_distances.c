@@ -8,8 +8,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/brick_distances.h"
 
-#include <immintrin.h>
-
+#include "base/sse2.h"
 #include "mesh/signed_distance.h"
 
 /* The nearest triangle is chosen in f32; its exact distance can exceed the band by this. */
