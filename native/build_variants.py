@@ -56,7 +56,10 @@ VARIANTS = {
     "address": Variant(
         (
             *(*TRACED, "-fsanitize=address,undefined", "-fno-sanitize-recover=undefined"),
-            "-fno-sanitize=null,object-size",  # AddressSanitizer sees both, in half the time
+            # AddressSanitizer sees the first two; of a check at every access, alignment's is of
+            # no use on x86. What is left compiles in a third of the time.
+            "-fno-sanitize=null,object-size,alignment",
+            *("--param", "asan-instrumentation-with-call-threshold=0"),
         ),
         faults=True,
         runtime="libasan.so",
