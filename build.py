@@ -7,6 +7,8 @@
     compare SCENE.blend    the same frame by Cycles and by LeapRay, and a report
     study NAME             measure: speed, accuracy, stability
     test [--quick] ...     the project's checks; what follows goes to pytest
+    test --sanitize address|thread, --analyze, --portable, --fuzz MINUTES
+                           the core compiled or read in other ways; see CONTRIBUTING.md
     build                  the core, and its wheel in dist/
     package                the extension for Blender, in dist/
 
@@ -473,7 +475,9 @@ def test(words):
     if "--quick" in words:
         words = [word for word in words if word != "--quick"] + ["-m", "not slow"]
     os.chdir(ROOT)
-    os.execv(sys.executable, [sys.executable, "-m", "pytest", *words])
+    other = words and words[0] in ("--sanitize", "--portable", "--analyze", "--fuzz")
+    command = ["tests/checks.py"] if other else ["-m", "pytest"]
+    os.execv(sys.executable, [sys.executable, *command, *words])
 
 
 def make_wheel():

@@ -5,11 +5,10 @@
 
     address    AddressSanitizer and UndefinedBehaviorSanitizer; allocations can be made to fail
     thread     ThreadSanitizer
-    coverage   counts of lines and branches; allocations can be made to fail
     portable   no vector instructions, for any processor
     aarch64    the same for 64-bit ARM, which nothing here can run
 
-The first three by the system's gcc, as the runtime of AddressSanitizer does not link under
+The first two by the system's gcc, as the runtime of AddressSanitizer does not link under
 ziglang, the others by ziglang. The tests and their scripts take the package from the folder
 that LEAPRAY_PACKAGE names; Python itself and numpy stay as they are, so that a sanitizer
 watches the core alone.
@@ -75,7 +74,6 @@ VARIANTS = {
             ("TSAN_OPTIONS", "halt_on_error=1:exitcode=66:ignore_noninstrumented_modules=1"),
         ),
     ),
-    "coverage": Variant(("-O0", "--coverage", "-DNDEBUG"), faults=True),
     "portable": Variant(("-DLR_PORTABLE",), target="x86_64-linux-gnu.2.28", x86=False),
     "aarch64": Variant((), target="aarch64-linux-gnu.2.28", x86=False),
 }
@@ -140,10 +138,16 @@ def environment(name: str) -> dict[str, str]:
     variant = VARIANTS[name]
     env = os.environ | dict(variant.environment) | {"LEAPRAY_PACKAGE": str(compile_all(name))}
     if variant.runtime:
-        asked = [GCC, f"-print-file-name={variant.runtime}"]
-        answer = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
-        env["LD_PRELOAD"] = os.path.realpath(answer)
+        # with the library of C++, whose exceptions the runtime wants to know from the start
+        env["LD_PRELOAD"] = " ".join(map(path_of, (variant.runtime, "libstdc++.so.6")))
     return env
+
+
+def path_of(name: str) -> str:
+    """Where gcc finds a library; its name alone where it does not."""
+    asked = [GCC, f"-print-file-name={name}"]
+    answer = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
+    return os.path.realpath(answer) if os.path.isabs(answer) else answer
 
 
 def python(words: list[str]) -> list[str]:
