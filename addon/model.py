@@ -84,6 +84,13 @@ class Material:
     index: int = 0  # Blender's pass index
 
     @property
+    def refracts(self) -> bool:
+        """Whether light goes on through it, bent by its normals."""
+        return any(
+            lobe.kind in ("glass", "refraction") or lobe.transmission > 0 for lobe in self.lobes
+        )
+
+    @property
     def base_color(self) -> Color:
         """Of the first lobe, where there is one."""
         return self.lobes[0].color if self.lobes else (0.0, 0.0, 0.0)

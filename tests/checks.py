@@ -3,7 +3,8 @@
 
 --sanitize address [PYTEST ...]    tests/core under AddressSanitizer and its kin
 --sanitize thread [PYTEST ...]     what has threads, under ThreadSanitizer
---portable [PYTEST ...]            tests/core without vector instructions; compiles for ARM too
+--portable [PYTEST ...]            the same without vector instructions, or other tests; for ARM,
+                                   too, it is compiled
 --analyze [FILE.c ...]             gcc's analyser over native/src
 --fuzz [MINUTES]                   each fuzz target that long
 """
@@ -36,6 +37,7 @@ SANITIZED = {
     "address": [*files(MEMORY), "-k", "not 100_m and not flipped"],
     "thread": [*files(THREADS), "-k", THREADED],
 }
+PORTABLE = files(("distance", "lights", "merge", "render_core", "serialize", "trace", "volume"))
 
 
 def pytest(variant: str, words: list[str]) -> int:
@@ -53,7 +55,7 @@ def check(asked: str, words: list[str]) -> int:
         return pytest(words[0], [*QUICK, *SANITIZED[words[0]], *words[1:]])
     if asked == "--portable":
         build_variants.compile_all("aarch64")
-        return pytest("portable", [*QUICK, "tests/core", *words])
+        return pytest("portable", [*QUICK, *(words or PORTABLE)])
     if asked == "--analyze":
         return script("native/analyze.py", *words)
     if asked == "--fuzz":

@@ -33,14 +33,13 @@ from ..store import disk_cache, memory_cache
 from . import culling, error_metric, light_planes, mesh_colors, mesh_split, objects, sample_types
 from .levels import MB, Work
 from .objects import SceneError
-from .separation import Separation
+from .separation import TRIANGLE_NBYTES, Separation
 
 COARSEST = 16  # voxels along the longest side at the start, but for meshes with more than
 MOST_CROWD = 64  # triangles in a cell, about: to sort them takes longer than finer voxels,
 FINEST_START = 512  # of which they get so many at most
 # Shares of the memory, counted without structures, so that traversers see the same volumes:
-EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' sake,
-TRIANGLE_NBYTES = 128  # unless its mesh has many triangles: then so much for each
+EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' sake, or TRIANGLE_NBYTES each
 STEPS_SEEN = 1 / 5  # of the permitted error: less is no reason for wider samples
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
 SHARP_SHARE = 1 / 100  # for finer edges than asked for, of all volumes together
@@ -123,6 +122,7 @@ class Planner(Separation):
                 work.carries = mesh_colors.digest(mesh, color_set)
                 work.dtype = self._asked_type(mesh)
                 work.turn = sample_types.permitted_turn(self.scene.materials[m] for m in used)
+                work.refracts = any(self.scene.materials[m].refracts for m in used)
                 work.exact = "sheets" if self.settings.exact == "auto" else self.settings.exact
                 self._start_one(work)
             self.advance(0.3 * (done + 1) / len(by_mesh))
@@ -319,14 +319,13 @@ class Planner(Separation):
     def _refine_one(self, work: Work) -> bool:
         """Some levels finer; False where not even one can be, and work.stuck says why."""
         bar = self.settings.pixel_error
-        room = self.budget - self.held()
-        volume_room = self._volume_room(work)
+        room, volume_room = self.budget - self.held(), self._volume_room(work)
         waits = work.errors.of_normals() > 1 and work.exact == "sheets" and self._crowds(work)
         turned_only = work.turned_only(bar) and not waits
         if turned_only and len(work.history) > 1 and work.history[-1] > 0.8 * work.history[-2]:
             may = self._may_keep_triangles(work) and not self._crowds(work)
             if may and self._try(work, exact="every", own_normals=True):
-                return True  # smooth and flat faces meet all over
+                return True
             work.stuck = "finer voxels bring them no nearer"
             return False
         if not waits and len(work.history) > 3 and work.history[-1] > 0.9 * work.history[-4]:
@@ -362,6 +361,7 @@ class Planner(Separation):
     def finish(self, instances: list[model.Instance]) -> Plan:
         """Make what is still missing, and put the instances together."""
         self.share_finest()
+        self.clear_rims()
         self.separate()
         for work in self.works:
             self.complete(work)

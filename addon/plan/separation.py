@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes that lie nearer to each other than their errors get rid of these (no bpy)."""
+"""Volumes get rid of their errors where these show through others (no bpy).
+
+So they do where they lie nearer to each other than their errors, and in glass whose smooth
+shading runs across creases: near a rim normals turn so fast that light goes elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,13 @@ TRIANGLE_NBYTES = 128  # then so much for each
 
 class Separation(Levels):
     """What a plan does for decals, labels, carpets: for small gaps between volumes."""
+
+    def clear_rims(self) -> None:
+        """Let smooth glass with creases keep all triangles, if they fit."""
+        for work in self.works:
+            smooth = work.refracts and work.mesh.corner_normals is not None
+            if smooth and self.settings.exact == "auto" and len(self._probes(work).creases):
+                self._keep_every_triangle(work)
 
     def separate(self) -> None:
         """Let volumes that come nearer to each other than their errors keep all triangles."""

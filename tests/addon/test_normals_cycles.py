@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import bpy
@@ -209,3 +210,76 @@ def test_normals_of_modified_meshes_and_of_custom_ones(row, tmp_path):
         lean(data)
         things[f"leaning {name}"] = add(data)
     judge(scene, things, tmp_path)
+
+
+def lathe(profile, n=24):
+    """A smooth solid of revolution about z; its profile (r, z) begins and ends on the axis."""
+    turn = 2 * np.pi * np.arange(n) / n
+    rings = [
+        [(r * math.cos(a), r * math.sin(a), z) for a in turn] if r else [(0.0, 0.0, z)]
+        for r, z in profile
+    ]
+    first = np.cumsum([0, *map(len, rings)])
+    faces = []
+    for below, above in itertools.pairwise(range(len(rings))):
+        for i in range(n):
+            low = [first[below] + (i + k) % n % len(rings[below]) for k in (0, 1)]
+            high = [first[above] + (i + k) % n % len(rings[above]) for k in (1, 0)]
+            faces.append(list(dict.fromkeys([*low, *high])))
+    data = bpy.data.meshes.new("Lathe")
+    data.from_pydata([v for ring in rings for v in ring], [], faces)
+    data.polygons.foreach_set("use_smooth", [True] * len(faces))
+    data.update()
+    return data
+
+
+def glass(ior):
+    made = bpy.data.materials.new("Glass")
+    made.use_nodes = True
+    tree = made.node_tree
+    node = tree.nodes.new("ShaderNodeBsdfGlass")
+    node.inputs["IOR"].default_value, node.inputs["Roughness"].default_value = ior, 0.0
+    tree.links.new(node.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    return made
+
+
+CORNERS = (-4, -4), (4, -4), (4, 4), (-4, 4)
+
+
+def glass_light(scene, engine, path, samples=256):
+    """The mean light of what has index 1."""
+    index, *_ = passes(scene, engine, path)
+    scene.cycles.samples = scene.leapray.samples = samples
+    scene.cycles.diffuse_bounces = scene.leapray.diffuse_bounces = 4
+    scene.cycles.blur_glossy = scene.cycles.sample_clamp_indirect = 0
+    scene.leapray.clamp_indirect = 0
+    with open_file.quiet():
+        bpy.ops.render.render(write_still=True)
+    found = exr(path)
+    return np.mean(
+        [found[n][index == 1].mean() for n in found if "Combined." in n and "A" not in n[-1]]
+    )
+
+
+@pytest.mark.parametrize("deeper", [None, -0.02, 0.1], ids=["empty", "gap", "overlap"])
+def test_a_smooth_tumbler_is_as_bright_as_in_cycles(deeper, tmp_path):
+    scene = fresh()
+    scene.render.resolution_x = scene.render.resolution_y = 80
+    background = scene.world.node_tree.nodes["Background"]
+    background.inputs["Color"].default_value = (0.8, 0.8, 0.8, 1)
+    scene.camera.location, scene.camera.rotation_euler = (0, -4, 2.2), (1.22, 0, 0)
+    cup = lathe([(0, 0), (0.7, 0), (0.8, 1.8), (0.72, 1.8), (0.63, 0.15), (0, 0.15)])
+    cup.materials.append(glass(1.45))
+    put("Tumbler", cup).pass_index = 1
+    floor = polygons("Floor", [(x, y, -1e-3) for x, y in CORNERS], [(0, 1, 2, 3)])
+    floor.materials.append(diffuse("Floor"))
+    put("Floor", floor)
+    if deeper is not None:
+        low, high = 0.63 + deeper, 0.63 + 0.09 * 1.05 / 1.65 + deeper
+        water = lathe([(0, 0.15 - deeper), (low, 0.15 - deeper), (high, 1.2), (0, 1.2)])
+        water.materials.append(glass(1.33))
+        put("Water", water).pass_index = 1
+    want, got = (
+        glass_light(scene, engine, tmp_path / f"{engine}.exr") for engine in ("CYCLES", "LEAPRAY")
+    )
+    assert got == pytest.approx(want, rel=0.01)
