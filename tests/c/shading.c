@@ -3,6 +3,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/bsdf/bsdf.h"
+#include "render/lights/light.h"
 #include "render/lights/light_tree.h"
 
 static lr_bsdf seen(const lr_material_desc *desc, const lr_point *point)
