@@ -196,7 +196,7 @@ def registry_table(entry: leapray.Traverser) -> str:
         ("name", f"`{entry.name}`" + " (the default)" * entry.default),
         ("source", entry.source),
         ("exact", yes(entry.exact)),
-        ("rectilinear volumes", yes(entry.uneven)),
+        ("rectilinear volumes", yes(entry.rectilinear)),
     ]
     for option in entry.options:
         choices = ", ".join(

@@ -234,7 +234,7 @@ def known_structures():
     made = []
     for entry in leapray.variants():
         for volume in known_volumes():
-            if entry.uneven or volume.info.planes is None:
+            if entry.rectilinear or volume.info.planes is None:
                 made.append(leapray.build(volume, entry))
     return made
 

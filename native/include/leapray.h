@@ -550,9 +550,9 @@ LR_API lr_status lr_distance_part(const uint8_t *cells, int32_t nx, int32_t ny, 
 /* ---- traversers and structures ----------------------------------------- */
 
 typedef enum lr_traverser_flag {
-    LR_TRAVERSER_EXACT = 1,   /* agrees with the integer oracle but for ties */
-    LR_TRAVERSER_DEFAULT = 2, /* set for one of them */
-    LR_TRAVERSER_UNEVEN = 4   /* takes rectilinear volumes */
+    LR_TRAVERSER_EXACT = 1,      /* agrees with the integer oracle but for ties */
+    LR_TRAVERSER_DEFAULT = 2,    /* set for one of them */
+    LR_TRAVERSER_RECTILINEAR = 4 /* takes rectilinear volumes */
 } lr_traverser_flag;
 
 typedef struct lr_traverser {

@@ -156,7 +156,7 @@ class lr_metric(IntEnum):
 class lr_traverser_flag(IntEnum):
     LR_TRAVERSER_EXACT = 1
     LR_TRAVERSER_DEFAULT = 2
-    LR_TRAVERSER_UNEVEN = 4
+    LR_TRAVERSER_RECTILINEAR = 4
 
 
 class lr_mode(IntEnum):
@@ -269,7 +269,7 @@ LR_EXACT_SHEETS, LR_EXACT_ALL, LR_EXACT_NONE, LR_EXACT_EVERY = lr_exact_cells
 LR_STAGE_NONE, LR_STAGE_SET_UP, LR_STAGE_LABELS, LR_STAGE_WINDING, LR_STAGE_BRICKS, LR_STAGE_CELLS, LR_STAGE_DONE = lr_stage
 LR_REASON_ASKED, LR_REASON_CLOSED, LR_REASON_CROSSING, LR_REASON_ENCLOSES, LR_REASON_HOLES, LR_REASON_FLIPPED, LR_REASON_EMPTY = lr_reason
 LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK, LR_METRIC_CHAMFER345, LR_METRIC_EUCLID = lr_metric
-LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT, LR_TRAVERSER_UNEVEN = lr_traverser_flag
+LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT, LR_TRAVERSER_RECTILINEAR = lr_traverser_flag
 LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
 LR_HIT_EXTREMA, LR_HIT_FACES, LR_HIT_UNIFORM = lr_hit_test
 LR_ROOT_NEWTON, LR_ROOT_BISECT, LR_ROOT_CUBIC, LR_ROOT_LINEAR = lr_root
@@ -1127,7 +1127,7 @@ ABOUT = {
     "LR_METRIC_CHAMFER345": "steps to a neighbour by face, edge, corner cost 3, 4, 5",
     "LR_TRAVERSER_EXACT": "agrees with the integer oracle but for ties",
     "LR_TRAVERSER_DEFAULT": "set for one of them",
-    "LR_TRAVERSER_UNEVEN": "takes rectilinear volumes",
+    "LR_TRAVERSER_RECTILINEAR": "takes rectilinear volumes",
     "LR_MODE_SURFACE": "the first crossing of f = T, in either direction",
     "LR_MODE_BINARY": "the first object cell: largest of its samples >= T",
     "LR_HIT_EXTREMA": "also look at the field's extrema inside a cell, so that no surface is lost",

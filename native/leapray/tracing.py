@@ -47,7 +47,7 @@ class Traverser:
     about: str  # how it works with the options chosen, or what it may miss
     exact: bool  # agrees with the integer oracle but for ties
     default: bool
-    uneven: bool  # takes rectilinear volumes
+    rectilinear: bool  # takes rectilinear volumes
     options: tuple[Option, ...] = ()
     chosen: tuple[str, ...] = ()  # per option
     template: str = ""  # about, with the words of every choice, as the registry has it
@@ -82,7 +82,7 @@ def traversers() -> list[Traverser]:
                 about,
                 exact=bool(entry.flags & _abi.LR_TRAVERSER_EXACT),
                 default=bool(entry.flags & _abi.LR_TRAVERSER_DEFAULT),
-                uneven=bool(entry.flags & _abi.LR_TRAVERSER_UNEVEN),
+                rectilinear=bool(entry.flags & _abi.LR_TRAVERSER_RECTILINEAR),
                 options=options,
                 template=about,
             )

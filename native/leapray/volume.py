@@ -68,7 +68,7 @@ class Volume:
     samples; the cell whose lowest corner is the sample) is true; everywhere by
     default. planes: where those of samples lie along x (nx,), y (ny,) and z (nz,),
     increasing, in place of 0, 1, 2, ...; object_from_index is applied to these. Such a
-    rectilinear volume is for traversers with `uneven` set; scenes do not take it.
+    rectilinear volume is for traversers with `rectilinear` set; scenes do not take it.
     Outside the lattice all samples are 0.
     Raises LeapRayError for anything else, OutOfMemory where there is no room.
     Attributes: info, a VolumeInfo; mesh_info, the MeshInfo of a voxelized volume, else None;

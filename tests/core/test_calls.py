@@ -68,7 +68,7 @@ def test_where_no_surface_is_every_ray_misses(kind, mode):
     volume = EMPTY[kind]()
     assert volume.info.n_surface_cells == 0
     for entry in leapray.variants():
-        if volume.info.planes is not None and not entry.uneven:
+        if volume.info.planes is not None and not entry.rectilinear:
             continue
         structure = leapray.build(volume, entry)
         for start in (None, (np.zeros((len(RAYS), 3), int), np.ones(len(RAYS), int))):

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import leapray
 from addon.study import oracle
 
-UNEVEN = [entry.spec for entry in leapray.variants() if entry.uneven]
-OTHERS = [entry.spec for entry in leapray.traversers() if not entry.uneven]
+RECTILINEAR = [entry.spec for entry in leapray.variants() if entry.rectilinear]
+OTHERS = [entry.spec for entry in leapray.traversers() if not entry.rectilinear]
 
 
 def rational_planes(rng, n, ratio):
@@ -59,7 +59,7 @@ def lattice_rays(rng, n, planes):
     return origins - np.where(small, back * directions, 0.0), directions
 
 
-@pytest.mark.parametrize("name", UNEVEN)
+@pytest.mark.parametrize("name", RECTILINEAR)
 def test_first_cells_are_sound_on_uneven_planes(name):
     rng = np.random.default_rng(31)
     pierced = []
@@ -85,7 +85,7 @@ def test_first_cells_are_sound_on_uneven_planes(name):
     assert np.mean(pierced) > 0.2
 
 
-@pytest.mark.parametrize("name", UNEVEN)
+@pytest.mark.parametrize("name", RECTILINEAR)
 def test_even_planes_give_what_a_matrix_gives(name):
     rng = np.random.default_rng(32)
     spacing, first = np.array([2.0, 0.5, 0.25]), np.array([-3.0, 1.0, 8.0])
@@ -120,7 +120,7 @@ def ball(planes, centre, radius, width):
     return np.clip(0.5 + (radius - far) / (2 * width), 0, 1).astype(np.float32)
 
 
-@pytest.mark.parametrize("name", UNEVEN)
+@pytest.mark.parametrize("name", RECTILINEAR)
 def test_a_ball_on_uneven_planes_is_hit_where_it_is(name):
     rng = np.random.default_rng(33)
     planes = [np.cumsum(rng.uniform(0.3, 1.7, n)) for n in (60, 70, 64)]
@@ -145,7 +145,7 @@ def test_a_ball_on_uneven_planes_is_hit_where_it_is(name):
     assert np.mean((steepest * hits.field_normal).sum(axis=1)) > 0.9999
 
 
-@pytest.mark.parametrize("name", UNEVEN)
+@pytest.mark.parametrize("name", RECTILINEAR)
 def test_a_slope_over_cells_of_1_to_1000_has_its_place_and_its_normal(name):
     rng = np.random.default_rng(34)
     steps = np.where(np.arange(19) % 2 == 0, 1000.0, 1.0)
@@ -181,7 +181,7 @@ def test_what_cannot_take_uneven_planes_says_so():
     for name in OTHERS:
         with pytest.raises(leapray.LeapRayError, match="this volume is rectilinear"):
             leapray.build(volume, name)
-    structure = leapray.build(volume, UNEVEN[0])
+    structure = leapray.build(volume, RECTILINEAR[0])
     with pytest.raises(leapray.LeapRayError, match="have no one size"):
         leapray.trace(structure, [(0, 0, -9)], [(0, 0, 1)], hit_test="uniform", root="bisect")
     with pytest.raises(leapray.LeapRayError, match="this volume is rectilinear"):

@@ -60,7 +60,7 @@ def use(rng: np.random.Generator, volume: leapray.Volume) -> None:
     volume.attributes(points)
     names = leapray.traversers()
     entry = names[rng.integers(len(names))]
-    if entry.uneven or volume.info.planes is None:
+    if entry.rectilinear or volume.info.planes is None:
         hits = leapray.trace(leapray.build(volume, entry), points, points[::-1] - points, threads=1)
         assert not np.isnan(hits.t).any(), "a hit at NaN"
         assert np.isfinite(hits.normal).all(), "a normal that is not finite"

@@ -64,7 +64,7 @@ def check(rng: np.random.Generator) -> None:
     if rng.random() < 0.2:
         planes = [np.cumsum(rng.uniform(0.5, 2, n)) for n in given.shape[::-1]]
     volume = leapray.Volume(given, threshold, object_from_index=place, planes=planes)
-    entries = [entry for entry in variants() if planes is None or entry.uneven]
+    entries = [entry for entry in variants() if planes is None or entry.rectilinear]
     entry = entries[rng.integers(len(entries))]
     structure = leapray.build(volume, entry, threads=1)
     origins, directions = rays(rng, given.shape)

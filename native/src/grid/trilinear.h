@@ -35,7 +35,7 @@ LR_INLINE void lr_scale_gradient(const lr_volume *v, const int32_t c[3], double 
         g[a] /= v->planes[a][c[a] + 1] - v->planes[a][c[a]];
 }
 
-/* Central differences along axis a where planes are uneven; those of the cell are at[0]
+/* Central differences along axis a of a rectilinear volume; those of the cell are at[0]
  * and at[1]. */
 LR_INLINE void lr_spread_differences(const double *at, int a, double corner[8])
 {

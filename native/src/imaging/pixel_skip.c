@@ -123,7 +123,7 @@ static double clearance_of_box(const lr_ray *r, const lr_volume *v)
 static int leaving(const job *j, const lr_ray *r, sample *end)
 {
     int axis;
-    end->t = lr_exit_t(r, LR_EVEN, r->lo, r->hi, &axis);
+    end->t = lr_exit_t(r, LR_REGULAR, r->lo, r->hi, &axis);
     for (int a = 0; a < 3; a++) {
         const double q = r->s[a] != 0 ? r->o[a] + end->t * r->d[a] : r->o[a];
         const double c =
@@ -197,15 +197,16 @@ static double visit(job *j, int32_t x, int32_t y)
         return 0.0;
     lr_begin_spheres(&r, &pace);
     double clearance = 0.0, least;
-    if (lr_starts_inside(j->volume, &r, LR_EVEN, camera->clip_start, &u))
+    if (lr_starts_inside(j->volume, &r, LR_REGULAR, camera->clip_start, &u))
         hit = true;
-    else if (lr_enter(&r, LR_EVEN, &u, j->volume->surface_lo, j->volume->surface_hi,
+    else if (lr_enter(&r, LR_REGULAR, &u, j->volume->surface_lo, j->volume->surface_hi,
                       camera->clip_start)) {
         const lr_cursor first = u;
         int axis;
         hit = walk(j, &r, &pace, &u, &least);
         /* What was not walked because the ray begins or ends there is not known. */
-        const bool whole = first.axis >= 0 && lr_exit_t(&r, LR_EVEN, r.lo, r.hi, &axis) <= r.t_max;
+        const bool whole =
+            first.axis >= 0 && lr_exit_t(&r, LR_REGULAR, r.lo, r.hi, &axis) <= r.t_max;
         if (!hit && whole && least > j->nearest)
             clearance = j->skip == LR_SKIP_SAFE ? clearance_of_line(j, &r, &pace, first) : least;
     } else if (j->skip == LR_SKIP_SAFE)

@@ -23,7 +23,7 @@ bool lr_hit_handed(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
     const int way = *side > 0 ? 1 : -1;
     const double to_voxels = way * v->triangle_cells->voxels_per_value, level = v->threshold;
     lr_corners(v, u->c, h.corner);
-    lr_chord_points(&h, r, LR_EVEN, u, &axis);
+    lr_chord_points(&h, r, LR_REGULAR, u, &axis);
     lr_chord_values(&h, r, u, axis);
     *n_samples += 2;
     const double in = (h.f_in - level) * to_voxels, out = (h.f_out - level) * to_voxels;
@@ -31,12 +31,12 @@ bool lr_hit_handed(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
     found->triangle = LR_NO_TRIANGLE;
     found->object = LR_NO_OBJECT;
     if (out >= 0.0) /* the field agrees again */
-        return lr_hit_cell(v, r, LR_EVEN, u, way, options, found, n_samples);
+        return lr_hit_cell(v, r, LR_REGULAR, u, way, options, found, n_samples);
     const double shift = fmax(TRUSTED_OFF, -in) / to_voxels;
     double shifted[8];
     for (int b = 0; b < 8; b++)
         shifted[b] = h.corner[b] + shift;
-    bool hit = lr_hit_corners(v, shifted, r, LR_EVEN, u, way, options, found, n_samples);
+    bool hit = lr_hit_corners(v, shifted, r, LR_REGULAR, u, way, options, found, n_samples);
     if (!hit) {
         int32_t beside[3] = {u->c[0], u->c[1], u->c[2]};
         beside[axis] += r->s[axis];
@@ -58,7 +58,7 @@ int lr_handed_on(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int si
 {
     int axis;
     double corner[8], p[3];
-    const double t = lr_exit_t(r, LR_EVEN, u->c, u->c, &axis);
+    const double t = lr_exit_t(r, LR_REGULAR, u->c, u->c, &axis);
     lr_corners(v, u->c, corner);
     lr_point_at(r, t, p);
     for (int a = 0; a < 3; a++)

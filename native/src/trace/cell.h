@@ -47,20 +47,20 @@ LR_INLINE double lr_face_value(const double s[8], int a, bool upper, const doubl
                   lr_mix(s[first + dv], s[first + du + dv], p[u]), p[v]);
 }
 
-LR_INLINE void lr_chord_points(lr_chord *h, const lr_ray *r, lr_spacing spacing, const lr_cursor *u,
+LR_INLINE void lr_chord_points(lr_chord *h, const lr_ray *r, lr_lattice lattice, const lr_cursor *u,
                                int *axis_out)
 {
     h->t_in = u->t;
-    h->t_out = lr_exit_t(r, spacing, u->c, u->c, axis_out);
+    h->t_out = lr_exit_t(r, lattice, u->c, u->c, axis_out);
     h->t_out = h->t_out > h->t_in ? h->t_out : h->t_in;
     for (int a = 0; a < 3; a++) {
-        const double low = lr_plane_at(r, spacing, a, u->c[a]);
+        const double low = lr_plane_at(r, lattice, a, u->c[a]);
         double in = r->o[a] + h->t_in * r->d[a] - low;
         double out = r->o[a] + h->t_out * r->d[a] - low;
         if (r->s[a] == 0) /* t may be so large that 0 * t is not */
             in = out = r->o[a] - low;
-        if (spacing == LR_UNEVEN) {
-            const double size = lr_plane_at(r, spacing, a, u->c[a] + 1) - low;
+        if (lattice == LR_RECTILINEAR) {
+            const double size = lr_plane_at(r, lattice, a, u->c[a] + 1) - low;
             in /= size;
             out /= size;
         }
@@ -137,13 +137,13 @@ LR_INLINE bool lr_cubic_stays(const double c[4], double level, bool above)
  * T, +1 at or above, 0: as f says. A ray that starts on the surface always looks at the
  * extrema. */
 LR_INLINE bool lr_hit_corners(const lr_volume *v, const double corner[8], const lr_ray *r,
-                              lr_spacing spacing, const lr_cursor *u, int side,
+                              lr_lattice lattice, const lr_cursor *u, int side,
                               const lr_trace_options *options, lr_found *found, uint64_t *n_samples)
 {
     lr_chord h;
     int axis_out;
     memcpy(h.corner, corner, sizeof h.corner);
-    lr_chord_points(&h, r, spacing, u, &axis_out);
+    lr_chord_points(&h, r, lattice, u, &axis_out);
     lr_chord_values(&h, r, u, axis_out);
     *n_samples += 2;
     const double level = v->threshold;
@@ -187,13 +187,13 @@ LR_INLINE bool lr_hit_corners(const lr_volume *v, const double corner[8], const 
     return true;
 }
 
-LR_INLINE bool lr_hit_cell(const lr_volume *v, const lr_ray *r, lr_spacing spacing,
+LR_INLINE bool lr_hit_cell(const lr_volume *v, const lr_ray *r, lr_lattice lattice,
                            const lr_cursor *u, int side, const lr_trace_options *options,
                            lr_found *found, uint64_t *n_samples)
 {
     double corner[8];
     lr_corners(v, u->c, corner);
-    return lr_hit_corners(v, corner, r, spacing, u, side, options, found, n_samples);
+    return lr_hit_corners(v, corner, r, lattice, u, side, options, found, n_samples);
 }
 
 #endif

@@ -84,7 +84,7 @@ bool lr_hit_objects(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int
     for (int i = 0; i < n; i++) {
         lr_found one;
         if (!has_surface(members[i].corner, v->threshold) ||
-            !lr_hit_corners(v, members[i].corner, r, LR_EVEN, u, i == left ? side : 0, options,
+            !lr_hit_corners(v, members[i].corner, r, LR_REGULAR, u, i == left ? side : 0, options,
                             &one, n_samples) ||
             (hit && !(one.t < found->t)))
             continue;

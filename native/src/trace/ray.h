@@ -10,7 +10,7 @@
  * the cell of a point is searched for within the box.
  *
  * Source: Amanatides and Woo 1987 for the order of crossings, Sramek 1994 for
- * leaving boxes, Slater 1992 for uneven planes. Departures: 1. recomputation; 2. clamping; 3. a
+ * leaving boxes, Slater 1992 for rectilinear ones. Departures: 1. recomputation; 2. clamping; 3. a
  * start on a plane belongs to the cell that the ray goes into.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -27,12 +27,12 @@ typedef struct lr_ray {
     int32_t s[3];         /* sign of d: -1, 0, +1 */
     int32_t lo[3], hi[3]; /* cells to walk in, inclusive */
     double t_max;
-    const double *const *planes; /* of LR_UNEVEN */
+    const double *const *planes; /* of LR_RECTILINEAR */
 } lr_ray;
 
 /* Do planes lie at the integers, or where r->planes says? Given as a constant, so that
- * even planes pay nothing for uneven ones. */
-typedef enum lr_spacing { LR_EVEN, LR_UNEVEN } lr_spacing;
+ * planes at the integers pay nothing for the others. */
+typedef enum lr_lattice { LR_REGULAR, LR_RECTILINEAR } lr_lattice;
 
 /* Where a walk stands. */
 typedef struct lr_cursor {
@@ -82,23 +82,23 @@ LR_INLINE double lr_floor_along(double q, int32_t s)
 }
 
 /* Where plane k of an axis lies. */
-LR_INLINE double lr_plane_at(const lr_ray *r, lr_spacing spacing, int a, int32_t k)
+LR_INLINE double lr_plane_at(const lr_ray *r, lr_lattice lattice, int a, int32_t k)
 {
-    return spacing == LR_UNEVEN ? r->planes[a][k] : (double)k;
+    return lattice == LR_RECTILINEAR ? r->planes[a][k] : (double)k;
 }
 
 /* t at which the ray crosses plane k of an axis; infinity where it never does. */
-LR_INLINE double lr_plane_t(const lr_ray *r, lr_spacing spacing, int a, int32_t k)
+LR_INLINE double lr_plane_t(const lr_ray *r, lr_lattice lattice, int a, int32_t k)
 {
-    return (lr_plane_at(r, spacing, a, k) - r->o[a]) * r->inv[a] + r->never[a];
+    return (lr_plane_at(r, lattice, a, k) - r->o[a]) * r->inv[a] + r->never[a];
 }
 
 /* The cell among lo..hi, the nearest one for a point beside them, that a ray at q goes
  * on into. */
-LR_INLINE int32_t lr_cell_of(const lr_ray *r, lr_spacing spacing, int a, double q, int32_t lo,
+LR_INLINE int32_t lr_cell_of(const lr_ray *r, lr_lattice lattice, int a, double q, int32_t lo,
                              int32_t hi)
 {
-    if (spacing == LR_EVEN)
+    if (lattice == LR_REGULAR)
         return (int32_t)lr_clamp(lr_floor_along(q, r->s[a]), lo, hi);
     const double *planes = r->planes[a];
     while (lo < hi) { /* the last cell whose lower plane the ray has reached */
@@ -111,7 +111,7 @@ LR_INLINE int32_t lr_cell_of(const lr_ray *r, lr_spacing spacing, int a, double 
 }
 
 /* Clip to the cells lo..hi from t_min on and stand on the first; false: a miss. */
-LR_INLINE bool lr_enter(lr_ray *r, lr_spacing spacing, lr_cursor *u, const int32_t lo[3],
+LR_INLINE bool lr_enter(lr_ray *r, lr_lattice lattice, lr_cursor *u, const int32_t lo[3],
                         const int32_t hi[3], double t_min)
 {
     /* The far bound is widened by the error of lr_plane_t, so that no cell at the
@@ -125,13 +125,13 @@ LR_INLINE bool lr_enter(lr_ray *r, lr_spacing spacing, lr_cursor *u, const int32
         r->lo[a] = lo[a];
         r->hi[a] = hi[a];
         if (r->s[a] == 0) {
-            if (!(r->o[a] >= lr_plane_at(r, spacing, a, lo[a]) &&
-                  r->o[a] < lr_plane_at(r, spacing, a, hi[a] + 1)))
+            if (!(r->o[a] >= lr_plane_at(r, lattice, a, lo[a]) &&
+                  r->o[a] < lr_plane_at(r, lattice, a, hi[a] + 1)))
                 return false;
             continue;
         }
-        double near = lr_plane_t(r, spacing, a, r->s[a] > 0 ? lo[a] : hi[a] + 1);
-        double far = lr_plane_t(r, spacing, a, r->s[a] > 0 ? hi[a] + 1 : lo[a]);
+        double near = lr_plane_t(r, lattice, a, r->s[a] > 0 ? lo[a] : hi[a] + 1);
+        double far = lr_plane_t(r, lattice, a, r->s[a] > 0 ? hi[a] + 1 : lo[a]);
         if (near > t0) {
             t0 = near;
             axis = a;
@@ -144,7 +144,7 @@ LR_INLINE bool lr_enter(lr_ray *r, lr_spacing spacing, lr_cursor *u, const int32
     for (int a = 0; a < 3; a++) {
         const double q = r->s[a] == 0 ? r->o[a] : r->o[a] + t0 * r->d[a];
         const int32_t first = r->s[a] > 0 ? lo[a] : hi[a];
-        u->c[a] = a == axis ? first : lr_cell_of(r, spacing, a, q, lo[a], hi[a]);
+        u->c[a] = a == axis ? first : lr_cell_of(r, lattice, a, q, lo[a], hi[a]);
     }
     u->axis = axis;
     u->t = t0;
@@ -152,12 +152,12 @@ LR_INLINE bool lr_enter(lr_ray *r, lr_spacing spacing, lr_cursor *u, const int32
 }
 
 /* The crossing by which the ray leaves the box lo..hi of cells. */
-LR_INLINE double lr_exit_t(const lr_ray *r, lr_spacing spacing, const int32_t lo[3],
+LR_INLINE double lr_exit_t(const lr_ray *r, lr_lattice lattice, const int32_t lo[3],
                            const int32_t hi[3], int *axis)
 {
     double t[3];
     for (int a = 0; a < 3; a++)
-        t[a] = lr_plane_t(r, spacing, a, r->s[a] > 0 ? hi[a] + 1 : lo[a]);
+        t[a] = lr_plane_t(r, lattice, a, r->s[a] > 0 ? hi[a] + 1 : lo[a]);
     int a = t[1] < t[0];
     a = t[2] < t[a] ? 2 : a;
     *axis = a;
@@ -178,17 +178,17 @@ LR_INLINE bool lr_cross(const lr_ray *r, lr_cursor *u, int axis, double t)
 }
 
 /* The plane of its cell that the ray goes towards. */
-LR_INLINE double lr_next_t(const lr_ray *r, lr_spacing spacing, const lr_cursor *u, int a)
+LR_INLINE double lr_next_t(const lr_ray *r, lr_lattice lattice, const lr_cursor *u, int a)
 {
-    return lr_plane_t(r, spacing, a, u->c[a] + (r->s[a] > 0));
+    return lr_plane_t(r, lattice, a, u->c[a] + (r->s[a] > 0));
 }
 
 /* Leave the one cell u->c: as lr_exit does, and shorter, since no other
  * coordinate can change. */
-LR_INLINE bool lr_step(const lr_ray *r, lr_spacing spacing, lr_cursor *u)
+LR_INLINE bool lr_step(const lr_ray *r, lr_lattice lattice, lr_cursor *u)
 {
-    const double x = lr_next_t(r, spacing, u, 0), y = lr_next_t(r, spacing, u, 1),
-                 z = lr_next_t(r, spacing, u, 2);
+    const double x = lr_next_t(r, lattice, u, 0), y = lr_next_t(r, lattice, u, 1),
+                 z = lr_next_t(r, lattice, u, 2);
     if (y < x)
         return z < y ? lr_cross(r, u, 2, z) : lr_cross(r, u, 1, y);
     return z < x ? lr_cross(r, u, 2, z) : lr_cross(r, u, 0, x);
@@ -201,7 +201,7 @@ LR_INLINE bool lr_step(const lr_ray *r, lr_spacing spacing, lr_cursor *u)
  * out, both from lr_plane_t, whose rounding is monotonous in the plane: hence the
  * cells that are met so are those that lr_step would visit, boxes of cells are met
  * wherever one of their cells is, and none needs to be widened. */
-LR_INLINE bool lr_reach(const lr_ray *r, lr_spacing spacing, lr_cursor *u, const int32_t lo[3],
+LR_INLINE bool lr_reach(const lr_ray *r, lr_lattice lattice, lr_cursor *u, const int32_t lo[3],
                         const int32_t hi[3])
 {
     int32_t near[3], far[3];
@@ -214,11 +214,11 @@ LR_INLINE bool lr_reach(const lr_ray *r, lr_spacing spacing, lr_cursor *u, const
             return false;
         near[a] = r->s[a] < 0 ? high : low;
         far[a] = r->s[a] < 0 ? low : high;
-        const double t_far = lr_plane_t(r, spacing, a, far[a] + (r->s[a] > 0));
+        const double t_far = lr_plane_t(r, lattice, a, far[a] + (r->s[a] > 0));
         out = t_far < out ? t_far : out;
         if (near[a] == u->c[a])
             continue;
-        const double t_near = lr_plane_t(r, spacing, a, near[a] + (r->s[a] < 0));
+        const double t_near = lr_plane_t(r, lattice, a, near[a] + (r->s[a] < 0));
         if (t_near >= in) {
             in = t_near;
             axis = a;
@@ -234,7 +234,7 @@ LR_INLINE bool lr_reach(const lr_ray *r, lr_spacing spacing, lr_cursor *u, const
             continue;
         const bool up = r->s[a] > 0;
         u->c[a] = a == axis ? near[a]
-                            : lr_cell_of(r, spacing, a, r->o[a] + u->t * r->d[a],
+                            : lr_cell_of(r, lattice, a, r->o[a] + u->t * r->d[a],
                                          up ? near[a] : far[a], up ? far[a] : near[a]);
     }
     u->axis = axis;
@@ -242,11 +242,11 @@ LR_INLINE bool lr_reach(const lr_ray *r, lr_spacing spacing, lr_cursor *u, const
 }
 
 /* Leave the box lo..hi around u->c; false: the ray has ended. */
-LR_INLINE bool lr_exit(const lr_ray *r, lr_spacing spacing, lr_cursor *u, const int32_t lo[3],
+LR_INLINE bool lr_exit(const lr_ray *r, lr_lattice lattice, lr_cursor *u, const int32_t lo[3],
                        const int32_t hi[3])
 {
     int axis;
-    double t = lr_exit_t(r, spacing, lo, hi, &axis);
+    double t = lr_exit_t(r, lattice, lo, hi, &axis);
     t = t > u->t ? t : u->t;
     if (!(t <= r->t_max))
         return false;
@@ -254,7 +254,7 @@ LR_INLINE bool lr_exit(const lr_ray *r, lr_spacing spacing, lr_cursor *u, const 
         if (r->s[a] == 0 || a == axis)
             continue;
         const bool up = r->s[a] > 0;
-        u->c[a] = lr_cell_of(r, spacing, a, r->o[a] + t * r->d[a], up ? u->c[a] : lo[a],
+        u->c[a] = lr_cell_of(r, lattice, a, r->o[a] + t * r->d[a], up ? u->c[a] : lo[a],
                              up ? hi[a] : u->c[a]);
     }
     u->c[axis] = r->s[axis] > 0 ? hi[axis] + 1 : lo[axis] - 1;

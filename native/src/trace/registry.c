@@ -70,7 +70,7 @@ lr_status lr_structure_build(const lr_volume *volume, int32_t traverser, const i
         return status;
     if (!volume->finished)
         return lr_fail(error, LR_E_ARGUMENT, "the volume is not finished");
-    if (volume->planes[0] != NULL && !(registry[traverser].about.flags & LR_TRAVERSER_UNEVEN))
+    if (volume->planes[0] != NULL && !(registry[traverser].about.flags & LR_TRAVERSER_RECTILINEAR))
         return lr_fail(error, LR_E_ARGUMENT,
                        "%s counts on voxels of one size, and this volume is rectilinear",
                        registry[traverser].about.name);

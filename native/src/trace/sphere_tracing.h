@@ -51,7 +51,7 @@ LR_INLINE bool lr_next_sphere(const lr_ray *r, lr_cursor *u, double radius, cons
     const double length = radius - p->slack;
     *jump = radius >= 1.0 && length >= p->slack;
     if (!*jump)
-        return lr_step(r, LR_EVEN, u);
+        return lr_step(r, LR_REGULAR, u);
     const double t = u->t + length * p->per_voxel;
     if (!(t <= r->t_max) || !lr_cell_along(r, t, u->c))
         return false;

@@ -30,13 +30,13 @@ LR_INLINE void lr_cut_box(const lr_ray *r, int32_t lo[3], int32_t hi[3])
 }
 
 /* A start inside an object cell is a binary hit before any step. */
-LR_INLINE bool lr_starts_inside(const lr_volume *v, const lr_ray *r, lr_spacing spacing,
+LR_INLINE bool lr_starts_inside(const lr_volume *v, const lr_ray *r, lr_lattice lattice,
                                 double t_min, lr_cursor *u)
 {
     lr_ray copy = *r;
     const int32_t lo[3] = {1, 1, 1};
     const int32_t hi[3] = {v->desc.nx + 1, v->desc.ny + 1, v->desc.nz + 1};
-    return lr_enter(&copy, spacing, u, lo, hi, t_min) && u->axis < 0 && lr_object_cell(v, u->c);
+    return lr_enter(&copy, lattice, u, lo, hi, t_min) && u->axis < 0 && lr_object_cell(v, u->c);
 }
 
 /* Leave a surface: stand on its cell, whatever rounding says. */

@@ -143,13 +143,13 @@ static void find_gates(scene *s, const lr_ray *r, double t_start)
     int in = 0, out;
     double t_in = -INFINITY;
     for (int a = 0; a < 3; a++) {
-        const double t = lr_plane_t(r, LR_EVEN, a, s->c[a] + (r->s[a] < 0));
+        const double t = lr_plane_t(r, LR_REGULAR, a, s->c[a] + (r->s[a] < 0));
         if (r->s[a] != 0 && t > t_in) {
             t_in = t;
             in = a;
         }
     }
-    const double t_out = lr_exit_t(r, LR_EVEN, s->c, s->c, &out);
+    const double t_out = lr_exit_t(r, LR_REGULAR, s->c, s->c, &out);
     s->out = gate_at(s, out, fmax(t_out, t_start), r->s[out]);
     s->in = t_in > t_start ? gate_at(s, in, t_in, -r->s[in]) : (gate){.t = t_start};
 }
@@ -551,7 +551,7 @@ bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *
         (value_at(&s, &s.in) >= 0.0) != (value_at(&s, &s.out) >= 0.0)) {
         found->triangle = LR_NO_TRIANGLE; /* where a solid's mesh has a hole */
         found->object = LR_NO_OBJECT;
-        return lr_hit_cell(v, r, LR_EVEN, u, 0, options, found, n_samples);
+        return lr_hit_cell(v, r, LR_REGULAR, u, 0, options, found, n_samples);
     }
     if (leaving->side == 0)
         return false;

@@ -34,7 +34,7 @@ bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *
 /* The hit test of any cell. *side as in lr_hit_cell, but twice that where a triangle
  * cell has handed it on; what it is afterwards goes with the next cell. What the rare
  * branches are given are copies, so that the ray and the cursor may live in registers. */
-LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_spacing spacing, const lr_cursor *u,
+LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_lattice lattice, const lr_cursor *u,
                       const lr_leaving *leaving, int *side, const lr_trace_options *options,
                       lr_found *found, uint64_t *n_samples)
 {
@@ -88,7 +88,7 @@ LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_spacing spacing, c
     found->object = LR_NO_OBJECT;
     return options->hit_test == LR_HIT_UNIFORM
                ? lr_hit_uniform(v, r, u, leaving->t, start, options, found, n_samples)
-               : lr_hit_cell(v, r, spacing, u, start, options, found, n_samples);
+               : lr_hit_cell(v, r, lattice, u, start, options, found, n_samples);
 }
 
 #endif

@@ -39,7 +39,7 @@ LR_INLINE bool lr_hit_uniform(const lr_volume *v, const lr_ray *r, const lr_curs
     const double step = options->step / length;
     /* no cell is longer, also where the ray was said to start in a cell far from its origin */
     const double t_end = fmax(u->t, t_min) + 2.0 / length;
-    const double t_out = fmin(lr_exit_t(r, LR_EVEN, u->c, u->c, &axis), t_end);
+    const double t_out = fmin(lr_exit_t(r, LR_REGULAR, u->c, u->c, &axis), t_end);
     const double first = ceil((u->t - t_min) / step);
     double ta = t_min + (first > 0.0 ? first - 1.0 : 0.0) * step;
     double fa = lr_sample_along(v, r, ta, found);

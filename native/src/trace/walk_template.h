@@ -3,16 +3,16 @@
  * A traverser's file defines LR_NAME (its name in the registry) and either
  *   LR_BOX   box(data, volume, ray, state, c, lo, hi, tally): true where cell c is
  *            a surface cell, else an empty box lo..hi around it, or
- *   LR_WALK  walk(data, volume, ray, spacing, cursor, state, first, tally): leaves the
+ *   LR_WALK  walk(data, volume, ray, lattice, cursor, state, first, tally): leaves the
  *            cell it stands on, but on the first call, and goes on until the cursor
  *            stands on a surface cell; false where the ray has ended, or
- *   LR_EVEN_WALK  the same without spacing: planes lie at the integers,
+ *   LR_REGULAR_WALK  the same without lattice: planes lie at the integers,
  * and, where it can take several rays at a time, LR_FITS(volume, data, options) and
  * LR_PACKET(volume, data, rays, first, end, options, hits, counters), and
- * LR_STATE and LR_START(data, volume, ray, spacing, cursor, state) where its walk keeps
+ * LR_STATE and LR_START(data, volume, ray, lattice, cursor, state) where its walk keeps
  * something (else neither), then includes this file, which makes
  * lr_<name>_trace. The state survives a cell whose hit test failed: the walk is
- * simply called again. All of it is compiled for even planes, and once more for
+ * simply called again. All of it is compiled for regular lattices, and once more for
  * those of rectilinear volumes where the walk can.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -26,16 +26,16 @@
 
 #ifndef LR_STATE
 #define LR_STATE                                            int
-#define LR_START(data, volume, ray, spacing, cursor, state) (*(state) = 0)
+#define LR_START(data, volume, ray, lattice, cursor, state) (*(state) = 0)
 #endif
 
 #ifdef LR_BOX
 LR_INLINE bool lr_walk_boxes(const void *data, const lr_volume *v, const lr_ray *r,
-                             lr_spacing spacing, lr_cursor *u, LR_STATE *state, bool first,
+                             lr_lattice lattice, lr_cursor *u, LR_STATE *state, bool first,
                              lr_tally *tally)
 {
     int32_t lo[3], hi[3];
-    if (!first && !lr_step(r, spacing, u))
+    if (!first && !lr_step(r, lattice, u))
         return false;
     for (;;) {
         lr_count_cell(tally);
@@ -43,22 +43,22 @@ LR_INLINE bool lr_walk_boxes(const void *data, const lr_volume *v, const lr_ray 
             return true;
         const bool one = hi[0] - lo[0] + hi[1] - lo[1] + hi[2] - lo[2] == 0;
         lr_count_jump(tally, !one);
-        if (one ? !lr_step(r, spacing, u) : !lr_exit(r, spacing, u, lo, hi))
+        if (one ? !lr_step(r, lattice, u) : !lr_exit(r, lattice, u, lo, hi))
             return false;
     }
 }
 #define LR_WALK lr_walk_boxes
 #endif
 
-#ifdef LR_EVEN_WALK
-#define LR_WALK(data, volume, ray, spacing, cursor, state, first, tally)                           \
-    LR_EVEN_WALK(data, volume, ray, cursor, state, first, tally)
+#ifdef LR_REGULAR_WALK
+#define LR_WALK(data, volume, ray, lattice, cursor, state, first, tally)                           \
+    LR_REGULAR_WALK(data, volume, ray, cursor, state, first, tally)
 #endif
 
-/* One ray; counted and spacing are constants, so that neither costs anything when out. */
+/* One ray; counted and lattice are constants, so that neither costs anything when out. */
 LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays *rays, uint64_t i,
                             const lr_trace_options *options, const lr_hits *hits,
-                            lr_spacing spacing, bool counted, lr_counters *counters)
+                            lr_lattice lattice, bool counted, lr_counters *counters)
 {
     lr_ray r;
     lr_cursor u;
@@ -76,16 +76,16 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
     if (!lr_ray_setup(&r, v, o, d, rays->t_max != NULL ? rays->t_max[i] : INFINITY) ||
         !(t_min <= r.t_max && t_min < INFINITY))
         goto end;
-    if (options->mode == LR_MODE_BINARY && lr_starts_inside(v, &r, spacing, t_min, &u)) {
+    if (options->mode == LR_MODE_BINARY && lr_starts_inside(v, &r, lattice, t_min, &u)) {
         lr_put_binary(v, hits, i, &r, &u);
         hit = true;
         goto end;
     }
     if (!(side != 0 ? lr_leave(v, &r, &u, start, t_min)
-                    : lr_enter(&r, spacing, &u, v->surface_lo, v->surface_hi, t_min)))
+                    : lr_enter(&r, lattice, &u, v->surface_lo, v->surface_hi, t_min)))
         goto end;
-    LR_START(data, v, &r, spacing, &u, &state);
-    while (LR_WALK(data, v, &r, spacing, &u, &state, first, counted ? &tally : NULL)) {
+    LR_START(data, v, &r, lattice, &u, &state);
+    while (LR_WALK(data, v, &r, lattice, &u, &state, first, counted ? &tally : NULL)) {
         if (options->mode == LR_MODE_BINARY) {
             lr_put_binary(v, hits, i, &r, &u);
             hit = true;
@@ -93,7 +93,7 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
         }
         lr_found found;
         n_tests++;
-        if (lr_hit(v, &r, spacing, &u, &leaving, &side, options, &found, &n_samples)) {
+        if (lr_hit(v, &r, lattice, &u, &leaving, &side, options, &found, &n_samples)) {
             lr_put_surface(v, hits, i, &found, d, options->normal);
             hit = true;
             break;
@@ -118,14 +118,14 @@ end:
 
 LR_INLINE void lr_trace_some(const lr_volume *v, const void *data, const lr_rays *rays,
                              uint64_t first, uint64_t end, const lr_trace_options *options,
-                             const lr_hits *hits, lr_spacing spacing, lr_counters *counters)
+                             const lr_hits *hits, lr_lattice lattice, lr_counters *counters)
 {
     if (counters != NULL)
         for (uint64_t i = first; i < end; i++)
-            lr_trace_one(v, data, rays, i, options, hits, spacing, true, counters);
+            lr_trace_one(v, data, rays, i, options, hits, lattice, true, counters);
     else
         for (uint64_t i = first; i < end; i++)
-            lr_trace_one(v, data, rays, i, options, hits, spacing, false, NULL);
+            lr_trace_one(v, data, rays, i, options, hits, lattice, false, NULL);
 }
 
 lr_status LR_JOIN(lr_, LR_NAME,
@@ -147,13 +147,13 @@ lr_status LR_JOIN(lr_, LR_NAME,
             continue;
         }
 #endif
-#ifndef LR_EVEN_WALK
+#ifndef LR_REGULAR_WALK
         if (volume->planes[0] != NULL) {
-            lr_trace_some(volume, data, rays, first, last, options, hits, LR_UNEVEN, counted);
+            lr_trace_some(volume, data, rays, first, last, options, hits, LR_RECTILINEAR, counted);
             continue;
         }
 #endif
-        lr_trace_some(volume, data, rays, first, last, options, hits, LR_EVEN, counted);
+        lr_trace_some(volume, data, rays, first, last, options, hits, LR_REGULAR, counted);
     }
     if (counters != NULL) {
         counters->rays += sum.rays;

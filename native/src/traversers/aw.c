@@ -26,36 +26,36 @@ typedef struct planes {
     double next[3];
 } planes;
 
-LR_INLINE void begin_walk(const lr_ray *r, lr_spacing spacing, const lr_cursor *u, planes *p)
+LR_INLINE void begin_walk(const lr_ray *r, lr_lattice lattice, const lr_cursor *u, planes *p)
 {
     for (int a = 0; a < 3; a++)
-        p->next[a] = lr_next_t(r, spacing, u, a);
+        p->next[a] = lr_next_t(r, lattice, u, a);
 }
 
-LR_INLINE bool step(const lr_ray *r, lr_spacing spacing, lr_cursor *u, planes *p, int axis)
+LR_INLINE bool step(const lr_ray *r, lr_lattice lattice, lr_cursor *u, planes *p, int axis)
 {
     bool goes_on = lr_cross(r, u, axis, p->next[axis]);
-    p->next[axis] = lr_next_t(r, spacing, u, axis);
+    p->next[axis] = lr_next_t(r, lattice, u, axis);
     return goes_on;
 }
 
-LR_INLINE bool next_cell(const lr_ray *r, lr_spacing spacing, lr_cursor *u, planes *p)
+LR_INLINE bool next_cell(const lr_ray *r, lr_lattice lattice, lr_cursor *u, planes *p)
 {
     const double *t = p->next;
     if (t[1] < t[0])
-        return t[2] < t[1] ? step(r, spacing, u, p, 2) : step(r, spacing, u, p, 1);
-    return t[2] < t[0] ? step(r, spacing, u, p, 2) : step(r, spacing, u, p, 0);
+        return t[2] < t[1] ? step(r, lattice, u, p, 2) : step(r, lattice, u, p, 1);
+    return t[2] < t[0] ? step(r, lattice, u, p, 2) : step(r, lattice, u, p, 0);
 }
 
-LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_spacing spacing,
+LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_lattice lattice,
                     lr_cursor *u, planes *p, bool first, lr_tally *tally)
 {
     (void)data;
-    if (!first && !next_cell(r, spacing, u, p))
+    if (!first && !next_cell(r, lattice, u, p))
         return false;
     lr_count_cell(tally);
     while (!lr_is_surface_cell(v, u->c)) {
-        if (!next_cell(r, spacing, u, p))
+        if (!next_cell(r, lattice, u, p))
             return false;
         lr_count_cell(tally);
     }
@@ -64,6 +64,6 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_sp
 
 #define LR_NAME                                             aw
 #define LR_STATE                                            planes
-#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(ray, spacing, cursor, state)
+#define LR_START(data, volume, ray, lattice, cursor, state) begin_walk(ray, lattice, cursor, state)
 #define LR_WALK                                             walk
 #include "trace/walk_template.h"

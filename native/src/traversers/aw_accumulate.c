@@ -40,7 +40,7 @@ LR_INLINE void begin_walk(const int32_t *choices, const lr_ray *r, const lr_curs
 {
     s->single = choices[0] == 1;
     for (int a = 0; a < 3; a++) {
-        s->next[a] = rounded(s, lr_next_t(r, LR_EVEN, u, a));
+        s->next[a] = rounded(s, lr_next_t(r, LR_REGULAR, u, a));
         s->delta[a] = rounded(s, fabs(r->inv[a]));
     }
 }
@@ -71,6 +71,6 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
 
 #define LR_NAME                                             aw_accumulate
 #define LR_STATE                                            sums
-#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(data, ray, cursor, state)
-#define LR_EVEN_WALK                                        walk
+#define LR_START(data, volume, ray, lattice, cursor, state) begin_walk(data, ray, cursor, state)
+#define LR_REGULAR_WALK                                     walk
 #include "trace/walk_template.h"

@@ -219,7 +219,7 @@ LR_INLINE bool empty_ahead(const void *data, const lr_volume *v, const lr_ray *r
 }
 
 #define LR_NAME                                             cd_octant
-#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(ray, state)
+#define LR_START(data, volume, ray, lattice, cursor, state) begin_walk(ray, state)
 #define LR_STATE                                            int
 #define LR_BOX                                              empty_ahead
 #include "trace/walk_template.h"

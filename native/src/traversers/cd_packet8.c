@@ -93,7 +93,7 @@ static void prepare(lr_packet *k)
             k->hits->steps[i] = 0;
         if (!set_up(k, i, &r) || !(t_min <= r.t_max && t_min < INFINITY) ||
             !(side != 0 ? lr_leave(v, &r, &u, start, t_min)
-                        : lr_enter(&r, LR_EVEN, &u, v->surface_lo, v->surface_hi, t_min)))
+                        : lr_enter(&r, LR_REGULAR, &u, v->surface_lo, v->surface_hi, t_min)))
             continue;
         for (int a = 0; a < 3; a++) {
             w->o[a][n] = r.o[a];
@@ -265,7 +265,7 @@ static bool test(lr_packet *k, const lr_ray *r, const lr_cursor *u, int *side, u
     const lr_start *start = k->rays->start != NULL ? &k->rays->start[i] : NULL;
     const lr_leaving leaving =
         lr_leaving_of(start, k->rays->t_min != NULL ? k->rays->t_min[i] : 0.0);
-    const bool hit = lr_hit(k->v, r, LR_EVEN, u, &leaving, side, k->options, &found, &n_samples);
+    const bool hit = lr_hit(k->v, r, LR_REGULAR, u, &leaving, side, k->options, &found, &n_samples);
     if (k->counters != NULL) {
         k->counters->samples += n_samples;
         k->counters->hits += hit;

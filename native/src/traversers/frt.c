@@ -131,7 +131,7 @@ LR_INLINE bool step_integer(const lr_ray *r, lr_cursor *u, differences *e)
         e->xz -= e->grow[0];
         e->yz -= e->grow[1];
     }
-    return lr_cross(r, u, axis, lr_next_t(r, LR_EVEN, u, axis));
+    return lr_cross(r, u, axis, lr_next_t(r, LR_REGULAR, u, axis));
 }
 
 LR_INLINE void begin_float(const lr_ray *r, const lr_cursor *u, differences *e)
@@ -140,7 +140,7 @@ LR_INLINE void begin_float(const lr_ray *r, const lr_cursor *u, differences *e)
     e->start = u->t;
     e->per_voxel = 1.0 / length;
     for (int a = 0; a < 3; a++) {
-        e->next[a] = (float)((lr_next_t(r, LR_EVEN, u, a) - u->t) * length);
+        e->next[a] = (float)((lr_next_t(r, LR_REGULAR, u, a) - u->t) * length);
         e->delta[a] = (float)(fabs(r->inv[a]) * length);
     }
 }
@@ -177,6 +177,6 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
 
 #define LR_NAME                                             frt
 #define LR_STATE                                            differences
-#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(data, ray, cursor, state)
-#define LR_EVEN_WALK                                        walk
+#define LR_START(data, volume, ray, lattice, cursor, state) begin_walk(data, ray, cursor, state)
+#define LR_REGULAR_WALK                                     walk
 #include "trace/walk_template.h"

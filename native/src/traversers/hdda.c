@@ -188,7 +188,7 @@ LR_INLINE bool empty_node(const void *data, const lr_volume *v, const lr_ray *r,
 
 #define LR_NAME  hdda
 #define LR_STATE place
-#define LR_START(data, volume, ray, spacing, cursor, state)                                        \
+#define LR_START(data, volume, ray, lattice, cursor, state)                                        \
     ((state)->brick[0] = -1) /* none yet                                                           \
                               */
 #define LR_BOX empty_node

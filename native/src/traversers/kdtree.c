@@ -203,13 +203,13 @@ LR_INLINE bool inside(const node *box, const int32_t c[3])
     return in;
 }
 
-LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_spacing spacing,
+LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_lattice lattice,
                     lr_cursor *u, stack *s, bool first, lr_tally *tally)
 {
     (void)v, (void)first;
     const tree *t = data;
     if (s->leaf != NULL) {
-        if (!lr_step(r, spacing, u))
+        if (!lr_step(r, lattice, u))
             return false;
         lr_count_cell(tally);
         if (inside(s->leaf, u->c))
@@ -220,7 +220,7 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_sp
         const node *box = &t->nodes[at];
         lr_cursor there = *u;
         lr_count_node(tally);
-        if (!lr_reach(r, spacing, &there, box->lo, box->hi))
+        if (!lr_reach(r, lattice, &there, box->lo, box->hi))
             continue;
         if (box->second == 0) {
             if (s->leaf == NULL || memcmp(there.c, u->c, sizeof u->c) != 0)
@@ -238,6 +238,6 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_sp
 
 #define LR_NAME                                             kdtree
 #define LR_STATE                                            stack
-#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(data, state)
+#define LR_START(data, volume, ray, lattice, cursor, state) begin_walk(data, state)
 #define LR_WALK                                             walk
 #include "trace/walk_template.h"

@@ -96,7 +96,7 @@ typedef struct line {
 LR_INLINE void begin_walk(const lr_ray *r, const lr_cursor *u, line *l)
 {
     int axis;
-    const double t = lr_exit_t(r, LR_EVEN, r->lo, r->hi, &axis);
+    const double t = lr_exit_t(r, LR_REGULAR, r->lo, r->hi, &axis);
     l->longest = 0;
     for (int a = 0; a < 3; a++) {
         const double q = a == axis ? (r->s[a] > 0 ? r->hi[a] : r->lo[a])
@@ -147,13 +147,13 @@ LR_INLINE bool step_6(line *l)
 /* Stand on cell c, though the ray may pass it by; false beyond the ray's end. */
 LR_INLINE bool stand(const lr_ray *r, lr_cursor *u, const int32_t c[3])
 {
-    if (lr_reach(r, LR_EVEN, u, c, c))
+    if (lr_reach(r, LR_REGULAR, u, c, c))
         return true;
     double in = u->t;
     for (int a = 0; a < 3; a++) {
         if (c[a] == u->c[a])
             continue;
-        const double t = lr_plane_t(r, LR_EVEN, a, c[a] + (r->s[a] < 0));
+        const double t = lr_plane_t(r, LR_REGULAR, a, c[a] + (r->s[a] < 0));
         if (t >= in) {
             in = t;
             u->axis = a;
@@ -188,6 +188,6 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
 
 #define LR_NAME                                             lines
 #define LR_STATE                                            line
-#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(ray, cursor, state)
-#define LR_EVEN_WALK                                        walk
+#define LR_START(data, volume, ray, lattice, cursor, state) begin_walk(ray, cursor, state)
+#define LR_REGULAR_WALK                                     walk
 #include "trace/walk_template.h"

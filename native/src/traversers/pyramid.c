@@ -143,6 +143,6 @@ LR_INLINE bool empty_node(const void *data, const lr_volume *v, const lr_ray *r,
 
 #define LR_NAME                                             pyramid
 #define LR_STATE                                            place
-#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(data, (cursor)->c, state)
+#define LR_START(data, volume, ray, lattice, cursor, state) begin_walk(data, (cursor)->c, state)
 #define LR_BOX                                              empty_node
 #include "trace/walk_template.h"

@@ -58,7 +58,7 @@ LR_INLINE bool walk_safe(const lr_radii *f, const lr_volume *v, const lr_ray *r,
                          const lr_pace *p, bool first, lr_tally *tally)
 {
     bool jump;
-    if (!first && !lr_step(r, LR_EVEN, u))
+    if (!first && !lr_step(r, LR_REGULAR, u))
         return false;
     for (;;) {
         lr_count_cell(tally);
@@ -89,7 +89,7 @@ LR_INLINE bool walk_paper(const lr_radii *f, const lr_volume *v, const lr_ray *r
         lr_count_cell(tally);
         lr_count_jump(tally, radius > 1.0);
         if (lr_is_surface_cell(v, c) && memcmp(c, u->c, sizeof c) != 0 &&
-            lr_reach(r, LR_EVEN, u, c, c))
+            lr_reach(r, LR_REGULAR, u, c, c))
             return true;
     }
 }
@@ -104,6 +104,6 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
 
 #define LR_NAME                                             radc
 #define LR_STATE                                            pace
-#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(ray, cursor, state)
-#define LR_EVEN_WALK                                        walk
+#define LR_START(data, volume, ray, lattice, cursor, state) begin_walk(ray, cursor, state)
+#define LR_REGULAR_WALK                                     walk
 #include "trace/walk_template.h"

@@ -247,7 +247,7 @@ LR_INLINE bool occupied(const octree *t, const place *at)
 
 /* Make the occupied child that the cursor is in the parent. Which of its children the
  * ray is in: by the start's cell, or by the middle planes that lie behind. */
-LR_INLINE void descend(const octree *t, const lr_ray *r, lr_spacing spacing, const lr_cursor *u,
+LR_INLINE void descend(const octree *t, const lr_ray *r, lr_lattice lattice, const lr_cursor *u,
                        bool started, place *at)
 {
     const int level = at->level;
@@ -260,14 +260,14 @@ LR_INLINE void descend(const octree *t, const lr_ray *r, lr_spacing spacing, con
         const int32_t middle = at->corner[a] + half;
         bool upper = u->c[a] >= middle;
         if (started && r->s[a] != 0)
-            upper = (lr_plane_t(r, spacing, a, middle) <= u->t) == (r->s[a] > 0);
+            upper = (lr_plane_t(r, lattice, a, middle) <= u->t) == (r->s[a] > 0);
         at->corner[a] += upper ? half : 0;
     }
 }
 
 /* Leave the child by the face that the ray reaches first, climbing where that is
  * its parent's too; false: the ray has ended. */
-LR_INLINE bool advance(const octree *t, const lr_ray *r, lr_spacing spacing, lr_cursor *u,
+LR_INLINE bool advance(const octree *t, const lr_ray *r, lr_lattice lattice, lr_cursor *u,
                        place *at, lr_tally *tally)
 {
     const int32_t size = 1 << (at->level - 1);
@@ -275,7 +275,7 @@ LR_INLINE bool advance(const octree *t, const lr_ray *r, lr_spacing spacing, lr_
     int axis;
     for (int a = 0; a < 3; a++)
         hi[a] = at->corner[a] + size - 1;
-    const double out = lr_exit_t(r, spacing, at->corner, hi, &axis);
+    const double out = lr_exit_t(r, lattice, at->corner, hi, &axis);
     u->t = out > u->t ? out : u->t;
     u->axis = axis;
     if (!(out <= r->t_max) || r->s[axis] == 0) /* as in lr_cross */
@@ -293,24 +293,24 @@ LR_INLINE bool advance(const octree *t, const lr_ray *r, lr_spacing spacing, lr_
     return true;
 }
 
-LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_spacing spacing,
+LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_lattice lattice,
                     lr_cursor *u, place *at, bool first, lr_tally *tally)
 {
     (void)v;
     const octree *t = data;
     bool started = !first;
-    if (!first && !advance(t, r, spacing, u, at, tally))
+    if (!first && !advance(t, r, lattice, u, at, tally))
         return false;
     lr_count_cell(tally);
     for (;;) {
         if (!occupied(t, at)) {
             lr_count_jump(tally, at->level > 1);
-            if (!advance(t, r, spacing, u, at, tally))
+            if (!advance(t, r, lattice, u, at, tally))
                 return false;
             lr_count_cell(tally);
             started = true;
         } else if (at->level > 1) {
-            descend(t, r, spacing, u, started, at);
+            descend(t, r, lattice, u, started, at);
             lr_count_node(tally);
         } else {
             memcpy(u->c, at->corner, sizeof u->c);
@@ -321,6 +321,6 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_sp
 
 #define LR_NAME                                             smart
 #define LR_STATE                                            place
-#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(data, (cursor)->c, state)
+#define LR_START(data, volume, ray, lattice, cursor, state) begin_walk(data, (cursor)->c, state)
 #define LR_WALK                                             walk
 #include "trace/walk_template.h"

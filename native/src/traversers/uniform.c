@@ -39,7 +39,7 @@ LR_INLINE void begin_walk(const int32_t *choices, const lr_ray *r, const lr_curs
         across += r->hi[a] - r->lo[a] + 1;
     s->first = u->t;
     s->step = step / hypot(hypot(r->d[0], r->d[1]), r->d[2]);
-    s->last = lr_exit_t(r, LR_EVEN, r->lo, r->hi, &axis);
+    s->last = lr_exit_t(r, LR_REGULAR, r->lo, r->hi, &axis);
     s->last = s->last < r->t_max ? s->last : r->t_max;
     s->k = 0.0;
     s->end = across / step + 2.0;
@@ -75,7 +75,7 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
         lr_count_cell(tally);
         if (!cell_at(r, t, c) || !lr_is_surface_cell(v, c) || memcmp(c, u->c, sizeof c) == 0)
             continue;
-        if (lr_reach(r, LR_EVEN, u, c, c)) /* else it was touched by rounding only */
+        if (lr_reach(r, LR_REGULAR, u, c, c)) /* else it was touched by rounding only */
             return true;
     }
     return false;
@@ -83,6 +83,6 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
 
 #define LR_NAME                                             uniform
 #define LR_STATE                                            samples
-#define LR_START(data, volume, ray, spacing, cursor, state) begin_walk(data, ray, cursor, state)
-#define LR_EVEN_WALK                                        walk
+#define LR_START(data, volume, ray, lattice, cursor, state) begin_walk(data, ray, cursor, state)
+#define LR_REGULAR_WALK                                     walk
 #include "trace/walk_template.h"
