@@ -201,8 +201,8 @@ LR_INLINE bool lr_step(const lr_ray *r, lr_lattice lattice, lr_cursor *u)
  * out, both from lr_plane_t, whose rounding is monotonous in the plane: hence the
  * cells that are met so are those that lr_step would visit, boxes of cells are met
  * wherever one of their cells is, and none needs to be widened. */
-LR_INLINE bool lr_reach(const lr_ray *r, lr_lattice lattice, lr_cursor *u, const int32_t lo[3],
-                        const int32_t hi[3])
+LR_INLINE bool lr_advance_to_box(const lr_ray *r, lr_lattice lattice, lr_cursor *u,
+                                 const int32_t lo[3], const int32_t hi[3])
 {
     int32_t near[3], far[3];
     double in = -INFINITY, out = INFINITY;

@@ -220,7 +220,7 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_la
         const node *box = &t->nodes[at];
         lr_cursor there = *u;
         lr_count_node(tally);
-        if (!lr_reach(r, lattice, &there, box->lo, box->hi))
+        if (!lr_advance_to_box(r, lattice, &there, box->lo, box->hi))
             continue;
         if (box->second == 0) {
             if (s->leaf == NULL || memcmp(there.c, u->c, sizeof u->c) != 0)

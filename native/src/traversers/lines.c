@@ -147,7 +147,7 @@ LR_INLINE bool step_6(line *l)
 /* Stand on cell c, though the ray may pass it by; false beyond the ray's end. */
 LR_INLINE bool stand(const lr_ray *r, lr_cursor *u, const int32_t c[3])
 {
-    if (lr_reach(r, LR_REGULAR, u, c, c))
+    if (lr_advance_to_box(r, LR_REGULAR, u, c, c))
         return true;
     double in = u->t;
     for (int a = 0; a < 3; a++) {

@@ -89,7 +89,7 @@ LR_INLINE bool walk_paper(const lr_radii *f, const lr_volume *v, const lr_ray *r
         lr_count_cell(tally);
         lr_count_jump(tally, radius > 1.0);
         if (lr_is_surface_cell(v, c) && memcmp(c, u->c, sizeof c) != 0 &&
-            lr_reach(r, LR_REGULAR, u, c, c))
+            lr_advance_to_box(r, LR_REGULAR, u, c, c))
             return true;
     }
 }

@@ -75,7 +75,7 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_cu
         lr_count_cell(tally);
         if (!cell_at(r, t, c) || !lr_is_surface_cell(v, c) || memcmp(c, u->c, sizeof c) == 0)
             continue;
-        if (lr_reach(r, LR_REGULAR, u, c, c)) /* else it was touched by rounding only */
+        if (lr_advance_to_box(r, LR_REGULAR, u, c, c)) /* else it was touched by rounding only */
             return true;
     }
     return false;

@@ -16,8 +16,8 @@
 
 #include "base/base.h"
 
-#define LR_GAUSS_REACH 4.5    /* sigma: beyond, less than half a step of u16 is left */
-#define LR_BOX_REACH   0.8661 /* sqrt(3) / 2: farther voxels are of one side */
+#define LR_GAUSS_RADIUS 4.5    /* sigma: beyond, less than half a step of u16 is left */
+#define LR_BOX_REACH    0.8661 /* sqrt(3) / 2: farther voxels are of one side */
 
 #define LR_WIDEST 32.0 /* voxels that a filter may reach */
 
@@ -42,7 +42,7 @@ LR_INLINE double lr_profile_half_width(int32_t filter, int32_t sample_type)
 
 LR_INLINE double lr_profile_widest(int32_t filter)
 {
-    return filter == LR_FILTER_GAUSS ? LR_WIDEST / LR_GAUSS_REACH : LR_WIDEST;
+    return filter == LR_FILTER_GAUSS ? LR_WIDEST / LR_GAUSS_RADIUS : LR_WIDEST;
 }
 
 /* Whether it tells inside from outside, which a sheet has not. */
@@ -52,11 +52,11 @@ LR_INLINE bool lr_profile_of_solids(int32_t filter)
 }
 
 /* How far from the surface, in voxels, occupancy is neither 0 nor 1. */
-LR_INLINE double lr_profile_reach(int32_t filter, double r)
+LR_INLINE double lr_profile_radius(int32_t filter, double r)
 {
     switch (filter) {
     case LR_FILTER_GAUSS:
-        return LR_GAUSS_REACH * r;
+        return LR_GAUSS_RADIUS * r;
     case LR_FILTER_BOX:
         return LR_BOX_REACH;
     case LR_FILTER_BINARY:
@@ -75,8 +75,8 @@ LR_INLINE double lr_profile(int32_t filter, double s, double r)
         return 0.5 + copysign(u - u * u * u + 0.5 * u * u * u * u, s);
     }
     case LR_FILTER_GAUSS:
-        return fabs(s) < LR_GAUSS_REACH * r ? 0.5 + 0.5 * erf(s / (r * 1.4142135623730951))
-                                            : (double)(s > 0.0);
+        return fabs(s) < LR_GAUSS_RADIUS * r ? 0.5 + 0.5 * erf(s / (r * 1.4142135623730951))
+                                             : (double)(s > 0.0);
     case LR_FILTER_BINARY:
     case LR_FILTER_BOX:
         return s >= 0.0;

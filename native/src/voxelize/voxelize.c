@@ -77,8 +77,8 @@ static lr_status place_lattice(lr_voxelizer *v, lr_error *error)
     const lr_voxelize_options *o = &v->options;
     lr_topology *m = &v->mesh;
     lr_volume_desc *desc = &v->desc;
-    const double reach = lr_profile_reach(o->filter, o->half_width);
-    double margin = ceil(fmax(reach, STENCIL)) + 1.0, first[3], n[3], n_table = 1.0;
+    const double radius = lr_profile_radius(o->filter, o->half_width);
+    double margin = ceil(fmax(radius, STENCIL)) + 1.0, first[3], n[3], n_table = 1.0;
     for (int a = 0; a < 3; a++) {
         first[a] = floor(m->lo[a] * m->per_unit) - margin;
         n[a] = ceil(m->hi[a] * m->per_unit) + margin - first[a] + 1.0;
@@ -123,7 +123,7 @@ static lr_nearest_search *search_by(int32_t simd)
 static double band_of(const lr_voxelize_options *o, int32_t kind)
 {
     bool wide = kind == LR_KIND_SHEET || o->exact == LR_EXACT_ALL || o->exact == LR_EXACT_EVERY;
-    return fmax(lr_profile_reach(o->filter, o->half_width), wide ? STENCIL : CORNERS);
+    return fmax(lr_profile_radius(o->filter, o->half_width), wide ? STENCIL : CORNERS);
 }
 
 static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_watch *watch,
