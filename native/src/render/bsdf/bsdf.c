@@ -21,7 +21,7 @@
 /* How facets reflect. */
 enum {
     FRESNEL_NONE,      /* all; where the closure refracts: nothing but what is reflected in all */
-    FRESNEL_CONDUCTOR, /* Schlick's curve from f0 to 1, less dip */
+    FRESNEL_CONDUCTOR, /* Schlick's curve from f0 to 1, less the F82 term */
     FRESNEL_DIELECTRIC /* the curve of a dielectric of index n, stretched to f0..1 */
 };
 
@@ -107,7 +107,7 @@ static void reflectance(const lr_closure *c, double cosine, double f[3])
         s = lr_clamp((lr_fresnel(cosine, c->n) - least) / (1 - least), 0, 1);
     }
     for (int a = 0; a < 3; a++)
-        f[a] = lr_clamp(mix(c->f0[a], 1, s) - c->dip[a] * cosine * x5 * x, 0, 1);
+        f[a] = lr_clamp(mix(c->f0[a], 1, s) - c->f82[a] * cosine * x5 * x, 0, 1);
 }
 
 /* What a facet under that cosine sends on by this closure. */
@@ -235,8 +235,8 @@ static void add_metal(lr_bsdf *bsdf, const lr_lobe *lobe, const double weight[3]
     c.fresnel = FRESNEL_CONDUCTOR;
     for (int a = 0; a < 3; a++) {
         c.f0[a] = fmin(color[a], 1);
-        c.dip[a] = mix(c.f0[a], 1, f5) * (7 / (f5 * f)) * (1 - fmin(lobe->specular_tint[a], 1));
-        once[a] = lr_clamp(mix(c.f0[a], 1, 1.0 / 21) - c.dip[a] / 126, 0, 1);
+        c.f82[a] = mix(c.f0[a], 1, f5) * (7 / (f5 * f)) * (1 - fmin(lobe->specular_tint[a], 1));
+        once[a] = lr_clamp(mix(c.f0[a], 1, 1.0 / 21) - c.f82[a] / 126, 0, 1);
     }
     if (lobe->flags & LR_LOBE_MULTISCATTER)
         give_back(bsdf, &c, once);

@@ -49,7 +49,7 @@ typedef struct lr_closure {
     double n; /* index of the far side over that of the near side; of diffuse ones the roughness */
     double f0[3];  /* reflectance at normal incidence; of diffuse ones what comes back by several
                       bounces, as Fujii's model has it */
-    double dip[3]; /* what the conductor lacks of Schlick's curve near 82 degrees */
+    double f82[3]; /* F82 term: what the conductor lacks of Schlick's curve near 82 degrees */
     double share;  /* of its group's rays */
     double guide;  /* mean of what facets send on, where they are chosen by it; else 0 */
 } lr_closure;
