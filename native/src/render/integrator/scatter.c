@@ -206,7 +206,7 @@ static void spawn_path(const lr_context *context, const lr_shading_point *s, int
         return;
     const bool beyond = kind == LR_RAY_TRANSPARENT ||
                         (kind == LR_RAY_TRANSMISSION && lr_leads_beyond(s, child->direction));
-    if (kind != LR_RAY_TRANSPARENT && (beyond || !s->risen) &&
+    if (kind != LR_RAY_TRANSPARENT && (beyond || !s->is_offset) &&
         !turn_to_side(s, beyond, child->direction))
         return;
     memcpy(child->origin, beyond ? s->position : s->origin, sizeof child->origin);

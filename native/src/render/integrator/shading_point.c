@@ -45,12 +45,12 @@ static void world_normal(const lr_placed *placed, const double gradient[3], cons
 
 /* A sphere of one voxel's radius rises 1/4 voxel over its facets; nothing that
  * samples can tell is more curved. Below 2^-20 voxel rounding has a say. */
-static const double RISE_MAX = 0.25, RISE_MIN = 0x1p-20;
+static const double OFFSET_MAX = 0.25, OFFSET_MIN = 0x1p-20;
 
 /* What linear interpolation leaves out of f at p in storage cell c, and the
  * gradient of f there, in storage space. */
-static double remainder_at(const lr_volume *v, int32_t object, const int32_t c[3],
-                           const double p[3], double g[3])
+static double second_difference_height(const lr_volume *v, int32_t object, const int32_t c[3],
+                                       const double p[3], double g[3])
 {
     double b[64], sum = 0;
     const int stride[3] = {1, 4, 16};
@@ -85,27 +85,27 @@ static void locate(const lr_placed *placed, const lr_shading_point *s, int32_t c
  * space; false where that is not above. A hit in a triangle cell lies on a triangle,
  * which is no facet of anything smoother that the samples know; nor are those beside
  * it, where second differences reach over a crease. */
-static bool rise(const lr_placed *placed, const lr_shading_point *s, int32_t id, const int32_t c[3],
-                 const double p[3], double offset[3])
+static bool terminator_offset(const lr_placed *placed, const lr_shading_point *s, int32_t id,
+                              const int32_t c[3], const double p[3], double offset[3])
 {
     const lr_volume *v = lr_structure_volume(placed->structure);
     double g[3], g_object[3], g_world[3];
     if (lr_near_doubt(v, c))
         return false;
-    const double left_out = remainder_at(v, lr_object_of(v, id), c, p, g);
+    const double left_out = second_difference_height(v, lr_object_of(v, id), c, p, g);
     const double slope = sqrt(lr_dot(g, g));
     lr_map_gradient(v->storage_from_object, g, g_object);
     lr_map_gradient(placed->object_from_world, g_object, g_world);
     const double scale =
-        lr_clamp(left_out, -RISE_MAX * slope, RISE_MAX * slope) / lr_dot(g_world, g_world);
+        lr_clamp(left_out, -OFFSET_MAX * slope, OFFSET_MAX * slope) / lr_dot(g_world, g_world);
     for (int a = 0; a < 3; a++)
         offset[a] = -scale * g_world[a];
-    return fabs(left_out) > RISE_MIN * slope && lr_dot(offset, s->point.facing) > 0;
+    return fabs(left_out) > OFFSET_MIN * slope && lr_dot(offset, s->point.facing) > 0;
 }
 
 /* The same for a hit on a triangle that carries normals. */
-static bool lift(const lr_placed *placed, const lr_shading_point *s, uint32_t triangle,
-                 const int32_t c[3], const double p[3], double offset[3])
+static bool smooth_offset(const lr_placed *placed, const lr_shading_point *s, uint32_t triangle,
+                          const int32_t c[3], const double p[3], double offset[3])
 {
     lr_smooth_triangle t;
     double side = 0;
@@ -183,10 +183,11 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
     locate(placed, shading_point, c, p);
     lr_volume_color(volume, c, p, hit->id[i], hit->triangle[i], 0.0, point->color);
     memcpy(shading_point->origin, shading_point->position, sizeof shading_point->origin);
-    shading_point->risen = rise(placed, shading_point, hit->id[i], c, p, offset);
-    for (int a = 0; a < 3 && shading_point->risen; a++)
+    shading_point->is_offset = terminator_offset(placed, shading_point, hit->id[i], c, p, offset);
+    for (int a = 0; a < 3 && shading_point->is_offset; a++)
         shading_point->origin[a] += offset[a];
-    shading_point->lifts = lift(placed, shading_point, hit->triangle[i], c, p, shading_point->lift);
+    shading_point->has_smooth_offset =
+        smooth_offset(placed, shading_point, hit->triangle[i], c, p, shading_point->smooth_offset);
     uint32_t slot;
     shading_point->material_index =
         lr_material_of(scene, shading_point->instance, hit->id[i], &slot);
@@ -201,7 +202,7 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
 lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond)
 {
     lr_start start = shading_point->start;
-    start.side = beyond ? -start.side : shading_point->risen ? 0 : start.side;
+    start.side = beyond ? -start.side : shading_point->is_offset ? 0 : start.side;
     return start;
 }
 
@@ -209,13 +210,14 @@ lr_start lr_surface_light_start(const lr_shading_point *s, bool beyond, const do
                                 double origin[3])
 {
     static const double GRAZES = 0.1; /* sine: Blender's Shadow Terminator Geometry Offset */
-    const double amount = s->lifts && !beyond ? 1 - lr_dot(d, s->point.facing) / GRAZES : 0;
+    const double amount =
+        s->has_smooth_offset && !beyond ? 1 - lr_dot(d, s->point.facing) / GRAZES : 0;
     lr_start start = lr_surface_start(s, beyond);
     memcpy(origin, beyond ? s->position : s->origin, 3 * sizeof *origin);
     if (!(amount > 0))
         return start;
     for (int a = 0; a < 3; a++)
-        origin[a] += fmin(amount, 1) * s->lift[a];
+        origin[a] += fmin(amount, 1) * s->smooth_offset[a];
     start.side = 0;
     return start;
 }
