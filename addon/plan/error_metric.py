@@ -47,6 +47,7 @@ CROWD = 12.0  # triangles on a triangle cell's list, the mean, while its voxel i
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
 CARRIED = 0.5  # of such a voxel counts where the volume carries normals, which turn within one cell
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
+NOT_GRAZING = 0.8  # square of the largest sine of a ray with the normal that is judged
 NORMAL_ERROR = math.radians(2.0)  # the quantile; light at 45 degrees changes by 3.5 %
 ROUGHNESS = 3.0  # times that, RMS: what is finer than a pixel keeps its mean light within 0.5 %
 COLOR_ERROR = 0.01  # of the square root of light, the mean: black and white checks need 0.4 pixel
@@ -357,11 +358,12 @@ def normal_errors(
 def _askew(normals: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 3): in the planes across the normals, lengths those of the tangents of rays' angles.
 
-    Rays from everywhere have sines of them whose squares are even between 0 and 1. Drawn evenly
-    (Roberts 2018, the R2 sequence).
+    Rays from everywhere have sines of them whose squares are even between 0 and 1; those that
+    graze are left to the rims. Drawn evenly (Roberts 2018, the R2 sequence).
     """
     n = np.arange(1, len(normals) + 1)
     square, turn = np.modf(n * 0.7548776662466927)[0], n * (0.5698402909980532 * 2 * np.pi)
+    square *= NOT_GRAZING
     length = np.sqrt(square / (1 - square))
     least = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = unit(np.cross(normals, least))
