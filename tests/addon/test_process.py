@@ -54,7 +54,7 @@ def start(*words, cwd: Path) -> subprocess.Popen:
     ("words", "code"),
     [
         ([], 0),
-        (["--pixel-error", "0"], 1),  # refused once the scene is open
+        (["--pixel", "9999,0"], 1),  # refused once the scene is open
         (["--frames", "1-2"], 0),
     ],
 )
