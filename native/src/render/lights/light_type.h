@@ -12,10 +12,10 @@
     lr_status lr_##name##_light_check(const lr_light *, uint64_t, lr_error *);                     \
     bool lr_##name##_light_has_extent(const lr_light *);                                           \
     void lr_##name##_light_bound(const lr_light *, lr_light_bounds *);                             \
-    bool lr_##name##_light_sample(const lr_light *, const double *, const double *,                \
+    bool lr_##name##_light_sample(const lr_light *, const double[3], const double[2],              \
                                   lr_light_ray *);                                                 \
-    bool lr_##name##_light_hit(const lr_light *, const double *, const double *, double, double *, \
-                               double *, double *);
+    bool lr_##name##_light_hit(const lr_light *, const double[3], const double[3], double,         \
+                               double *, double[3], double *);
 #include "render/lights/lights.def"
 #undef LR_LIGHT_TYPE
 
