@@ -7,6 +7,7 @@ import numpy as np
 
 import leapray
 from leapray import programs
+from leapray._abi import LR_PROGRAM_REGISTERS
 
 NUMBERS = np.array([0.0, -0.0, 0.5, 1, -1, 2, 1e-30, 1e30, -1e30, np.inf, -np.inf, np.nan])
 
@@ -14,7 +15,7 @@ NUMBERS = np.array([0.0, -0.0, 0.5, 1, -1, 2, 1e-30, 1e30, -1e30, np.inf, -np.in
 def check(rng: np.random.Generator) -> None:
     n, n_tables = int(rng.integers(1, 12)), int(rng.integers(0, 3))
     constants = NUMBERS[rng.integers(0, len(NUMBERS), int(rng.integers(1, 6)))]
-    there = np.r_[:4, programs.REGISTERS : programs.REGISTERS + len(constants)]
+    there = np.r_[:4, LR_PROGRAM_REGISTERS : LR_PROGRAM_REGISTERS + len(constants)]
     code = rng.choice(there, (n, 5))
     code[:, 0] = rng.integers(0, len(programs.OPERATIONS) - (n_tables == 0), n)
     code[:, 1] = rng.integers(0, 4, n)

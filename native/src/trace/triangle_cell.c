@@ -328,14 +328,14 @@ static bool leads_in(const scene *s, uint32_t triangle, double height)
     return lr_dot(n, s->r->d) * s->leaving->side < 0.0;
 }
 
-/* Has the field beyond the face the outside where the triangle has it? */
-static bool is_wound_well(const scene *s, const gate *at, uint32_t triangle)
+/* Has the field beside the cell the outside where the triangle has it? */
+static bool is_wound_well(const scene *s, uint32_t triangle)
 {
     double n[3], corner[8], g[3], p[3];
     lr_triangle_cell_normal(s->v->triangle_cells, triangle, n);
     for (int a = 0; a < 3; a++)
-        p[a] = lr_clamp(at->p[a] - at->beside[a], 0.0, 1.0);
-    lr_corners(s->v, at->beside, corner);
+        p[a] = lr_clamp(s->out.p[a] - s->out.beside[a], 0.0, 1.0);
+    lr_corners(s->v, s->out.beside, corner);
     lr_trilinear_gradient(corner, p, g);
     return lr_dot(n, g) <= 0.0;
 }
@@ -365,23 +365,9 @@ typedef enum lost {
                   rounding */
 } lost;
 
-/* Did the ray come through the face on its side, by the field, but beyond the triangle there? The
- * two are off by so much, and the ray has passed the triangle's surface in cells of the field. */
-static bool passed_before(scene *s)
-{
-    uint32_t triangle = 0;
-    if (!s->in.open || (value_at(s, &s->in) >= 0.0) != (s->leaving->side > 0))
-        return false;
-    const double height = height_at(s, s->in.p, &triangle);
-    return height < -s->off && fabs(s->in.value) - height <= LR_FIELD_OFF &&
-           is_wound_well(s, &s->in, triangle);
-}
-
 static lost lose(scene *s)
 {
     const lr_volume *v = s->v;
-    if (v->desc.kind == LR_KIND_SOLID && passed_before(s))
-        return LR_PASSED;
     const double value = value_at(s, &s->out);
     const bool agrees = (value >= 0.0) == (s->leaving->side > 0);
     if (agrees && s->carried == 0 && !(fabs(value) < BARELY))
@@ -402,8 +388,7 @@ static lost lose(scene *s)
     if (!told)
         return s->carried != 0 ? LR_ASTRAY : LR_AGREES;
     /* of a triangle that is wound inside out the side is wrong, but not of the field */
-    if (!isnan(height) &&
-        !(fabs(value) + height <= LR_FIELD_OFF && is_wound_well(s, &s->out, triangle)))
+    if (!isnan(height) && !(fabs(value) + height <= LR_FIELD_OFF && is_wound_well(s, triangle)))
         return LR_AGREES;
     if (fabs(value) > LR_FIELD_OFF)
         return LR_PASSED;
@@ -450,7 +435,7 @@ static bool starts_against(const scene *s, uint32_t triangle)
     if (gone > step || (gone < 0.0 && height * height > s->off * s->off * lr_dot(n, n)))
         return false;
     lr_point_at(s->r, s->leaving->t + fmax(gone, 0.0), q);
-    if (lr_triangle_cell_distance2(e, triangle, q) > s->off * s->off)
+    if (lr_triangle_cell_distance2(e, triangle, q) > s->off * s->off || is_hidden(s, triangle))
         return false;
     lr_point_at(s->r, s->leaving->t + fmax(gone, 0.0) + step, ahead);
     return height_at(s, ahead, &nearest) < -AHEAD_OFF * s->off;
@@ -555,12 +540,12 @@ bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *
     }
     if (leaving->side == 0)
         return false;
-    if (u->axis < 0 && v->desc.kind == LR_KIND_SOLID && stop_at_start(&s, found))
-        return true;
     const lost end = lose(&s);
     *side = end == LR_ASTRAY ? 2 * leaving->side : 0;
     if (end < LR_PASSED)
         return false;
+    if (u->axis < 0 && stop_at_start(&s, found))
+        return true;
     if (end == LR_SLIPPED)
         return comes_from_inside(&s) && stop_at_passed(&s, SLIP * s.off, found);
     return stop_at_passed(&s, INFINITY, found);
