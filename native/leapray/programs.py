@@ -91,7 +91,7 @@ class Program:
         tables: Sequence[Table],
         outputs: Sequence[int],
     ) -> None:
-        self._code = np.array(instructions, record(_abi.lr_instruction))
+        self._code = np.array([tuple(row) for row in instructions], record(_abi.lr_instruction))
         self._constants = np.array(constants, np.float32)
         rows = self._tables = np.zeros(len(tables), record(_abi.lr_table))
         rows["n"] = [len(table.values) for table in tables]
