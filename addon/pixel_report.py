@@ -21,7 +21,9 @@ from leapray._abi import (
     LR_EVENT_LIGHT,
     LR_EVENT_RAY,
     LR_RAY_TRANSPARENT,
+    lr_ray_kind,
 )
+from leapray.arrays import members
 
 from . import model
 from .plan.plan import Plan
@@ -29,7 +31,7 @@ from .plan.plan import Plan
 CELLS_LISTED = 20  # of one ray
 NONE = 2**32 - 1  # no instance, no triangle
 OWN_EMISSION = 2**64 - 1  # in place of a light's index
-KINDS = ("camera", "diffuse", "glossy", "transmission", "transparent")  # by lr_ray_kind
+KINDS = tuple(members(lr_ray_kind))
 SECTIONS = 32  # of the ends between which a visited cell is sought, in one step
 
 

@@ -28,6 +28,7 @@ if __name__ == "__main__":
     sys.path[:0] = [os.environ.get("LEAPRAY_PACKAGE", native)]
 
 import meshes
+from sentences import check_sentence
 
 import leapray
 from leapray import _lib
@@ -191,8 +192,7 @@ def fail_each(scenario) -> tuple[set[str], set[str], int]:
         try:
             scenario()
         except leapray.OutOfMemory as error:
-            sentence = str(error)
-            assert " " in sentence and len(sentence) > 15, f"no sentence: {sentence!r}"
+            sentence = check_sentence(error)
         place = failed().decode()
         fail_at(0)
         if blocks() != before:

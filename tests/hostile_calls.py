@@ -36,6 +36,7 @@ from hostile_arguments import (
     known_textures,
     known_volumes,
 )
+from sentences import check_sentence
 
 import build_variants
 import leapray
@@ -411,8 +412,7 @@ def make(seed: int, index: int) -> str:
         with np.errstate(all="ignore"):
             call(s)
     except leapray.LeapRayError as refusal:
-        sentence = str(refusal)
-        check(len(sentence) > 15 and " " in sentence, f"no sentence: {sentence!r}")
+        check_sentence(refusal)
         return f"{call.__name__} refused"
     except Exception as error:
         error.add_note(f"in call {index} of seed {seed}, {call.__name__}")

@@ -23,13 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
+from leapray.arrays import ONES
 from leapray.voxelization import filter_info, slope
 
 from .. import model
 from ..arrays import unit
 from .probes import Probes, Weights
 
-ONES = {"u8": 255, "u16": 65535, "f32": 1 << 24}  # steps of a sample's type between 0 and 1
+STEPS = ONES | {"f32": 1 << 24}  # of a sample's type between 0 and 1
 TURN_OF_U8 = math.radians(0.12)  # mean over faces askew of the lattice, where nothing says better
 SATURATED = 2.5  # voxels: where the ramp ends, more cannot be measured
 LEAST_SLOPE = 0.25  # of the filter's: at creases the gradient can vanish though f is right
@@ -230,7 +231,7 @@ def measure(
     return Measure(
         voxel_size=voxel_size,
         dtype=dtype,
-        step=0.5 / ONES[dtype] / rise * voxel_size,
+        step=0.5 / STEPS[dtype] / rise * voxel_size,
         turn=TURN_OF_U8 if dtype == "u8" else 0.0,
         surface=surface,
         lost=lost,

@@ -451,8 +451,8 @@ class Levels:
         There the widest samples. So the levels are the same whatever lies in cache and folder.
         """
 
-        def fineness(work: Work) -> tuple[float, int]:
-            return -work.measured.voxel_size, error_metric.ONES[work.measured.dtype]
+        def fineness(work: Work) -> tuple[float, float]:
+            return -work.measured.voxel_size, error_metric.STEPS[work.measured.dtype]
 
         finest: dict[tuple, Work] = {}
         sharing = [work for work in self.works if not (work.fixed or self.settings.resolution)]

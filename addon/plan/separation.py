@@ -26,10 +26,11 @@ class Separation(Levels):
     """What a plan does for decals, labels, carpets: for small gaps between volumes."""
 
     def clear_rims(self) -> None:
-        """Let smooth glass with creases keep all triangles, if they fit."""
+        """Let solids of smooth glass with creases keep all triangles, if they fit."""
         for work in self.works:
             smooth = work.refracts and work.mesh.corner_normals is not None
-            if smooth and self.settings.exact == "auto" and len(self._probes(work).creases):
+            own = work.measured.kind == "solid" and work.mesh.solids is None
+            if smooth and own and work.exact != "every" and len(self._probes(work).creases):
                 self._keep_every_triangle(work)
 
     def separate(self) -> None:

@@ -414,30 +414,27 @@ static void locate(const lr_volume *v, const lr_ray *r, double t, const int32_t 
         found->p[a] = lr_clamp(q[a] - found->c[a], 0.0, 1.0);
 }
 
-/* Does the ray, at its start or hardly further, come to a triangle that it cannot go on through?
- * Rounding may have put it beside that, where two of them share an edge or many a corner: then
- * its line meets none, though it goes out between them. */
+/* Does the start lie on a triangle that the ray cannot go on through? Rounding may have put
+ * it beside that, where two of them share an edge or many a corner: then the ray's line
+ * meets none, though the ray goes out between them. */
 static bool starts_against(const scene *s, uint32_t triangle)
 {
-    const lr_triangle_cells *e = s->v->triangle_cells;
-    const double *p[3], step = AHEAD * s->per_voxel;
-    double n[3], start[3], from[3], q[3], ahead[3];
-    uint32_t nearest;
-    lr_triangle_cell_normal(e, triangle, n);
-    const double speed = lr_dot(n, s->r->d);
-    if (!(speed * s->leaving->side > 0.0))
+    const double *p[3];
+    double n[3], start[3], from[3];
+    lr_triangle_cell_normal(s->v->triangle_cells, triangle, n);
+    if (!(lr_dot(n, s->r->d) * s->leaving->side > 0.0))
         return false;
     lr_point_at(s->r, s->leaving->t, start);
-    lr_triangle_cell_corners(e, triangle, p);
+    lr_triangle_cell_corners(s->v->triangle_cells, triangle, p);
     for (int a = 0; a < 3; a++)
         from[a] = start[a] - p[0][a];
-    const double height = lr_dot(n, from), gone = -height / speed;
-    if (gone > step || (gone < 0.0 && height * height > s->off * s->off * lr_dot(n, n)))
+    const double height = lr_dot(n, from);
+    if (height * height > s->off * s->off * lr_dot(n, n) ||
+        lr_triangle_cell_distance2(s->v->triangle_cells, triangle, start) > s->off * s->off)
         return false;
-    lr_point_at(s->r, s->leaving->t + fmax(gone, 0.0), q);
-    if (lr_triangle_cell_distance2(e, triangle, q) > s->off * s->off || is_hidden(s, triangle))
-        return false;
-    lr_point_at(s->r, s->leaving->t + fmax(gone, 0.0) + step, ahead);
+    uint32_t nearest;
+    double ahead[3];
+    lr_point_at(s->r, s->leaving->t + AHEAD * s->per_voxel, ahead);
     return height_at(s, ahead, &nearest) < -AHEAD_OFF * s->off;
 }
 
@@ -461,8 +458,8 @@ static bool stop_at_passed(const scene *s, double most, lr_found *found)
 {
     const double low = s->carried != 0 ? s->leaving->t : fmax(s->in.t, s->leaving->t);
     const double high = fmax(s->out.t, low);
-    const bool before = s->in.open && s->carried == 0; /* the cell it may have been passed, too */
-    const double behind = before ? LR_FIELD_OFF : s->off;
+    /* In cells of the field before this one the plane may have been passed by what that is off. */
+    const double behind = s->in.open && s->carried == 0 ? LR_FIELD_OFF : s->off;
     double nearest = most * most;
     found->triangle = LR_NO_TRIANGLE;
     found->object = LR_NO_OBJECT;
