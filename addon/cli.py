@@ -66,8 +66,7 @@ def render(args: argparse.Namespace) -> int:
     output = resolved(args.output or Path(f"{args.scene.stem}.png"), args.scene)
     if output.suffix.lower() not in FORMATS:
         raise LeapRayError(f"--output must end in {' or '.join(FORMATS)}, and is {output}")
-    if args.pixel and (args.output or args.frames):
-        raise LeapRayError("--pixel writes no picture, and is of one frame: it goes with --frame")
+    figures = pixel_figures(args) if args.pixel else None
     known = args.frames or [0 if args.frame is None else args.frame]
     for target in targets(args, output, known) if not args.pixel else ():
         target.check(args)
@@ -79,7 +78,7 @@ def render(args: argparse.Namespace) -> int:
     scene = open_scene(args.scene)
     override(scene, args)
     if args.pixel:
-        return trace_pixel(args, scene)
+        return trace_pixel(args, scene, figures)
     several = args.frames is not None
     if not several:
         known = [scene.frame_current if args.frame is None else args.frame]
@@ -97,13 +96,20 @@ def render(args: argparse.Namespace) -> int:
     return 0
 
 
-def trace_pixel(args: argparse.Namespace, scene) -> int:
-    """Render one pixel and print what happened on its paths, or write it as JSON too."""
+def pixel_figures(args: argparse.Namespace) -> Path | None:
+    """Where --pixel writes its figures, if anywhere; LeapRayError where it cannot."""
+    if args.output or args.frames:
+        raise LeapRayError("--pixel writes no picture, and is of one frame: it goes with --frame")
     figures = resolved(args.json, args.scene) if args.json else None
     if figures:
         check_folder(figures)
         if figures.resolve() == args.scene.resolve():
             raise LeapRayError(f"The scene {args.scene} and the figures must be different files")
+    return figures
+
+
+def trace_pixel(args: argparse.Namespace, scene, figures: Path | None) -> int:
+    """Render one pixel and print what happened on its paths; figures: write it as JSON there."""
     frame = scene.frame_current if args.frame is None else args.frame
     scene.frame_set(frame)
     reports = render_frame(scene, pixel=args.pixel)

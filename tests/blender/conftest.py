@@ -99,7 +99,7 @@ def picture(installed, scene):
     return done.stdout, scene.with_name("out_0001.png")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def window(installed):
     """A session with a window, in which the extension is enabled."""
     made = or_unavailable(Window, installed)

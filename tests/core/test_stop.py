@@ -49,10 +49,15 @@ def end_of(work, after: float | None) -> tuple[float, float | None]:
     return ended - began, ended - stopped if heard and stopped is not None else None
 
 
+def least_of(work) -> float:
+    """CPU seconds of work when nothing stops it: the less of two runs, as the first is cold."""
+    return min(end_of(work, None)[0] for _ in range(2))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [entry.spec for entry in leapray.traversers()])
 def test_a_build_ends_within_100_ms_of_the_stop_word(name, vast):
-    whole, _ = end_of(lambda watch: leapray.build(vast, name, watch=watch), None)
+    whole = least_of(lambda watch: leapray.build(vast, name, watch=watch))
     late = []
     for share in (0.1, 0.35, 0.6, 0.85):
         _, after = end_of(lambda watch: leapray.build(vast, name, watch=watch), share * whole)
@@ -66,7 +71,7 @@ def test_a_build_ends_within_100_ms_of_the_stop_word(name, vast):
 def test_a_distance_ends_within_100_ms_of_the_stop_word(metric):
     cells = np.zeros((3, 4000, 5000), np.uint8)
     cells[1, ::501, ::501] = 1
-    whole, _ = end_of(lambda watch: leapray.distance(cells, metric, threads=1, watch=watch), None)
+    whole = least_of(lambda watch: leapray.distance(cells, metric, threads=1, watch=watch))
     late = []
     for share in (0.1, 0.3, 0.5, 0.7, 0.9):
         _, after = end_of(
@@ -87,11 +92,11 @@ def test_a_tile_ends_within_100_ms_of_the_stop_word(kind, sphere):
     scene = leapray.Scene(view, [stage.one(sphere)], lights, stage.WHITE, [0])
 
     def work(watch):
-        scene.render_tile(0, 0, 32, 32, samples=2, diffuse_bounces=2, watch=watch)
+        scene.render_tile(0, 0, 32, 32, samples=64, diffuse_bounces=2, watch=watch)
 
     late = []
     for after in (0.05, 0.15, 0.3):
         whole, spent = end_of(work, after)
-        assert spent is not None, whole  # it takes longer than that
+        assert spent is not None, whole  # it takes many times longer than that
         late.append(spent)
     assert max(late) < LATEST

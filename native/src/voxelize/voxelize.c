@@ -38,7 +38,7 @@ lr_status lr_filter_get(int32_t filter, int32_t sample_type, lr_filter_info *inf
 {
     lr_status status = lr_check_choice("filter", filter, LR_FILTER_LAST, error);
     if (status == LR_OK)
-        status = lr_check_choice("sample type", sample_type, LR_F32, error);
+        status = lr_sample_type_check(sample_type, error);
     if (status == LR_OK)
         *info = (lr_filter_info){.half_width = lr_profile_half_width(filter, sample_type),
                                  .widest = lr_profile_widest(filter),
@@ -65,9 +65,7 @@ static lr_status check_options(const lr_voxelize_options *o, lr_error *error)
                          filter.widest, o->half_width);
     if (status == LR_OK)
         status = lr_check_choice("kind", o->kind, LR_KIND_SHEET, error);
-    if (status == LR_OK)
-        status = lr_check_choice("exact", o->exact, LR_EXACT_EVERY, error);
-    return status == LR_OK ? lr_sample_type_check(o->sample_type, error) : status;
+    return status == LR_OK ? lr_check_choice("exact", o->exact, LR_EXACT_EVERY, error) : status;
 }
 
 /* The lattice lies on multiples of the voxel size, with the band and one more
