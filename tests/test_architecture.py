@@ -36,7 +36,7 @@ LAYERS = {
     "leapray": [
         "_abi",
         "_lib",
-        "arrays threads",
+        "arrays scalar_grid threads",
         "programs",
         "volume attributes",
         "voxelization tracing",
