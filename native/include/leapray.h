@@ -796,14 +796,19 @@ typedef struct lr_clip {
     int32_t reserved;
 } lr_clip;
 
-/* A scalar field that colours the hits of an instance. The program makes linear RGB of the colour
- * (value, length of the gradient, 0, 1) with value = offset + scale * occupancy and the gradient
- * per unit of world length; both are 0 and offset beyond the lattice. */
+/* What of a field colours hits: the length of the gradient is per unit of world length. */
+typedef enum lr_field_part { LR_FIELD_VALUE = 0, LR_FIELD_SLOPE = 1 } lr_field_part;
+
+/* A scalar field that colours the hits of an instance: the program makes linear RGB of the grey
+ * of its value = offset + scale * occupancy, or of its slope. Beyond the lattice occupancy and
+ * slope are 0. */
 typedef struct lr_field_color {
     const lr_volume *volume;      /* must live longer, as must the program */
     double world_from_object[16]; /* invertible */
     const lr_program *program;
     double scale, offset;
+    int32_t part; /* lr_field_part */
+    int32_t reserved;
 } lr_field_color;
 
 typedef struct lr_instance {

@@ -223,6 +223,11 @@ class lr_lobe_flag(IntEnum):
     LR_LOBE_MULTISCATTER = 2
 
 
+class lr_field_part(IntEnum):
+    LR_FIELD_VALUE = 0
+    LR_FIELD_SLOPE = 1
+
+
 class lr_film_filter(IntEnum):
     LR_FILM_BOX = 0
     LR_FILM_BLACKMAN_HARRIS = 1
@@ -280,6 +285,7 @@ LR_LIGHT_SUN, LR_LIGHT_POINT, LR_LIGHT_SPOT, LR_LIGHT_AREA = lr_light_kind
 LR_LIGHT_ROUND, LR_LIGHT_FULL = lr_light_shape
 LR_LOBE_DIFFUSE, LR_LOBE_GLOSSY, LR_LOBE_GLASS, LR_LOBE_REFRACTION, LR_LOBE_TRANSPARENT, LR_LOBE_EMISSION, LR_LOBE_PRINCIPLED = lr_lobe_kind
 LR_LOBE_TEXTURED, LR_LOBE_MULTISCATTER = lr_lobe_flag
+LR_FIELD_VALUE, LR_FIELD_SLOPE = lr_field_part
 LR_FILM_BOX, LR_FILM_BLACKMAN_HARRIS = lr_film_filter
 LR_RAY_CAMERA, LR_RAY_DIFFUSE, LR_RAY_GLOSSY, LR_RAY_TRANSMISSION, LR_RAY_TRANSPARENT = lr_ray_kind
 LR_EVENT_RAY, LR_EVENT_HIT, LR_EVENT_LIGHT, LR_EVENT_FOUND = lr_event_kind
@@ -616,6 +622,8 @@ class lr_field_color(ctypes.Structure):
         ("program", ctypes.POINTER(lr_program)),
         ("scale", ctypes.c_double),
         ("offset", ctypes.c_double),
+        ("part", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
     )
 
 

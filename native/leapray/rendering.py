@@ -65,6 +65,7 @@ MIST_POWERS = {"LINEAR": 1.0, "QUADRATIC": 2.0, "INVERSE_QUADRATIC": 0.5}  # Ble
 PROJECTIONS = members(_abi.lr_projection)
 VISIBILITIES = {f"visible_{rays}": flag for rays, flag in members(_abi.lr_visibility).items()}
 LIGHTS = members(_abi.lr_light_kind)
+FIELD_PARTS = members(_abi.lr_field_part)
 SHAPES = {
     "disc": _abi.LR_LIGHT_ROUND,
     "ellipse": _abi.LR_LIGHT_ROUND,
@@ -179,10 +180,10 @@ class Clip:
 
 @dataclass(frozen=True)
 class FieldColor:
-    """A scalar field that colours hits: program makes linear RGB of (value, slope, 0, 1).
+    """A scalar field that colours hits: program makes linear RGB of the grey that it has there.
 
-    The value is offset + scale * occupancy, the slope the length of its gradient per unit of
-    world length; beyond the lattice they are offset and 0.
+    That is its value, offset + scale * occupancy, or its slope, the length of the gradient per
+    unit of world length. Beyond the lattice occupancy and slope are 0.
     """
 
     volume: Volume
@@ -190,6 +191,7 @@ class FieldColor:
     program: Program
     scale: float = 1.0
     offset: float = 0.0
+    part: str = "value"  # | "slope"
 
 
 @dataclass(frozen=True)
@@ -490,6 +492,7 @@ def _field_colors(instances: Sequence[Instance]) -> NDArray:
     table = np.zeros(len(colors), record(_abi.lr_field_color))
     for row, (i, color) in zip(table, colors, strict=True):
         row["volume"] = _address(color.volume.handle)
+        row["part"] = choice(FIELD_PARTS, color.part, f"part of the field of instance {i}")
         row["program"] = ctypes.addressof(color.program.packed)
         matrix = _vector(
             color.world_from_object, f"the matrix of the field that colours instance {i}", (4, 4)

@@ -127,12 +127,12 @@ def test_the_face_has_the_color_of_the_values(cut):
 
 def test_the_slope_is_that_of_the_world(cut):
     """The field falls by 1/2 per unit; an instance twice as large has half the slope."""
-    _, green, *_ = leapray.INPUTS
-    program = leapray.compile_program((green, 0.0, 0.0))
+    red, *_ = leapray.INPUTS
+    program = leapray.compile_program((red, 0.0, 0.0))
     lobes = (leapray.Lobe("emission", (1, 1, 1), textured=True),)
     for scale in (1.0, 2.0):
         placed = np.diag([scale, scale, scale, 1.0])
-        color = leapray.FieldColor(cut[0], placed, program)
+        color = leapray.FieldColor(cut[0], placed, program, part="slope")
         one = [leapray.Instance(leapray.build(cut[0]), placed, field_color=color)]
         scene = leapray.Scene(
             stage.camera((6, 1, 0), size=(9, 9)), one, [], [leapray.Material(lobes)], [0]

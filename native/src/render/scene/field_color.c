@@ -20,6 +20,10 @@ lr_status lr_field_color_place(const lr_field_color *color, uint64_t instance,
                        "the field that colours instance %llu must have a finite scale and offset, "
                        "it has %g and %g",
                        (unsigned long long)instance, color->scale, color->offset);
+    const lr_status status =
+        lr_check_choice("part of the field", color->part, LR_FIELD_SLOPE, error);
+    if (status != LR_OK)
+        return status;
     if (!lr_affine_invert(color->world_from_object, placed->object_from_world))
         return lr_fail(error, LR_E_ARGUMENT,
                        "the field that colours instance %llu must have a finite, affine and "
@@ -29,24 +33,28 @@ lr_status lr_field_color_place(const lr_field_color *color, uint64_t instance,
     placed->program = color->program;
     placed->scale = color->scale / v->one;
     placed->offset = color->offset;
+    placed->slope = color->part == LR_FIELD_SLOPE;
     return lr_program_check(color->program, error);
 }
 
 void lr_field_color_at(const lr_placed_color *color, const double world[3], double rgb[3])
 {
     const lr_volume *v = color->volume;
-    double object[3], p[3], corner[8], value = 0, g[3], g_object[3], g_world[3] = {0};
+    double object[3], p[3], corner[8] = {0}, g[3], g_object[3], g_world[3] = {0};
     int32_t c[3];
     lr_map_point(color->object_from_world, world, object);
-    if (lr_cell_at(v, object, c, p)) {
+    const bool inside = lr_cell_at(v, object, c, p);
+    if (inside)
         lr_corners(v, c, corner);
-        value = lr_trilinear(corner, p);
+    double grey = color->offset + (inside ? color->scale * lr_trilinear(corner, p) : 0);
+    if (color->slope && inside) {
         lr_trilinear_gradient(corner, p, g);
         lr_map_gradient(v->storage_from_object, g, g_object);
         lr_map_gradient(color->object_from_world, g_object, g_world);
     }
-    const double slope = fabs(color->scale) * sqrt(lr_dot(g_world, g_world));
-    const float told[4] = {(float)(color->offset + color->scale * value), (float)slope, 0, 1};
+    if (color->slope)
+        grey = fabs(color->scale) * sqrt(lr_dot(g_world, g_world));
+    const float told[4] = {(float)grey, (float)grey, (float)grey, 1};
     float made[3];
     lr_program_color(color->program, told, made);
     for (int a = 0; a < 3; a++)

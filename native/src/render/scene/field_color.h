@@ -12,6 +12,7 @@ typedef struct lr_placed_color {
     const lr_program *program;
     double object_from_world[16];
     double scale, offset; /* of stored values */
+    bool slope;           /* not the value */
 } lr_placed_color;
 
 /* LR_E_ARGUMENT with a sentence that names the instance, LR_E_SIZE as lr_program_run. */
