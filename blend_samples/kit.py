@@ -122,8 +122,8 @@ def sun(energy: float, towards) -> None:
     data = bpy.data.lights.new("Sun", "SUN")
     data.energy = energy
     data.angle = 0.0
-    lamp = link(data, "Sun", at=Vector(towards).normalized() * 10)
-    lamp.rotation_euler = Vector(towards).to_track_quat("Z", "Y").to_euler()
+    ob = link(data, "Sun", at=Vector(towards).normalized() * 10)
+    ob.rotation_euler = Vector(towards).to_track_quat("Z", "Y").to_euler()
 
 
 def camera(

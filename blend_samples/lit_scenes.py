@@ -47,9 +47,9 @@ def shader(name: str, kind: str, color=(1, 1, 1), **inputs) -> bpy.types.Materia
 def area(name: str, watts: float, at, look_at, size: float, across: float, shape="RECTANGLE"):
     data = bpy.data.lights.new(name, "AREA")
     data.energy, data.shape, data.size, data.size_y = watts, shape, size, across
-    lamp = link(data, name, at=at)
-    lamp.rotation_euler = (Vector(at) - Vector(look_at)).to_track_quat("Z", "Y").to_euler()
-    return lamp
+    ob = link(data, name, at=at)
+    ob.rotation_euler = (Vector(at) - Vector(look_at)).to_track_quat("Z", "Y").to_euler()
+    return ob
 
 
 def box(name: str, size, paint, *, at=(0, 0, 0), turn=(0, 0, 0)):
@@ -296,7 +296,7 @@ def crate_side(size: int) -> np.ndarray:
 
 
 def make_metal() -> None:
-    """Metals from polished to dull under lamps and a sky of one colour."""
+    """Metals from polished to dull under lights and a sky of one colour."""
     scene = new_scene((0.32, 0.38, 0.46))
     bounces(scene, total=12, diffuse=0, glossy=8)
     link(plane("Floor", 30.0, material("Floor", (0.34, 0.33, 0.32))), "Floor")

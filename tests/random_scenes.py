@@ -348,7 +348,7 @@ class Maker:
                 self.scene.collection.objects.link(twin)
 
     def move_all(self) -> None:
-        """Have all of it far away, or of another size; camera and lamps come later, with it."""
+        """Have all of it far away, or of another size; camera and lights come later, with it."""
         self.whole = self.linked("Whole", None)
         self.whole.location = self.vector(self.one(0, 10, 1000))
         self.whole.scale = [self.one(0.01, 0.1, 1, 30)] * 3
@@ -403,13 +403,13 @@ class Maker:
         return made
 
     def light(self) -> None:
-        data = bpy.data.lights.new("Lamp", self.one("POINT", "SUN", "SPOT", "AREA"))
+        data = bpy.data.lights.new("Light", self.one("POINT", "SUN", "SPOT", "AREA"))
         data.energy = self.rng.uniform(0, 5) if data.type == "SUN" else self.rng.uniform(0, 500)
         data.color = self.color()[:3]
         if data.type == "AREA":
             data.shape = self.one("SQUARE", "RECTANGLE", "DISK", "ELLIPSE")
             data.size, data.size_y = self.rng.uniform(0, 2), self.rng.uniform(0, 2)
-        ob = self.linked("Lamp", data)
+        ob = self.linked("Light", data)
         ob.location, ob.rotation_euler = self.vector(4), self.vector(3)
         if self.chance(0.2):
             ob.scale = self.vector(2)

@@ -16,7 +16,7 @@ EITHER = np.zeros(3)
 
 
 def crowd(n, seed=2, suns=0):
-    """Lamps of all kinds around the origin, as bright as chance has it."""
+    """Lights of all kinds around the origin, of random brightness."""
     rng = np.random.default_rng(seed)
     out = [Light("sun", rng.random(3), direction=unit(rng), angle=0.3 * k) for k in range(suns)]
     for k in range(n - suns):

@@ -72,16 +72,16 @@ def test_a_sun_brings_its_irradiance_whatever_its_angle(angle):
 def test_round_lights_bring_what_the_formulas_say():
     distance, r = 2.0, 0.7
     for shape, square in (("sphere", distance**2), ("disc", distance**2 + r**2)):
-        lamp = Light("point", (3, 2, 1), (0, 0, distance), radius=r, shape=shape)
-        np.testing.assert_allclose(irradiance(lamp), np.divide((3, 2, 1), square), rtol=1e-3)
+        light = Light("point", (3, 2, 1), (0, 0, distance), radius=r, shape=shape)
+        np.testing.assert_allclose(irradiance(light), np.divide((3, 2, 1), square), rtol=1e-3)
     point = Light("point", (3, 2, 1), (0, 0, distance))
     np.testing.assert_allclose(irradiance(point), np.divide((3, 2, 1), distance**2), rtol=1e-12)
     assert not hit_light(point, ORIGIN, np.array([[0, 0, 1.0]]))["pdf"].any()
 
 
 def test_inside_a_sphere_light_it_shines_from_all_around():
-    lamp = Light("point", (np.pi,) * 3, (0.1, 0.2, 0.1), radius=1.0, shape="sphere")
-    np.testing.assert_allclose(irradiance(lamp), np.pi, rtol=5e-3)  # radiance 1
+    light = Light("point", (np.pi,) * 3, (0.1, 0.2, 0.1), radius=1.0, shape="sphere")
+    np.testing.assert_allclose(irradiance(light), np.pi, rtol=5e-3)  # radiance 1
 
 
 def test_a_rectangle_brings_what_its_edges_say():

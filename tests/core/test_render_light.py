@@ -45,8 +45,8 @@ def test_a_sphere_under_a_sun_of_irradiance_pi_shows_the_cosine(radius, slack, m
 def test_a_point_light_falls_off_with_the_square_of_the_distance(sphere):
     place = np.array([0.6, -1.5, 0.8])
     cam = camera((0, -4, 0))
-    lamp = leapray.Light("point", (np.pi, 2 * np.pi, 0), position=place)
-    got = render(cam, [one(sphere)], [lamp], materials=[leapray.Material.diffuse((0.5, 0.25, 1))])
+    light = leapray.Light("point", (np.pi, 2 * np.pi, 0), position=place)
+    got = render(cam, [one(sphere)], [light], materials=[leapray.Material.diffuse((0.5, 0.25, 1))])
     o, d = centre_rays(cam, (96, 64))
     inner = clearance(o, d) < 0.95
     point = o + meet_sphere(o, d)[..., None] * d

@@ -324,7 +324,7 @@ def test_beyond_the_limit_of_transparent_surfaces_all_is_black(sphere):
         assert (got["Combined"][32, 48, :3] == (limit >= 5)).all()  # six surfaces
 
 
-# ---- flags, lamps, passes ----------------------------------------------------------------------
+# ---- flags, lights, passes ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("flag", ["diffuse", "glossy", "transmission"])
@@ -343,24 +343,24 @@ def test_an_object_hides_from_the_rays_that_may_not_see_it(flag, sphere, floor):
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.15, 0.5])
-def test_an_area_lamp_brings_the_same_by_asking_and_by_chance(roughness, floor):
-    """A lamp, and a shining thing of its shape that only chance can find."""
-    shine = material("emission", (2, 2, 2))
+def test_an_area_light_and_an_emitter_of_its_shape_light_alike(roughness, floor):
+    """The light is sampled; the emitter only rays of the metal find."""
+    emission = material("emission", (2, 2, 2))
     metal = material("glossy", roughness=roughness)
     cam = camera((0, -4, 2), size=(48, 32))
     plate = np.diag([0.5 / 4.0625, 0.5 / 4.0625, 1e-4, 1])  # cells reach half a voxel beyond 4
     plate[:3, 3] = 0, 1.0, 1.0
     body = one(floor, np.diag([1.0, 1, -1, 1]) @ np.eye(4))
     body = one(floor, plate, visible_camera=False)
-    lamp = Light("area", (2, 2, 2), position=(0, 1.0, 1.0 - 1e-4), direction=(0, 0, -1),
-                 axis_u=(1, 0, 0), axis_v=(0, 1, 0), angle=np.pi, shape="rectangle",
-                 casts_shadow=True)  # fmt: skip
+    light = Light("area", (2, 2, 2), position=(0, 1.0, 1.0 - 1e-4), direction=(0, 0, -1),
+                  axis_u=(1, 0, 0), axis_v=(0, 1, 0), angle=np.pi, shape="rectangle",
+                  casts_shadow=True)  # fmt: skip
     setting = dict(world=(0, 0, 0), size=(48, 32), samples=1024)
-    asked = render(cam, [(one(floor), metal)], [lamp], **setting)["Combined"][..., 0]
-    chance = render(cam, [(one(floor), metal), (body, shine)], **setting)["Combined"][..., 0]
+    sampled = render(cam, [(one(floor), metal)], [light], **setting)["Combined"][..., 0]
+    found = render(cam, [(one(floor), metal), (body, emission)], **setting)["Combined"][..., 0]
     part = (slice(4, 24), slice(12, 36))
-    assert chance[part].mean() > 0.01
-    assert asked[part].mean() == pytest.approx(chance[part].mean(), rel=0.02)
+    assert found[part].mean() > 0.01
+    assert sampled[part].mean() == pytest.approx(found[part].mean(), rel=0.02)
 
 
 def test_what_the_workspace_held_before_does_not_matter():
