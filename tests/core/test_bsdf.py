@@ -239,7 +239,7 @@ def test_rays_bring_what_the_responses_say(name, view, inside):
 
 
 def test_no_ray_of_rough_glass_outweighs_the_others():
-    """What a group's ray weighs over the chance that the group has by its share."""
+    """The largest weight of a group's rays, over the probability that its share gives the group."""
     for rough in (0.1, 0.3, 0.5, 1.0):
         for cosine in np.linspace(0.02, 1, 25):
             view = (np.sqrt(1 - cosine**2), 0, cosine)
