@@ -110,7 +110,7 @@ static void group(const lr_nearest *nearest, float most, lr_scratch *scratch)
 static void name_nearest(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list,
                          uint32_t n, lr_scratch *scratch, lr_brick *brick)
 {
-    const float reach = (float)(LR_BAKE_REACH * LR_BAKE_REACH);
+    const float reach = (float)(LR_ATTRIBUTE_RADIUS * LR_ATTRIBUTE_RADIUS);
     float nearest = INFINITY;
     for (int tile = 0; tile < LR_TILES; tile++)
         for (int lane = 0; lane < LR_LANES; lane++)

@@ -21,7 +21,7 @@ typedef struct lr_voxel_job {
     bool every;        /* cell near a triangle keeps it */
     bool flat;         /* the mesh is flat-shaded: its facets' normals count */
     bool sheet;
-    lr_bake bake;
+    lr_attribute_set attributes;
     bool exact; /* cells are judged in a second run (choose_triangle_cells.h) */
     const struct lr_winding *closing; /* of a solid with wide holes; else NULL */
 } lr_voxel_job;

@@ -21,9 +21,9 @@ static bool has_room(const lr_voxelizer *v, lr_part *p, uint32_t first, uint32_t
     p->first = lr_stored_brick(first);
     p->next_block = lr_first_block(first);
     p->brick = malloc(((size_t)(end - first) + 1) * sizeof *p->brick);
-    if (v->job.bake.wanted)
+    if (v->job.attributes.any)
         p->nearest_triangle = malloc(LR_CELLS * sizeof *p->nearest_triangle);
-    return p->brick != NULL && (!v->job.bake.wanted || p->nearest_triangle != NULL);
+    return p->brick != NULL && (!v->job.attributes.any || p->nearest_triangle != NULL);
 }
 
 static void keep(const lr_voxelizer *v, uint32_t at, const lr_brick *brick, lr_part *p)
@@ -128,7 +128,7 @@ lr_status lr_part_label(lr_voxelizer *v, uint32_t index, const lr_watch *watch, 
 lr_status lr_parts_begin(lr_voxelizer *v, lr_error *error)
 {
     lr_status status = lr_volume_reserve(v->volume, v->bins.n_active, error);
-    if (status == LR_OK && v->job.bake.wanted)
+    if (status == LR_OK && v->job.attributes.any)
         status = lr_volume_carry(v->volume, v->bins.n_active, error);
     return status;
 }

@@ -137,7 +137,7 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_watch *w
     if (status == LR_OK)
         status = lr_topology_begin(mesh, o->voxel_size, watch, &v->mesh, error);
     if (status == LR_OK)
-        status = lr_bake_check(mesh, watch, &v->job.bake, error);
+        status = lr_check_attributes(mesh, watch, &v->job.attributes, error);
     if (status == LR_OK)
         status = place_lattice(v, error);
     if (status == LR_OK)
@@ -177,12 +177,12 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
 {
     const lr_volume_desc *d = &v->desc;
     const int32_t n[3] = {d->nx, d->ny, d->nz};
-    const lr_bake *bake = &v->job.bake;
+    const lr_attribute_set *set = &v->job.attributes;
     const uint64_t brick_nbytes = lr_volume_brick_nbytes(d->sample_type, d->has_ids) +
-                                  bake->wanted * LR_WORDS * lr_volume_block_nbytes();
-    const uint64_t n_faces = bake->wanted ? v->mesh.source.n_triangles : 0;
+                                  set->any * LR_WORDS * lr_volume_block_nbytes();
+    const uint64_t n_faces = set->any ? v->mesh.source.n_triangles : 0;
     const uint64_t faces_nbytes =
-        n_faces * lr_face_nbytes(bake->normals, bake->sources, bake->colors, bake->uvs);
+        n_faces * lr_face_nbytes(set->normals, set->sources, set->colors, set->uvs);
     *info = (lr_voxelizer_info){
         .desc = *d,
         .nbytes = v->stage > LR_STAGE_SET_UP
@@ -446,7 +446,7 @@ static lr_status finish_triangle_cells(lr_voxelizer *v, const lr_watch *watch, l
         .n_vertices = v->mesh.source.n_vertices,
         .ids = v->mesh.source.ids,
         .turned = v->mesh.side < 0.0,
-        .faces = v->job.bake.wanted,
+        .faces = v->job.attributes.any,
         .slope = lr_profile_slope(v->job.filter, v->job.half_width),
         .vertex = vertex_of,
         .mesh = &v->mesh,
@@ -474,8 +474,8 @@ lr_status lr_voxelize_end(lr_voxelizer *v, const lr_watch *watch, lr_volume **vo
     if (status == LR_OK)
         status = v->chosen != NULL ? finish_triangle_cells(v, watch, error)
                                    : lr_volume_finish(v->volume, watch, error);
-    if (status == LR_OK && v->job.bake.wanted)
-        status = lr_bake_faces(&v->job.bake, &v->mesh, v->volume, watch, error);
+    if (status == LR_OK && v->job.attributes.any)
+        status = lr_keep_attributes(&v->job.attributes, &v->mesh, v->volume, watch, error);
     if (status != LR_OK)
         return status;
     v->volume->flat = v->job.flat;
