@@ -37,8 +37,8 @@ static void take_ids(const lr_voxel_job *job, const uint32_t *list, const lr_nea
 static void take_sides(const lr_scratch *scratch, float *distance)
 {
     for (int i = 0; i < LR_CELLS; i++)
-        if (scratch->labels[i] != LR_UNLABELLED) {
-            bool inside = scratch->components[scratch->labels[i]].inside;
+        if (scratch->component_of[i] != LR_NO_COMPONENT) {
+            bool inside = scratch->components[scratch->component_of[i]].inside;
             distance[i] = inside ? fabsf(distance[i]) : -fabsf(distance[i]);
         }
 }
@@ -243,10 +243,10 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
     if (job->closing != NULL &&
         !lr_closing_brick(job->closing, first, job->band, loose, watch, distance))
         return false;
-    if (scratch->labels != NULL)
+    if (scratch->component_of != NULL)
         take_sides(scratch, distance);
-    brick->contradicts =
-        !job->sheet && scratch->labels == NULL && job->closing == NULL && contradicts(distance);
+    brick->contradicts = !job->sheet && scratch->component_of == NULL && job->closing == NULL &&
+                         contradicts(distance);
     settle(job, distance, &side, brick);
     if (job->filter != LR_FILTER_RAMP)
         set_profile(job, distance, brick);

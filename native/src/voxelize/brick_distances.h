@@ -31,9 +31,9 @@ typedef struct lr_scratch {
     int32_t *first;         /* [longest list]: -1 between bricks */
     int32_t next[LR_CELLS]; /* -1: last */
     lr_nearest nearest;
-    const uint16_t *labels; /* [LR_CELLS]: of the brick; NULL: pseudonormals tell the side */
-    const struct lr_component *components; /* by label */
-    uint32_t *nearest_triangle;            /* [LR_CELLS]: 1 + nearest triangle; NULL: not wanted */
+    const uint16_t *component_of; /* [LR_CELLS], of the brick; NULL: sides by pseudonormals */
+    const struct lr_component *components; /* those that component_of numbers */
+    uint32_t *nearest_triangle;            /* [LR_CELLS]: 1 + nearest triangle; NULL: not stored */
     struct lr_crossed *crossed;            /* room of the box filter where shells cross, or NULL */
 } lr_scratch;
 

@@ -48,9 +48,9 @@ static bool make_bricks(lr_voxelizer *v, uint32_t first, uint32_t end, const lr_
         uint64_t list = v->bins.start[i];
         uint32_t n = (uint32_t)(v->bins.start[i + 1] - list);
         scratch->nearest_triangle = p->nearest_triangle;
-        if (v->labels.brick != NULL) {
-            scratch->labels = v->labels.brick[i].label;
-            scratch->components = v->labels.component + v->labels.brick[i].first;
+        if (v->components.brick != NULL) {
+            scratch->component_of = v->components.brick[i].component;
+            scratch->components = v->components.component + v->components.brick[i].first;
         }
         if (!lr_brick_make(&v->job, v->bins.brick[i], v->bins.list + list, n, watch, scratch,
                            &brick))
@@ -83,7 +83,7 @@ static lr_scratch *new_scratch(const lr_voxelizer *v)
     for (uint32_t i = 0; i < v->bins.longest; i++)
         lists[i] = -1;
     scratch->first = lists;
-    scratch->labels = NULL;
+    scratch->component_of = NULL;
     scratch->nearest_triangle = NULL;
     return scratch;
 }
@@ -114,13 +114,14 @@ lr_status lr_part_run(lr_voxelizer *v, uint32_t index, const lr_watch *watch, lr
     return status;
 }
 
-lr_status lr_part_label(lr_voxelizer *v, uint32_t index, const lr_watch *watch, lr_error *error)
+lr_status lr_part_components(lr_voxelizer *v, uint32_t index, const lr_watch *watch,
+                             lr_error *error)
 {
     lr_scratch *scratch = new_scratch(v);
     lr_status status =
         scratch == NULL
             ? lr_fail_memory(error, (uint64_t)v->bins.longest * 4, "the bricks of a part")
-            : lr_labels_run(&v->labels, &v->job, &v->bins, index, watch, scratch, error);
+            : lr_components_find(&v->components, &v->job, &v->bins, index, watch, scratch, error);
     free_scratch(scratch);
     return status;
 }

@@ -1,13 +1,13 @@
 /* Mesh to volume: the public calls and their stages.
  *
- *   set-up   the mesh's edges beside the triangles of the bricks
- *   labels   where pseudonormals do not tell the side: the band's components
- *   winding  and their winding numbers
- *   bricks   distances, filtered
- *   cells    where triangle cells are wanted: which cells samples cannot hold
+ *   set-up      links the mesh's edges, and lists the triangles of each brick
+ *   components  of the band, if pseudonormals do not give the sides
+ *   winding     numbers of the components
+ *   bricks      filtered distances
+ *   cells       chooses the cells that keep triangles, if the job asks for some
  *
- * A solid with wide holes has no components: the surface that closes it is found beside
- * the bricks (hole_fill.h).
+ * A solid with wide holes needs no components: its holes are filled brick by brick
+ * (hole_fill.h).
  * The parts of a stage run side by side and share nothing that they write. Bricks
  * whose pseudonormals contradict each other are made again with winding numbers.
  *
@@ -260,9 +260,9 @@ static lr_status open_bricks(lr_voxelizer *v, lr_error *error)
     return status == LR_OK ? open_stage(v, LR_STAGE_BRICKS, v->bins.n_parts, error) : status;
 }
 
-static lr_status open_labels(lr_voxelizer *v, lr_error *error)
+static lr_status open_components(lr_voxelizer *v, lr_error *error)
 {
-    lr_status status = lr_labels_begin(&v->bins, &v->labels, error);
+    lr_status status = lr_components_begin(&v->bins, &v->components, error);
     return status == LR_OK ? open_stage(v, LR_STAGE_LABELS, v->bins.n_parts, error) : status;
 }
 
@@ -295,21 +295,22 @@ static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *
             lr_fail_memory(error, v->bins.n_active * sizeof *v->verdicts, "the bricks' states");
     if (status != LR_OK)
         return status;
-    return v->by_winding && v->job.closing == NULL ? open_labels(v, error) : open_bricks(v, error);
+    return v->by_winding && v->job.closing == NULL ? open_components(v, error)
+                                                   : open_bricks(v, error);
 }
 
-static lr_status close_labels(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
+static lr_status close_components(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
-    lr_status status = lr_labels_join(&v->labels, &v->job, &v->bins, watch, error);
-    uint32_t n_parts = v->labels.n_roots / ROOTS + 1;
+    lr_status status = lr_components_join(&v->components, &v->job, &v->bins, watch, error);
+    uint32_t n_parts = v->components.n_roots / ROOTS + 1;
     return status == LR_OK ? open_stage(v, LR_STAGE_WINDING, n_parts, error) : status;
 }
 
 static lr_status ask(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_error *error)
 {
-    uint32_t first = part * ROOTS, left = v->labels.n_roots - first;
+    uint32_t first = part * ROOTS, left = v->components.n_roots - first;
     uint32_t end = first + (left < ROOTS ? left : ROOTS);
-    return lr_labels_ask(&v->labels, &v->job, &v->bins, &v->winding, first, end, watch)
+    return lr_components_decide(&v->components, &v->job, &v->bins, &v->winding, first, end, watch)
                ? LR_OK
                : lr_fail_stopped(error);
 }
@@ -322,7 +323,7 @@ static lr_status fall_back(lr_voxelizer *v, const lr_watch *watch, lr_error *err
     if (v->judgement.reason == LR_REASON_CLOSED)
         v->judgement.reason = LR_REASON_CROSSING;
     lr_status status = lr_winding_make(&v->mesh, watch, &v->winding, error);
-    return status == LR_OK ? open_labels(v, error) : status;
+    return status == LR_OK ? open_components(v, error) : status;
 }
 
 static lr_status close_bricks(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
@@ -335,7 +336,7 @@ static lr_status close_bricks(lr_voxelizer *v, const lr_watch *watch, lr_error *
         contradicts = contradicts || v->verdicts[i].contradicts;
     if (status == LR_OK && contradicts && !v->by_winding && !v->job.sheet)
         return fall_back(v, watch, error);
-    lr_labels_free(&v->labels, &v->bins);
+    lr_components_free(&v->components, &v->bins);
     lr_winding_free(&v->winding);
     v->job.closing = NULL;
     if (status == LR_OK)
@@ -356,9 +357,9 @@ static lr_status open_next(lr_voxelizer *v, const lr_watch *watch, lr_error *err
     case LR_STAGE_SET_UP:
         return close_set_up(v, watch, error);
     case LR_STAGE_LABELS:
-        return close_labels(v, watch, error);
+        return close_components(v, watch, error);
     case LR_STAGE_WINDING:
-        lr_labels_spread(&v->labels);
+        lr_components_spread(&v->components);
         return open_bricks(v, error);
     case LR_STAGE_BRICKS:
         return close_bricks(v, watch, error);
@@ -399,7 +400,7 @@ static lr_status run(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_e
                          : bin(v, v->options.kind == LR_KIND_SHEET ? LR_KIND_SHEET : LR_KIND_SOLID,
                                true, watch, error);
     case LR_STAGE_LABELS:
-        return lr_part_label(v, part, watch, error);
+        return lr_part_components(v, part, watch, error);
     case LR_STAGE_WINDING:
         return ask(v, part, watch, error);
     case LR_STAGE_CELLS:
@@ -491,7 +492,7 @@ void lr_voxelizer_free(lr_voxelizer *v)
     lr_parts_free(v);
     for (uint32_t i = 0; v->chosen != NULL && i < v->bins.n_parts; i++)
         lr_cells_free(&v->chosen[i]);
-    lr_labels_free(&v->labels, &v->bins);
+    lr_components_free(&v->components, &v->bins);
     lr_winding_free(&v->winding);
     free(v->ran);
     free(v->verdicts);

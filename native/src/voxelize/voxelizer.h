@@ -38,9 +38,9 @@ struct lr_voxelizer {
     uint32_t n_parts;    /* of the stage */
     bool *ran;           /* [n_parts] */
     lr_judgement judgement;
-    bool by_winding; /* sides come from labels, not from pseudonormals */
+    bool by_winding; /* sides by components, not by pseudonormals */
     lr_winding winding;
-    lr_labels labels;
+    lr_components components;
     lr_part *parts;          /* [bins.n_parts] */
     lr_verdict *verdicts;    /* [bins.n_active] */
     lr_cells_part *chosen;   /* [bins.n_parts]: triangle cells; or NULL */
