@@ -116,10 +116,10 @@ def test_a_half_ball_that_is_to_be_solid_ends_where_it_winds_half_around(h, arou
     share = (0.5 - g[:, :, :-1][across]) / (g[:, :, 1:] - g[:, :, :-1])[across]
     at = places[:, :, :-1][across] + share[:, None] * (h, 0, 0)
     distance, _ = brute_distance(at, vertices, triangles)
-    closing = at[distance > 3 * h]
+    filled = at[distance > 3 * h]
     if around is not None:
-        assert len(closing) > 10
-        assert_allclose(np.abs(winding(closing, vertices, triangles)), 0.5, atol=0.05 * h)
+        assert len(filled) > 10
+        assert_allclose(np.abs(winding(filled, vertices, triangles)), 0.5, atol=0.05 * h)
 
 
 def test_holes_that_nobody_sees_leave_a_solid():

@@ -86,7 +86,7 @@ static void settle(const lr_voxel_job *job, const float *distance, sides *side, 
 static void set_profile(const lr_voxel_job *job, const float *distance, lr_brick *brick)
 {
     for (int i = 0; i < LR_CELLS; i++)
-        if (job->closing != NULL && job->filter == LR_FILTER_BOX) /* no triangle to be cut by */
+        if (job->hole_fill != NULL && job->filter == LR_FILTER_BOX) /* no triangle to be cut by */
             brick->value[i] = (float)lr_clamp(0.5 + distance[i], 0.0, 1.0);
         else if (distance[i] != INFINITY)
             brick->value[i] = (float)lr_profile(job->filter, distance[i], job->half_width);
@@ -238,14 +238,14 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
     memset(brick->touched, 0, sizeof brick->touched);
     uint8_t loose[LR_CELLS] = {0};
     if (!lr_brick_distances(job, at, list, n, watch, scratch, distance,
-                            job->closing != NULL ? loose : NULL))
+                            job->hole_fill != NULL ? loose : NULL))
         return false;
-    if (job->closing != NULL &&
-        !lr_closing_brick(job->closing, first, job->band, loose, watch, distance))
+    if (job->hole_fill != NULL &&
+        !lr_hole_fill_brick(job->hole_fill, first, job->band, loose, watch, distance))
         return false;
     if (scratch->component_of != NULL)
         take_sides(scratch, distance);
-    brick->contradicts = !job->sheet && scratch->component_of == NULL && job->closing == NULL &&
+    brick->contradicts = !job->sheet && scratch->component_of == NULL && job->hole_fill == NULL &&
                          contradicts(distance);
     settle(job, distance, &side, brick);
     if (job->filter != LR_FILTER_RAMP)

@@ -23,7 +23,7 @@ typedef struct lr_voxel_job {
     bool sheet;
     lr_attribute_set attributes;
     bool exact; /* cells are judged in a second run (choose_triangle_cells.h) */
-    const struct lr_winding *closing; /* of a solid with wide holes; else NULL */
+    const struct lr_winding *hole_fill; /* fills the wide holes of a solid; NULL: no such holes */
 } lr_voxel_job;
 
 /* Per-thread memory: the samples that each listed triangle won, as linked lists. */

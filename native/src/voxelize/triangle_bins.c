@@ -265,7 +265,7 @@ lr_status lr_bins_make(const lr_topology *m, const int32_t table_size[3], double
     return status;
 }
 
-lr_status lr_bins_add(lr_bins *bins, const uint8_t *wanted, size_t n_table, uint32_t n_active,
+lr_status lr_bins_add(lr_bins *bins, const uint8_t *state, size_t n_table, uint32_t n_active,
                       lr_error *error)
 {
     uint32_t *brick = malloc(((size_t)n_active + 1) * sizeof *brick), n = 0, old = 0;
@@ -276,7 +276,7 @@ lr_status lr_bins_add(lr_bins *bins, const uint8_t *wanted, size_t n_table, uint
         return lr_fail_memory(error, (uint64_t)n_active * 12, "the list of bricks");
     }
     for (size_t at = 0; at < n_table; at++) {
-        if (wanted[at] != 2)
+        if (state[at] != LR_BRICK_ACTIVE)
             continue;
         brick[n] = (uint32_t)at;
         start[n++] = bins->start[old];

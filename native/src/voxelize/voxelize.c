@@ -285,9 +285,9 @@ static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *
     if (band_of(o, v->desc.kind) != v->job.band || v->mesh.twin != NULL)
         status = bin(v, v->desc.kind, false, watch, error);
     if (status == LR_OK && v->by_winding && v->judgement.wide) {
-        v->job.closing = &v->winding;
-        status =
-            lr_closing_bricks(&v->winding, v->job.table_size, v->job.band, watch, &v->bins, error);
+        v->job.hole_fill = &v->winding;
+        status = lr_hole_fill_bricks(&v->winding, v->job.table_size, v->job.band, watch, &v->bins,
+                                     error);
     }
     v->verdicts = calloc((size_t)v->bins.n_active + 1, sizeof *v->verdicts);
     if (status == LR_OK && v->verdicts == NULL)
@@ -295,8 +295,8 @@ static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *
             lr_fail_memory(error, v->bins.n_active * sizeof *v->verdicts, "the bricks' states");
     if (status != LR_OK)
         return status;
-    return v->by_winding && v->job.closing == NULL ? open_components(v, error)
-                                                   : open_bricks(v, error);
+    return v->by_winding && v->job.hole_fill == NULL ? open_components(v, error)
+                                                     : open_bricks(v, error);
 }
 
 static lr_status close_components(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
@@ -338,7 +338,7 @@ static lr_status close_bricks(lr_voxelizer *v, const lr_watch *watch, lr_error *
         return fall_back(v, watch, error);
     lr_components_free(&v->components, &v->bins);
     lr_winding_free(&v->winding);
-    v->job.closing = NULL;
+    v->job.hole_fill = NULL;
     if (status == LR_OK)
         status = lr_parts_move(v, watch, error);
     if (status != LR_OK || !v->job.exact)
