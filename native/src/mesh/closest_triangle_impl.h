@@ -159,7 +159,7 @@ LR_INLINE void set_first(batch *b, int l, int form, const double g[3], double c)
     b->first[3][form][l] = (float)c;
 }
 
-/* One triangle in f64; put out of reach where it has no area. */
+/* One triangle in f64; moved to infinity if it has no area. */
 static void set_thin(const lr_topology *mesh, const double centre[3], uint32_t t, int l, batch *b)
 {
     lr_frame f;
@@ -223,10 +223,10 @@ LR_INLINE void set_gaps(batch *b)
     const lanes zero = lanes_all(0.0f), more = lanes_all(HALF_OF_TILE + SLACK);
     for (int a = 0; a < 3; a++) {
         const lanes middle = lanes_load(b->middle[a]);
-        const lanes reach = lanes_add(lanes_load(b->half[a]), more);
+        const lanes half = lanes_add(lanes_load(b->half[a]), more);
         for (int i = 0; i < LR_LAYERS; i++) {
             lanes apart = lanes_sub(lanes_all(LAYER[i]), middle);
-            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), reach), zero);
+            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), half), zero);
             lanes_store(square[i], lanes_mul(gap, gap));
         }
         transpose((const float (*)[LR_LANES])square, b->gap[a]);

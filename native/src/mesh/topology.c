@@ -51,7 +51,7 @@ lr_status lr_mesh_check(const lr_mesh *mesh, const lr_watch *watch, double *fart
 }
 
 /* No vertex that a triangle uses may be so far out that voxels lose their meaning. */
-static lr_status check_reach(const lr_topology *m, lr_error *error)
+static lr_status check_extent(const lr_topology *m, lr_error *error)
 {
     for (uint64_t i = 0; i < 3 * m->source.n_triangles; i++) {
         const double *v = m->source.vertices + 3 * (int64_t)m->source.triangles[i];
@@ -178,7 +178,7 @@ lr_status lr_topology_begin(const lr_mesh *mesh, double voxel_size, const lr_wat
     double farthest = 0.0;
     lr_status status = lr_mesh_check(mesh, watch, &farthest, error);
     if (status == LR_OK && !(farthest * m->per_unit <= FARTHEST))
-        status = check_reach(m, error);
+        status = check_extent(m, error);
     if (status == LR_OK)
         status = measure(m, watch, error);
     return status;

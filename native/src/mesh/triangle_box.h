@@ -23,8 +23,8 @@ void lr_separators_make(const double p[3][3], lr_separator s[LR_SEPARATORS]);
 LR_INLINE bool lr_apart(const lr_separator s[LR_SEPARATORS], const double c[3], double grow)
 {
     for (int i = 0; i < LR_SEPARATORS; i++) {
-        const double at = lr_dot(s[i].axis, c), reach = (0.5 + grow) * s[i].extent;
-        if (at < s[i].lo - reach || at > s[i].hi + reach)
+        const double at = lr_dot(s[i].axis, c), radius = (0.5 + grow) * s[i].extent;
+        if (at < s[i].lo - radius || at > s[i].hi + radius)
             return true;
     }
     return false;

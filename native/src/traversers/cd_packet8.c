@@ -347,12 +347,13 @@ LR_INLINE void look_ahead(const lr_packet *k, const lr_packet8 *e, lr_ahead *h)
     h->one = _mm256_mask_cmple_epi32_mask(near, distance, all_of(1));
     const __m256i n =
         _mm256_max_epi32(_mm256_sub_epi32(distance, all_of(1)), _mm256_setzero_si256());
-    const __m256i reach = _mm256_mask_slli_epi32(n, far, n, LR_SIDE_BITS);
+    const __m256i radius = _mm256_mask_slli_epi32(n, far, n, LR_SIDE_BITS);
     for (int a = 0; a < 3; a++) {
         const __m256i low = _mm256_mask_and_epi32(e->c[a], far, e->c[a], all_of(-LR_SIDE));
         const __m256i high = _mm256_mask_add_epi32(low, far, low, all_of(LR_SIDE - 1));
-        const __m256i to = _mm256_max_epi32(_mm256_sub_epi32(low, reach), all_of(v->surface_lo[a]));
-        h->end[a] = _mm256_mask_min_epi32(to, e->up[a], _mm256_add_epi32(high, reach),
+        const __m256i to =
+            _mm256_max_epi32(_mm256_sub_epi32(low, radius), all_of(v->surface_lo[a]));
+        h->end[a] = _mm256_mask_min_epi32(to, e->up[a], _mm256_add_epi32(high, radius),
                                           all_of(v->surface_hi[a]));
     }
 }

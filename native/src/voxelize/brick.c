@@ -110,17 +110,17 @@ static void group(const lr_nearest *nearest, float most, lr_scratch *scratch)
 static void name_nearest(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list,
                          uint32_t n, lr_scratch *scratch, lr_brick *brick)
 {
-    const float reach = (float)(LR_ATTRIBUTE_RADIUS * LR_ATTRIBUTE_RADIUS);
+    const float most = (float)(LR_ATTRIBUTE_RADIUS * LR_ATTRIBUTE_RADIUS);
     float nearest = INFINITY;
     for (int tile = 0; tile < LR_TILES; tile++)
         for (int lane = 0; lane < LR_LANES; lane++)
             if (scratch->nearest.winner[tile][lane] >= 0)
                 nearest = fminf(nearest, scratch->nearest.d2[tile][lane]);
-    if (!(nearest <= reach))
+    if (!(nearest <= most))
         return;
     memset(scratch->nearest_triangle, 0, LR_CELLS * sizeof *scratch->nearest_triangle);
     brick->has_nearest = true;
-    group(&scratch->nearest, reach, scratch);
+    group(&scratch->nearest, most, scratch);
     for (uint32_t i = 0; i < n; i++) {
         int32_t sample = scratch->first[i];
         scratch->first[i] = -1;

@@ -19,7 +19,7 @@
 #define LR_GAUSS_RADIUS 4.5    /* sigma: beyond, less than half a step of u16 is left */
 #define LR_BOX_REACH    0.8661 /* sqrt(3) / 2: farther voxels are of one side */
 
-#define LR_WIDEST 32.0 /* voxels that a filter may reach */
+#define LR_WIDEST 32.0 /* largest radius of a filter, voxels */
 
 enum { LR_FILTER_LAST = LR_FILTER_BINARY };
 

@@ -42,12 +42,12 @@ typedef struct binning {
     const lr_watch *watch;
 } binning;
 
-/* The bricks that a triangle can reach. */
-typedef struct reach {
+/* The bricks that can come within the band of a triangle. */
+typedef struct brick_range {
     int32_t lo[3], hi[3];
     lr_frame frame;
-    double plane[PLANES][4]; /* n.c + d > 0: out of reach, c the brick's place in the table */
-} reach;
+    double plane[PLANES][4]; /* n.c + d > 0: farther than the band; c: the brick in the table */
+} brick_range;
 
 LR_INLINE void put(binning *b, size_t brick, uint32_t t)
 {
@@ -68,7 +68,7 @@ static void put_small(binning *b, uint32_t box, uint32_t t)
                 put(b, place + x + y * row + z * layer, t);
 }
 
-/* Out of reach where n.(p - on) > slack for the whole brick; n is unit. */
+/* The plane behind which n.(p - on) > band for the whole brick; n is unit. */
 static void set_plane(double out[4], const double n[3], const double on[3], double band)
 {
     double extent = HALF * (fabs(n[0]) + fabs(n[1]) + fabs(n[2]));
@@ -77,9 +77,8 @@ static void set_plane(double out[4], const double n[3], const double on[3], doub
     out[3] = HALF * (n[0] + n[1] + n[2]) - lr_dot(n, on) - extent - band;
 }
 
-/* The row's range of bricks that no plane keeps out of reach; one to spare at either
- * end for rounding. */
-static void cut_row(const reach *r, int32_t y, int32_t z, int32_t *first, int32_t *last)
+/* The row's range of bricks that no plane excludes, one more at either end for rounding. */
+static void cut_row(const brick_range *r, int32_t y, int32_t z, int32_t *first, int32_t *last)
 {
     double lo = r->lo[0], hi = r->hi[0];
     for (int i = 0; i < PLANES; i++) {
@@ -94,7 +93,7 @@ static void cut_row(const reach *r, int32_t y, int32_t z, int32_t *first, int32_
     *last = lo > hi ? -1 : (int32_t)hi;
 }
 
-static bool in_reach(const reach *r, double band, int32_t x, int32_t y, int32_t z)
+static bool in_range(const brick_range *r, double band, int32_t x, int32_t y, int32_t z)
 {
     for (int i = 0; i < PLANES; i++) {
         const double *p = r->plane[i];
@@ -107,7 +106,7 @@ static bool in_reach(const reach *r, double band, int32_t x, int32_t y, int32_t 
 }
 
 /* False where stopped. */
-static bool put_large(binning *b, const reach *r, uint32_t t)
+static bool put_large(binning *b, const brick_range *r, uint32_t t)
 {
     for (int32_t z = r->lo[2]; z <= r->hi[2]; z++)
         for (int32_t y = r->lo[1]; y <= r->hi[1]; y++) {
@@ -117,14 +116,14 @@ static bool put_large(binning *b, const reach *r, uint32_t t)
             cut_row(r, y, z, &first, &last);
             const size_t row = lr_place_of(b->size, 0, y, z);
             for (int32_t x = first; x <= last; x++)
-                if (in_reach(r, b->band, x, y, z))
+                if (in_range(r, b->band, x, y, z))
                     put(b, row + (size_t)x, t);
         }
     return true;
 }
 
 /* The frame is made already. */
-static void set_planes(reach *r, double band)
+static void set_planes(brick_range *r, double band)
 {
     lr_frame *f = &r->frame;
     double back[3] = {-f->n[0], -f->n[1], -f->n[2]};
@@ -134,7 +133,7 @@ static void set_planes(reach *r, double band)
         set_plane(r->plane[2 + e], f->m[e], f->p[e], band);
 }
 
-static uint32_t box_of(const binning *b, uint64_t t, reach *r)
+static uint32_t box_of(const binning *b, uint64_t t, brick_range *r)
 {
     double cross[3];
     const double (*p)[3] = (const double (*)[3])r->frame.p;
@@ -165,7 +164,7 @@ static lr_status visit_all(binning *b, lr_error *error)
     for (uint64_t t = 0; t < b->mesh->source.n_triangles; t++) {
         if (t % POLL == 0 && lr_stopped(b->watch))
             return lr_fail_stopped(error);
-        reach r;
+        brick_range r;
         if (b->list == NULL || b->box[t] == LARGE)
             b->box[t] = box_of(b, t, &r);
         if (b->box[t] < LARGE) {

@@ -54,15 +54,17 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
                        "the filter's width must be above 0 and up to 100 pixels, it is %g",
                        tile->filter_width);
     if (!(tile->noise_threshold >= 0) || !(tile->ao_distance > 0))
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "the noise threshold must be 0 or more and the reach of ambient occlusion "
-                       "above 0, they are %g and %g",
-                       tile->noise_threshold, tile->ao_distance);
+        return lr_fail(
+            error, LR_E_ARGUMENT,
+            "the noise threshold must be 0 or more and the distance of ambient occlusion "
+            "above 0, they are %g and %g",
+            tile->noise_threshold, tile->ao_distance);
     if (!(tile->ambient_distance >= 0 && tile->clamp_direct >= 0 && tile->clamp_indirect >= 0))
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "the reach of the ambient and the clamps must be 0 or more, they are %g, %g "
-                       "and %g",
-                       tile->ambient_distance, tile->clamp_direct, tile->clamp_indirect);
+        return lr_fail(
+            error, LR_E_ARGUMENT,
+            "the distance of the ambient light and the clamps must be 0 or more, they are %g, %g "
+            "and %g",
+            tile->ambient_distance, tile->clamp_direct, tile->clamp_indirect);
     if (tile->trace.mode != LR_MODE_SURFACE)
         return lr_fail(error, LR_E_ARGUMENT, "rendering needs surface mode (%d), the mode is %d",
                        LR_MODE_SURFACE, tile->trace.mode);
@@ -70,11 +72,11 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
         return lr_fail(error, LR_E_ARGUMENT,
                        "a tile with a record must be one pixel, it is %d x %d", tile->width,
                        tile->height);
-    const uint64_t wanted = lr_render_nbytes(scene, tile->width, tile->height, tile->branches);
-    if (workspace == NULL || nbytes < wanted)
+    const uint64_t needed = lr_render_nbytes(scene, tile->width, tile->height, tile->branches);
+    if (workspace == NULL || nbytes < needed)
         return lr_fail(error, LR_E_SIZE,
                        "a tile of %d x %d pixels needs a workspace of %llu bytes, it has %llu",
-                       tile->width, tile->height, (unsigned long long)wanted,
+                       tile->width, tile->height, (unsigned long long)needed,
                        (unsigned long long)(workspace != NULL ? nbytes : 0));
     return LR_OK;
 }

@@ -151,12 +151,12 @@ static bool survives_roulette(lr_path *child)
 static void go_through(const lr_shading_point *s, lr_path *child)
 {
     const double *o = s->path->origin;
-    const double way[3] = {s->position[0] - o[0], s->position[1] - o[1], s->position[2] - o[2]};
+    const double segment[3] = {s->position[0] - o[0], s->position[1] - o[1], s->position[2] - o[2]};
     for (int a = 0; a < 3; a++) {
         child->direction[a] = -s->point.view[a];
         child->throughput[a] *= s->bsdf.transparency[a];
     }
-    child->travelled += sqrt(lr_dot(way, way));
+    child->travelled += sqrt(lr_dot(segment, segment));
     child->t_max = s->left;
 }
 

@@ -51,11 +51,11 @@ LR_INLINE double lr_sphere_meet(const double to[3], double radius, const double 
     double off[3];
     for (int a = 0; a < 3; a++)
         off[a] = to[a] - along * d[a];
-    const double reach = radius * radius - lr_dot(off, off);
-    if (reach < 0)
+    const double half_chord2 = radius * radius - lr_dot(off, off);
+    if (half_chord2 < 0)
         return -1;
     const bool outside = lr_dot(to, to) > radius * radius;
-    return along - (outside ? sqrt(reach) : -sqrt(reach));
+    return along - (outside ? sqrt(half_chord2) : -sqrt(half_chord2));
 }
 
 /* Aim at a point q of a surface with normal n; false where it is seen edge-on. */

@@ -103,11 +103,12 @@ static double cost_of(const lr_light_bounds *bounds)
     const double x = bounds->hi[0] - bounds->lo[0], y = bounds->hi[1] - bounds->lo[1];
     const double z = bounds->hi[2] - bounds->lo[2];
     const double facing = acos(lr_clamp(bounds->cos_facing, -1, 1));
-    const double reach = fmin(facing + acos(bounds->cos_shining), LR_PI);
+    /* from the mean direction to the last one that is lit */
+    const double widest = fmin(facing + acos(bounds->cos_shining), LR_PI);
     const double s = sin(facing);
     const double directions =
         2 * LR_PI * (1 - cos(facing)) +
-        0.5 * LR_PI * (2 * reach * s - cos(facing - 2 * reach) - 2 * facing * s + cos(facing));
+        0.5 * LR_PI * (2 * widest * s - cos(facing - 2 * widest) - 2 * facing * s + cos(facing));
     return bounds->power * directions * (x * x + y * y + z * z);
 }
 
