@@ -242,7 +242,7 @@ static lr_status trace_queue(const lr_context *context, bool camera, bool geomet
     const lr_scene *scene = context->scene;
     lr_status status = LR_OK;
     for (int last = 0; last < 2; last++) {
-        const bool any = last != 0 && !scene->has_clear && !scene->has_media && !scene->shines &&
+        const bool any = last != 0 && !scene->has_clear && !scene->has_media && !scene->emits &&
                          !scene->has_lights && context->tile->record == NULL;
         for (uint32_t pixel = 0; pixel < film->n_pixels && status == LR_OK;) {
             fill_batch(&queues->now, film->n_pixels, last != 0, &pixel, &queues->wave.rays);

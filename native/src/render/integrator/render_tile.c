@@ -188,7 +188,7 @@ lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_pa
     const lr_context context = {
         .scene = scene,
         .tile = tile,
-        .last_contributes = scene->world_shines || scene->shines || scene->has_lights,
+        .last_contributes = scene->world_emits || scene->emits || scene->has_lights,
         .counters = counters,
         .watch = watch,
         .error = error,

@@ -3,11 +3,11 @@
  * A surface spawns rays of several kinds: by its diffuse lobes, by its glossy ones,
  * refracted, straight through. Where the queue has slots for all kinds that matter, each
  * is spawned; else those of the largest throughput are, and one of the others, chosen at
- * random by what it sends on. Paths of low throughput end by Russian roulette. Both are weighted
- * by the inverse probability.
+ * random by its albedo. Paths of low throughput end by Russian roulette. Both are weighted by
+ * the inverse probability.
  *
- * Limits count as in Cycles: a ray beyond its limit still finds lights, the world
- * and shining surfaces, but is not scattered any more.
+ * Limits count as in Cycles: a ray beyond its limit still meets lights, the world and
+ * emitting surfaces, but is not scattered any more.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/scatter.h"

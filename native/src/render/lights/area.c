@@ -1,10 +1,10 @@
 /* Area lights.
  *
- * A rectangle or an ellipse that shines to one side by Lambert's law. A narrower
+ * A rectangle or an ellipse that emits to one side by Lambert's law. A narrower
  * spread is that of a grid of slats before it, brightened so that as much light
  * leaves as without it; from a point only that part of the light is seen through
  * the slats that lies within the spread about the foot of the point's perpendicular:
- * a disc. A spread of 0 makes a beam: every point is lit from its foot alone.
+ * a disc. A spread of 0 collimates the light: every point is lit from its foot alone.
  *
  * Only the part that is seen is sampled: rectangles evenly by the solid angle of
  * the box around what the light and the disc have in common, ellipses by the smallest
@@ -58,7 +58,7 @@ static bool is_full(const lr_light *light)
     return light->angle >= SPREAD_FULL;
 }
 
-/* What leaves along d, which leads to the light, as a fraction of its color; not of a beam. */
+/* What leaves along d, which leads to the light, as a fraction of its color; spread > 0. */
 static double let_out(const lr_light *light, const double d[3])
 {
     const double cosine = -lr_dot(d, light->direction);
@@ -95,7 +95,7 @@ void lr_area_light_bound(const lr_light *light, lr_light_bounds *bounds)
     *bounds = (lr_light_bounds){
         .axis = {light->direction[0], light->direction[1], light->direction[2]},
         .cos_facing = 1,
-        .cos_shining = fmax(cos(0.5 * light->angle), 0),
+        .cos_emission = fmax(cos(0.5 * light->angle), 0),
         .power = lr_brightness(light->color) * intensity(light),
     };
     lr_light_box(light, half, bounds);
@@ -276,8 +276,8 @@ static double end_of(const lr_light *light, double height, double distance)
     return fmax(distance * (1 + light->plane_margin / height), 0);
 }
 
-/* All light comes from the foot of p. */
-static bool sample_beam(const lr_light *light, const double p[3], lr_light_ray *ray)
+/* A light of spread 0: all of it comes from the foot of p. */
+static bool sample_collimated(const lr_light *light, const double p[3], lr_light_ray *ray)
 {
     lr_light_part r;
     lr_light wide = *light;
@@ -302,7 +302,7 @@ bool lr_area_light_sample(const lr_light *light, const double p[3], const double
     lr_light_part r;
     double to[3];
     if (light->angle == 0)
-        return sample_beam(light, p, ray);
+        return sample_collimated(light, p, ray);
     if (!see_part(light, p, &r))
         return false;
     ray->pdf =
@@ -320,7 +320,7 @@ bool lr_area_light_sample(const lr_light *light, const double p[3], const double
     }
     const bool all = r.kind == LR_PART_ELLIPSE || light->shape == LR_LIGHT_FULL;
     return (all || holds(&r, light->shape, to)) &&
-           lr_light_shine(light, let_out(light, ray->direction), ray->color);
+           lr_light_color(light, let_out(light, ray->direction), ray->color);
 }
 
 bool lr_area_light_hit(const lr_light *light, const double o[3], const double d[3], double t_max,
@@ -332,7 +332,7 @@ bool lr_area_light_hit(const lr_light *light, const double o[3], const double d[
         return false;
     const double distance = r.height / cosine;
     const double to[3] = {distance * d[0], distance * d[1], distance * d[2]};
-    if (!holds(&r, light->shape, to) || !lr_light_shine(light, let_out(light, d), color))
+    if (!holds(&r, light->shape, to) || !lr_light_color(light, let_out(light, d), color))
         return false;
     *pdf = density(light, &r, d, distance);
     *t = end_of(light, r.height, distance);

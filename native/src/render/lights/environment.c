@@ -1,8 +1,7 @@
-/* The surroundings.
+/* The world's radiance: one color or an equirectangular texture.
  *
- * Between the centres of texels radiance is interpolated. So each texel is chosen
- * by what it and its neighbours bring into it, and no direction with light is without
- * density.
+ * Radiance is interpolated between the centres of texels. So the probability of a texel
+ * counts its neighbours' radiance too, and every direction with radiance has a density.
  *
  * Source: Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., 2023,
  * sections 12.5 and A.5.

@@ -11,8 +11,8 @@
 
 #include "render/lights/light_ray.h"
 
-/* A light's color x scale; false where that is nothing. */
-LR_INLINE bool lr_light_shine(const lr_light *light, double scale, double color[3])
+/* A light's color x scale; false where that is 0. */
+LR_INLINE bool lr_light_color(const lr_light *light, double scale, double color[3])
 {
     for (int a = 0; a < 3; a++)
         color[a] = scale * light->color[a];

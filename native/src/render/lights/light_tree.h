@@ -39,8 +39,8 @@ lr_status lr_light_tree_make(const lr_light *lights, uint64_t n_lights,
 void lr_light_tree_free(lr_light_tree *light_tree);
 
 /* A light for the point p of a surface with normal n (unit; zero: it gets light from either side),
- * the likelier the more it may bring, and its selection probability; LR_LIGHT_NONE where none
- * brings anything. u: 0..1, 1 not included. */
+ * the likelier the more it may contribute, and its selection probability; LR_LIGHT_NONE where
+ * none contributes anything. u: 0..1, 1 not included. */
 uint64_t lr_light_tree_choose(const lr_light_tree *light_tree, const double p[3], const double n[3],
                               double u, double *probability);
 double lr_light_tree_probability(const lr_light_tree *light_tree, uint64_t light_index,

@@ -171,7 +171,7 @@ static void judge(lr_scene *scene)
         placed->enterable = solid && (flags & media) != 0;
         scene->has_clear |= placed->clear;
         scene->has_media |= placed->enterable;
-        scene->shines |= (flags & LR_MATERIAL_EMITS) != 0;
+        scene->emits |= (flags & LR_MATERIAL_EMITS) != 0;
     }
     for (uint64_t k = 0; k < scene->n_lights; k++)
         scene->has_lights |= lr_light_has_extent(&scene->lights[k]);
@@ -211,7 +211,7 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     scene->world_visibility = desc->world.visibility;
     scene->world_bounces = desc->world.max_bounces;
     for (int a = 0; a < 3; a++)
-        scene->world_shines |= desc->world.color[a] != 0;
+        scene->world_emits |= desc->world.color[a] != 0;
     scene->mist_start = desc->mist_start;
     scene->mist_depth = desc->mist_depth;
     scene->mist_power = desc->mist_power;

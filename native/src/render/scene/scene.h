@@ -37,10 +37,10 @@ struct lr_scene {
     lr_environment environment;
     uint32_t world_visibility; /* lr_visibility */
     int32_t world_bounces;     /* limit of those behind which it is not asked */
-    bool world_shines;         /* its color is not black */
+    bool world_emits;          /* its color is not black */
     bool has_clear, has_media; /* instances that are clear, enterable */
     bool has_lights;           /* lights that rays can meet */
-    bool shines;               /* some material does */
+    bool emits;                /* some material emits */
     double mist_start, mist_depth, mist_power;
     bool film_transparent;
     bool lone_media; /* see lr_scene_desc */
