@@ -41,7 +41,7 @@ def describe(
     """All that the record holds, by names instead of numbers.
 
     place: the pixel's column and row, from the lower left; value: (4,) its Combined pass.
-    Contributions are shares of the pixel's value: divided by its samples, times the film's
+    Contributions are fractions of the pixel's value: divided by its samples, times the film's
     exposure; so they sum up to it. sum: of those so far, in the order of the rays.
     """
     reader = _Reader(record, scene, plan)
@@ -62,7 +62,7 @@ class _Reader:
 
     def __init__(self, record: leapray.Record, scene: model.Scene, plan: Plan) -> None:
         self.scene, self.plan = scene, plan
-        self.share = scene.film_exposure / max(record.samples, 1)
+        self.fraction = scene.film_exposure / max(record.samples, 1)
         self.sum = np.zeros(3)
         self.rays: list[dict[str, Any]] = []
         self.boxes = np.array([_box(each) for each in plan.instances]).reshape(-1, 2, 3)
@@ -157,7 +157,7 @@ class _Reader:
 
     def _light(self, event) -> dict[str, Any]:
         sampled = event["kind"] == LR_EVENT_LIGHT
-        contribution = event["contribution"] * self.share
+        contribution = event["contribution"] * self.fraction
         self.sum = self.sum + contribution
         told: dict[str, Any] = {
             "light": self._light_name(event["light"]),

@@ -301,17 +301,17 @@ def camera(s: Source):
 
 
 def lobe(s: Source):
-    share = (0.0, 1.0, 0.5, 1e-17, 1e-300) if s.mostly(0.97) else NUMBERS
+    units = (0.0, 1.0, 0.5, 1e-17, 1e-300) if s.mostly(0.97) else NUMBERS
 
     def color():
         return np.abs(s.vector(0.97)) * s.one((1, 1, 1e-20, 1e20))
 
     return leapray.Lobe(
-        s.name(rendering.LOBES), color(), weight=s.one((1.0, 0.3, *share)), roughness=s.one(share),
+        s.name(rendering.LOBES), color(), weight=s.one((1.0, 0.3, *units)), roughness=s.one(units),
         ior=s.one((1.5, 1.0, 0.7, 1e-3, 1e3)) if s.mostly(0.97) else s.number(0.5),
-        multiscatter=s.likely(0.5), textured=s.likely(0.3), metallic=s.one(share),
-        specular=s.one(share), specular_tint=color(), transmission=s.one(share),
-        alpha=s.one(share), emission=color(),
+        multiscatter=s.likely(0.5), textured=s.likely(0.3), metallic=s.one(units),
+        specular=s.one(units), specular_tint=color(), transmission=s.one(units),
+        alpha=s.one(units), emission=color(),
     )  # fmt: skip
 
 
@@ -406,8 +406,8 @@ def check(holds: bool, what: str) -> None:
 def make(seed: int, index: int) -> str:
     """Make one call; returns how it ended, raises what must not be."""
     s = Source(seed, index)
-    shares = np.array(list(CALLS.values()), float)
-    call = list(CALLS)[s.rng.choice(len(CALLS), p=shares / shares.sum())]
+    fractions = np.array(list(CALLS.values()), float)
+    call = list(CALLS)[s.rng.choice(len(CALLS), p=fractions / fractions.sum())]
     try:
         with np.errstate(all="ignore"):
             call(s)

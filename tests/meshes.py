@@ -154,12 +154,12 @@ def brute_rays(origins, directions, vertices, triangles):
     with np.errstate(divide="ignore", invalid="ignore"):
         for k, (a, b, c) in enumerate(vertices[triangles]):
             p = np.cross(directions, c - a)
-            share = 1 / (p @ (b - a))
+            fraction = 1 / (p @ (b - a))
             from_a = origins - a
-            u = np.einsum("ij,ij->i", from_a, p) * share
+            u = np.einsum("ij,ij->i", from_a, p) * fraction
             q = np.cross(from_a, b - a)
-            v = np.einsum("ij,ij->i", directions, q) * share
-            t = (q @ (c - a)) * share
+            v = np.einsum("ij,ij->i", directions, q) * fraction
+            t = (q @ (c - a)) * fraction
             hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t < first)
             first, which = np.where(hit, t, first), np.where(hit, k, which)
     return first, which

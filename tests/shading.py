@@ -99,7 +99,7 @@ class Surface:
         return _call("shading_flags", self._desc)
 
     def look(self):
-        """share (5,), emission (3,), transparency (3,)."""
+        """albedo (5,), emission (3,), transparency (3,)."""
         out = np.zeros(5), np.zeros(3), np.zeros(3)
         _call("shading_look", self._desc, _address(self._point), *map(_address, out))
         return out

@@ -107,7 +107,7 @@ class Errors:
 
     surface: float  # the quantile, without what is lost
     steps: float  # the part of it that the samples' type explains
-    lost: float  # share of the pixels, or of a body's if that is mostly lost
+    lost: float  # fraction of the pixels, or of a body's if that is mostly lost
     normal: float  # of shading, radians: the quantile, or a third of the RMS if that is more
     voxel: float  # the mean over the surface
     crease: float  # the mean along outlines
@@ -316,14 +316,14 @@ def seen(measure: Measure, weights: Weights) -> Errors:
 
 
 def _worst_body(measure: Measure, weights: Weights, pixels: NDArray) -> tuple[float, float]:
-    """The share of a body's pixels that are lost, if most are; the error that most have."""
+    """The fraction of a body's pixels that are lost, if most are; the error that most have."""
     of, error = weights.surface_bodies, measure.surface / weights.surface_footprint
-    share = np.bincount(of, pixels)
+    fraction = np.bincount(of, pixels)
     lost = np.bincount(of, pixels * measure.lost)
     worst, found = 0.0, 0.0
-    for body in np.flatnonzero(share > LEAST_BODY):
-        if lost[body] > MOSTLY * share[body]:
-            worst = max(worst, float(lost[body] / share[body]))
+    for body in np.flatnonzero(fraction > LEAST_BODY):
+        if lost[body] > MOSTLY * fraction[body]:
+            worst = max(worst, float(lost[body] / fraction[body]))
         else:
             own = (of == body) & ~measure.lost
             found = max(found, quantile(error[own], pixels[own], MOSTLY))
@@ -404,7 +404,7 @@ def color_seen(measure: Measure, weights: Weights) -> float:
 
 
 def quantile(values: NDArray, weights: NDArray, q: float) -> float:
-    """The least value that the share q of the weights does not exceed."""
+    """The least value that the fraction q of the weights does not exceed."""
     order = np.argsort(values)
     reach = np.cumsum(weights[order])
     return float(values[order[min(np.searchsorted(reach, q * reach[-1]), len(values) - 1)]])

@@ -201,8 +201,8 @@ def _touches(
     if solid == [True, False]:
         seen = _faces(normals, points[inside], camera)
         inside, normals = inside[seen], normals[seen]
-    share = len(inside) / len(points)
-    if share < FEWEST:
+    fraction = len(inside) / len(points)
+    if fraction < FEWEST:
         return False
     every = max(1, len(inside) // N_RAYS)
     points, normals = points[inside[::every]], normals[::every]
@@ -216,10 +216,10 @@ def _touches(
         met = np.isfinite(hits.t)
         theirs = unit(np.where(met[:, None], hits.normal, 1.0) @ to_b[:3, :3])
         met &= _parallel(normals, theirs, solid)
-        if solid == [False, True] and share * met.mean() < MOSTLY:
+        if solid == [False, True] and fraction * met.mean() < MOSTLY:
             met &= _faces(theirs, points, camera)
         near |= met
-    return share * near.mean() >= FEWEST
+    return fraction * near.mean() >= FEWEST
 
 
 def _parallel(ours: Array, theirs: Array, solid: list[bool]) -> NDArray[np.bool_]:

@@ -213,7 +213,7 @@ def judge(scene: Scene, structure: leapray.Structure, setting: Setting, rounds: 
         off = np.abs(scene.shape.distance(points))
     turned = np.clip((hits.normal[both] * scene.normal[both]).sum(axis=1), -1, 1)
     angle = np.degrees(np.arccos(turned))
-    share = np.count_nonzero(real != got) / max(np.count_nonzero(real), 1)
+    fraction = np.count_nonzero(real != got) / max(np.count_nonzero(real), 1)
     off, angle = (part if len(part) else np.zeros(1) for part in (off, angle))
     return Row(
         scene.name,
@@ -223,7 +223,7 @@ def judge(scene: Scene, structure: leapray.Structure, setting: Setting, rounds: 
         hit_99=1e3 * float(np.percentile(off, 99)) / SIDE,
         normal_mean=float(angle.mean()),
         normal_99=float(np.percentile(angle, 99)),
-        silhouette=share,
+        silhouette=fraction,
         structure_bytes=structure.nbytes,
     )
 

@@ -169,7 +169,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
         "world": "black" if black or is_black(own_world) else "of the scene",
         "white": subject.white,
         "notes": subject.notes,
-        "objects": geometry.shares(),
+        "objects": geometry.fractions(),
         "cycles": {
             "seconds_geometry": want.seconds,
             "seconds_reference": reference.seconds,
@@ -258,8 +258,8 @@ class Geometry:
             }
         return told
 
-    def shares(self) -> dict[str, float]:
-        """Each object's share of the image, as Cycles sees it."""
+    def fractions(self) -> dict[str, float]:
+        """Each object's fraction of the image, as Cycles sees it."""
         index, count = np.unique(self.index, return_counts=True)
         return {
             self.subject.names.get(int(k), f"index {k}"): float(n / self.index.size)
@@ -277,7 +277,7 @@ class Geometry:
             ),
             "normal_angle_degrees": metrics.per_object(self.index, self.agree, self.angle, names),
             "normals_turned": {
-                names.get(int(k), f"index {int(k)}"): metrics.turned_share(
+                names.get(int(k), f"index {int(k)}"): metrics.turned_fraction(
                     self.angle, clear & (self.index == k)
                 )
                 for k in np.unique(self.index[self.agree])
@@ -352,8 +352,8 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
     shape, light = run["geometry"], run["light"]
     seen = {
         name
-        for name, share in told["objects"].items()
-        if share * told["width"] * told["height"] >= LEAST_PIXELS
+        for name, fraction in told["objects"].items()
+        if fraction * told["width"] * told["height"] >= LEAST_PIXELS
     }
 
     def worst(of: str, which: str) -> tuple[str, float | None]:
@@ -384,7 +384,7 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
     ):
         where, value = worst(of, which)
         geometry_bars.append(bar(what, value, limit, where))
-    turned = {name: share for name, share in shape["normals_turned"].items() if name in seen}
+    turned = {name: fraction for name, fraction in shape["normals_turned"].items() if name in seen}
     where = max(turned, key=turned.__getitem__, default="nothing")
     what = f"normals more than {metrics.TURNED:g} degrees off, share of pixels but edges"
     geometry_bars.append(bar(what, turned.get(where), 0.01, where))

@@ -434,9 +434,9 @@ def sentences(claims: list[Claim], roots: list[Crossing], skipped, solids) -> li
         )
     for skip in dict.fromkeys(row.skip for row in skipped):
         rows = [row for row in skipped if row.skip == skip]
-        share = sum(row.skipped for row in rows) / sum(row.pixels for row in rows)
+        fraction = sum(row.skipped for row in rows) / sum(row.pixels for row in rows)
         said.append(
-            f"The {skip} skip leaves out {share:.0%} of the pixels around {len(rows)} phantoms "
+            f"The {skip} skip leaves out {fraction:.0%} of the pixels around {len(rows)} phantoms "
             f"from {rows[0].views} views, {sum(row.wrong for row in rows)} of them wrongly."
         )
     for row in solids:

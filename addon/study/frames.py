@@ -264,8 +264,8 @@ def view(scene: bpy.types.Scene, depsgraph) -> View:
 def size(scene: bpy.types.Scene) -> tuple[int, int]:
     """Width and height of the rendered image in pixels."""
     render = scene.render
-    share = render.resolution_percentage / 100
-    return int(render.resolution_x * share), int(render.resolution_y * share)
+    fraction = render.resolution_percentage / 100
+    return int(render.resolution_x * fraction), int(render.resolution_y * fraction)
 
 
 def border_edges(depsgraph) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

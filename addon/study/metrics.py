@@ -171,8 +171,8 @@ def per_object(
     }
 
 
-def turned_share(angle: NDArray[np.floating], mask: Mask) -> float:
-    """The share of the mask's pixels whose normals are off by more than TURNED degrees."""
+def turned_fraction(angle: NDArray[np.floating], mask: Mask) -> float:
+    """The fraction of the mask's pixels whose normals are off by more than TURNED degrees."""
     return float((angle[mask] > TURNED).mean()) if mask.any() else 0.0
 
 
@@ -195,8 +195,8 @@ def on_lines(view: View, starts: NDArray, ends: NDArray, shape: tuple[int, ...])
     count = np.minimum(np.ceil(2 * length), 4 * max(shape)).astype(int) + 1
     which = np.repeat(np.arange(len(count)), count)
     place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    share = (place / np.maximum(count[which] - 1, 1))[:, None]
-    film, depth = view.film(starts[which] * (1 - share) + ends[which] * share)
+    fraction = (place / np.maximum(count[which] - 1, 1))[:, None]
+    film, depth = view.film(starts[which] * (1 - fraction) + ends[which] * fraction)
     points = np.column_stack([film, depth])
     height, width = shape
     inside = (film >= 0).all(axis=1) & (film[:, 0] < width) & (film[:, 1] < height)

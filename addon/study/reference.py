@@ -66,7 +66,7 @@ class Crossing:
         return self.missed + self.false + self.off
 
     @property
-    def share(self) -> float:
+    def fraction(self) -> float:
         return self.faults / (self.crossing or self.rays or 1)
 
 

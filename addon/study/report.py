@@ -322,10 +322,10 @@ def index_table(told: dict) -> str:
         cells = [esc(run["label"]), number(found["n_edge_pixels"])]
         for which in ("but_sheet_rims", "sheet_rims"):
             part = found[which]
-            share = part["share_of_edges"]
+            fraction = part["share_of_edges"]
             cells += [
                 number(part["n"]),
-                NONE if share is None else f"{100 * share:.2f} %",
+                NONE if fraction is None else f"{100 * fraction:.2f} %",
                 number(part["worst_steps"]),
             ]
         rows.append(cells)

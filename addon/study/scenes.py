@@ -48,8 +48,8 @@ def read(path: Path, percentage: int = 100) -> model.Scene:
             if hasattr(modifier, "render_levels"):
                 modifier.levels = modifier.render_levels
     render = scene.render
-    share = render.resolution_percentage * percentage / 10_000
-    width, height = (int(n * share) for n in (render.resolution_x, render.resolution_y))
+    fraction = render.resolution_percentage * percentage / 10_000
+    width, height = (int(n * fraction) for n in (render.resolution_x, render.resolution_y))
     read = reader.read(bpy.context.evaluated_depsgraph_get(), width, height)
     return numbered(read)
 
@@ -230,7 +230,7 @@ class Difference:
     worst: str  # the object of LEAST_PIXELS or more that errs most at 99 %
     worst_99: float
     normal_99: float  # degrees between shading normals
-    turned: float  # share of pixels, but for edges, whose normals are metrics.TURNED degrees off
+    turned: float  # fraction of pixels, but for edges, whose normals are metrics.TURNED degrees off
     agreeing: int  # pixels
     edges: int  # pixels with another object beside them
     mismatch: int  # pixels that see another object
@@ -271,7 +271,7 @@ def difference(scene: model.Scene, want: Truth, passes: dict[str, NDArray]) -> D
         names.get(worst, ""),
         by_object.get(worst, 0.0),
         normal_99,
-        metrics.turned_share(angle, agree & ~metrics.mixed(want.index)),
+        metrics.turned_fraction(angle, agree & ~metrics.mixed(want.index)),
         int(agree.sum()),
         told["n_edge_pixels"],
         told["all"]["n"],

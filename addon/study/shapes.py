@@ -74,8 +74,8 @@ class Shape:
         for part in np.array_split(near, -(-len(near) // PART) or 1):
             points = part[:, None, None, None, ::-1] * (BLOCK * voxel) - 1.1 + inside
             ramp = 0.5 - self.distance(points.reshape(-1, 3)) / (2 * half_width * voxel)
-            share = np.clip(ramp, 0.0, 1.0).reshape(-1, BLOCK, BLOCK, BLOCK) * top
-            blocks[tuple(part.T)] = share if dtype == "f32" else np.rint(share)
+            fraction = np.clip(ramp, 0.0, 1.0).reshape(-1, BLOCK, BLOCK, BLOCK) * top
+            blocks[tuple(part.T)] = fraction if dtype == "f32" else np.rint(fraction)
         matrix = np.diag([voxel, voxel, voxel, 1.0])
         matrix[:3, 3] = -1.1
         made = made.reshape((n * BLOCK,) * 3)[:size, :size, :size]

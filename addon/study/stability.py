@@ -75,7 +75,7 @@ class Claim:
     planes: int  # nx + ny + nz, which no walk need exceed
 
     @property
-    def share(self) -> float:
+    def fraction(self) -> float:
         """Faults per ray that has a first cell, or per ray where none has."""
         return (self.missed + self.late + self.wrong) / (self.pierced or self.rays)
 
@@ -159,14 +159,14 @@ def draw(folder: Path, cells: list[Claim], fields: list[reference.Crossing], siz
         folder / "traversers",
         "First cells at fault, per cent of the rays that have one",
         names,
-        {(row.label, row.case): row.share for row in cells},
+        {(row.label, row.case): row.fraction for row in cells},
     )
     pairs = list(dict.fromkeys(f"{row.hit_test}, {row.root}" for row in fields))
     table_chart(
         folder / "hit-tests",
         f"Crossings missed, false, or more than {reference.OFF:g} voxels from the first, per cent",
         pairs,
-        {(f"{row.hit_test}, {row.root}", row.case): row.share for row in fields},
+        {(f"{row.hit_test}, {row.root}", row.case): row.fraction for row in fields},
     )
     with charts.chart(folder / "pictures", columns=4, width=3.3, height=3.5) as (_, axes):
         for axis, (title, image) in zip(axes[0], pictures(cells, size), strict=False):
@@ -175,10 +175,10 @@ def draw(folder: Path, cells: list[Claim], fields: list[reference.Crossing], siz
             axis.set_axis_off()
 
 
-def table_chart(path: Path, title: str, methods_: list[str], shares: dict) -> None:
+def table_chart(path: Path, title: str, methods_: list[str], fractions: dict) -> None:
     """A row per method, a column per case; what is 0 stays white."""
-    cases = list(dict.fromkeys(case for _, case in shares))
-    table = np.array([[100 * shares[name, case] for case in cases] for name in methods_])
+    cases = list(dict.fromkeys(case for _, case in fractions))
+    table = np.array([[100 * fractions[name, case] for case in cases] for name in methods_])
     size: dict[str, Any] = {"width": 13.5, "height": 2.4 + 0.26 * len(methods_)}
     with charts.chart(path, **size) as (_, axes):
         axis = axes[0, 0]
@@ -199,7 +199,7 @@ def pictures(cells: list[Claim], size: int) -> list[tuple[str, NDArray]]:
     """Wires seen through the default traverser and the worst ones, faults in red."""
     worst: dict[str, float] = {}
     for row in cells:
-        worst[row.traverser] = max(worst.get(row.traverser, 0.0), row.share)
+        worst[row.traverser] = max(worst.get(row.traverser, 0.0), row.fraction)
     chosen = sorted(leapray.variants(), key=lambda one: (not one.default, -worst[one.spec]))[:4]
     volume, samples, _, _ = made(next(c for c in CASES if c.samples is wires), 1)
     wanted = oracle.object_cells(samples, 0.5)
@@ -275,10 +275,10 @@ def sentences(cells: list[Claim], fields: list[reference.Crossing]) -> list[str]
     ]
     loose = [row for row in cells if not row.exact]
     for label in dict.fromkeys(row.label for row in loose):
-        worst = max((row for row in loose if row.label == label), key=lambda row: row.share)
+        worst = max((row for row in loose if row.label == label), key=lambda row: row.fraction)
         said.append(
-            f"{label} fails most in “{worst.case}”: {worst.share:.2%}."
-            if worst.share
+            f"{label} fails most in “{worst.case}”: {worst.fraction:.2%}."
+            if worst.fraction
             else f"{label} promises nothing, but no case here shows a fault."
         )
     for pair in dict.fromkeys((row.hit_test, row.root) for row in fields):

@@ -60,9 +60,9 @@ def test_light_units_are_those_of_cycles(scene, kind, attributes):
     (got,) = read().lights
     facing = np.array(got.color)
     if kind == "AREA":
-        round_share = math.pi / 4 if attributes["shape"] in ("DISK", "ELLIPSE") else 1
-        assert got.shape == ("ellipse" if round_share < 1 else "rectangle")
-        facing *= round_share * np.linalg.norm(np.cross(got.axis_u, got.axis_v))
+        round_fraction = math.pi / 4 if attributes["shape"] in ("DISK", "ELLIPSE") else 1
+        assert got.shape == ("ellipse" if round_fraction < 1 else "rectangle")
+        facing *= round_fraction * np.linalg.norm(np.cross(got.axis_u, got.axis_v))
     facing /= 1.0 if kind == "SUN" else AT**2
     assert_allclose(facing / math.pi, cycles_radiance(scene), rtol=2e-3)
 

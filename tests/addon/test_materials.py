@@ -147,9 +147,9 @@ def test_a_principled_shader_is_one_lobe(scene):
 def test_mix_and_add_become_weights(scene):
     made, output = tree()
     shaders = [node(made, "BsdfDiffuse", Color=(c, 0, 0)) for c in (0.25, 0.5, 1.0)]
-    share = node(made, "Math", Value=0.5, Value_001=0.5)
-    share.operation = "MULTIPLY"
-    inner = node(made, "MixShader", Fac=share, Shader=shaders[0], Shader_001=shaders[1])
+    fraction = node(made, "Math", Value=0.5, Value_001=0.5)
+    fraction.operation = "MULTIPLY"
+    inner = node(made, "MixShader", Fac=fraction, Shader=shaders[0], Shader_001=shaders[1])
     outer = node(made, "AddShader", Shader=inner, Shader_001=shaders[2])
     surface(made, output, outer)
     got = understood(made).lobes

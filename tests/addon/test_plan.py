@@ -56,8 +56,8 @@ def test_probes_lie_on_the_surface_evenly():
     assert r.max() < 1 + 1e-6 and r.min() > 1 - 5e-4
     assert p.area == pytest.approx(4 * np.pi, rel=1e-3)
     # Archimedes: even by area is even along any axis; 8192 even draws stay within 1 %
-    share = [(p.surface[:, axis] < 0.5).mean() for axis in range(3)]
-    np.testing.assert_allclose(share, 0.75, atol=0.01)
+    fraction = [(p.surface[:, axis] < 0.5).mean() for axis in range(3)]
+    np.testing.assert_allclose(fraction, 0.75, atol=0.01)
     outward = np.einsum("nc,nc->n", p.surface, p.surface_normals)
     assert outward.min() > 0.999
     assert len(p.creases) == 0

@@ -24,11 +24,11 @@ LR_API uint32_t shading_flags(const lr_material_desc *desc)
     return material.flags;
 }
 
-LR_API void shading_look(const lr_material_desc *desc, const lr_point *point, double share[5],
+LR_API void shading_look(const lr_material_desc *desc, const lr_point *point, double albedo[5],
                          double emission[3], double transparency[3])
 {
     const lr_bsdf bsdf = seen(desc, point);
-    memcpy(share, bsdf.share, sizeof bsdf.share);
+    memcpy(albedo, bsdf.albedo, sizeof bsdf.albedo);
     memcpy(emission, bsdf.emission, sizeof bsdf.emission);
     memcpy(transparency, bsdf.transparency, sizeof bsdf.transparency);
 }

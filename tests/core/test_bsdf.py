@@ -101,11 +101,11 @@ def test_mixes_add_their_weights():
     lobes = (Lobe("diffuse", (1, 0, 0), 0.25), Lobe("transparent", (0, 1, 0), 0.5),
              Lobe("emission", (8, 4, 2), 0.25), Lobe("glossy", (0, 0, 1), 0.25))  # fmt: skip
     at = Surface(leapray.Material(lobes), VIEWS[0])
-    share, emission, transparency = at.look()
+    albedo, emission, transparency = at.look()
     assert emission == pytest.approx([2, 1, 0.5])
     assert transparency == pytest.approx([0, 0.5, 0])
     assert total(at) == pytest.approx([0.25, 0, 0.25], abs=1e-6)
-    assert (share > 0).tolist() == [False, True, True, False, True]
+    assert (albedo > 0).tolist() == [False, True, True, False, True]
     assert at.flags() == 1 | 2 | 4
 
 
@@ -208,12 +208,12 @@ def cell_of(d):
 @pytest.mark.parametrize("name", LOBES)
 def test_rays_bring_what_the_responses_say(name, view, inside):
     at = surface(LOBES[name], view, inside=inside)
-    share = at.look()[0]
+    albedo = at.look()[0]
     directions, solid = sphere_grid(400)
     responses = at.eval(directions)
     for kind, group in list(KINDS.items())[:3]:
         response = responses[:, group - 1]
-        if not share[group]:
+        if not albedo[group]:
             assert not response["pdf"].any()
             assert not response["f_cos"].any()
             continue
@@ -239,17 +239,17 @@ def test_rays_bring_what_the_responses_say(name, view, inside):
 
 
 def test_no_ray_of_rough_glass_outweighs_the_others():
-    """The largest weight of a group's rays, over the probability that its share gives the group."""
+    """The largest weight of a group's rays, over its probability by the albedo."""
     for rough in (0.1, 0.3, 0.5, 1.0):
         for cosine in np.linspace(0.02, 1, 25):
             view = (np.sqrt(1 - cosine**2), 0, cosine)
             for inside in (False, True):
                 at = surface(Lobe("glass", (1, 1, 1), roughness=rough, ior=1.45), view,
                              inside=inside)  # fmt: skip
-                share = at.look()[0]
+                albedo = at.look()[0]
                 for kind in ("glossy", "transmission"):
                     heaviest = at.sample(kind, LUCK[:2000])["weight"].max()
-                    assert heaviest * share.sum() < 8 * share[KINDS[kind]]
+                    assert heaviest * albedo.sum() < 8 * albedo[KINDS[kind]]
 
 
 def octant(d):

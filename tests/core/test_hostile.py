@@ -24,8 +24,8 @@ BASES = {
 }
 
 
-def some(rng, n, share):
-    return rng.permutation(n)[: max(1, int(share * n))]
+def some(rng, n, fraction):
+    return rng.permutation(n)[: max(1, int(fraction * n))]
 
 
 def open_up(rng, v, t):

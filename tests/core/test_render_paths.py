@@ -283,14 +283,14 @@ def test_shadows_take_on_the_colour_of_what_is_transparent(sphere, floor):
     white = material("diffuse")
     got = render(cam, [(one(floor), white), (body, pane)], [sun], world=(0, 0, 0), size=(64, 64))
     free = render(cam, [(one(floor), white)], [sun], world=(0, 0, 0), size=(64, 64))
-    share = got["Combined"][..., :3] / free["Combined"][..., :3]
+    fraction = got["Combined"][..., :3] / free["Combined"][..., :3]
     gap = np.linalg.norm(got["Position"][..., :2], axis=-1)
     chord = 2 * np.sqrt(np.maximum(0.64 - gap**2, 0))[..., None]
     under, beside = gap < 0.76, gap > 0.81
     assert under.mean() > 0.05
     want = tint**2 * np.exp(-sigma * chord)
-    np.testing.assert_allclose(share[under], want[under], rtol=0.02, atol=1e-6)
-    np.testing.assert_array_equal(share[beside], 1)
+    np.testing.assert_allclose(fraction[under], want[under], rtol=0.02, atol=1e-6)
+    np.testing.assert_array_equal(fraction[beside], 1)
     opaque = render(cam, [(one(floor), white), (body, material("glass"))], [sun],
                     world=(0, 0, 0), size=(64, 64), diffuse_bounces=0)  # fmt: skip
     assert not opaque["Combined"][under][:, :3].any()  # as Cycles: glass casts a full shadow

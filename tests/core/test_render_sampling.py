@@ -133,9 +133,9 @@ def test_an_edge_is_blurred_by_the_pixels_filter(name, width):
     x = np.linspace(0, 1, 100_001)
     a = 2 * np.pi * x
     window = 0.35875 - 0.48829 * np.cos(a) + 0.14128 * np.cos(2 * a) - 0.01168 * np.cos(3 * a)
-    share = np.cumsum(window) / window.sum()
+    fraction = np.cumsum(window) / window.sum()
     place = edge + 0.5 if name == "box" else edge / (2 * width) + 0.5
-    want = 1 - np.interp(place, x, x if name == "box" else share)
+    want = 1 - np.interp(place, x, x if name == "box" else fraction)
     assert ((want > 0.02) & (want < 0.98)).any()
     np.testing.assert_allclose(got["Combined"][..., 0].mean(0), want, atol=0.004)
 

@@ -27,7 +27,7 @@ enum {
  * products lose a few 2^-24 of that. */
 #define SLACK 1e-4f
 
-/* A triangle is fat where its height is above this share of its longest side,
+/* A triangle is fat where its height is above this fraction of its longest side,
  * and that side below so many voxels: then rounding to f32 tilts it by less than
  * 1e-6. */
 #define FAT   0.1f

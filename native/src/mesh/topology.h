@@ -71,7 +71,7 @@ LR_INLINE bool lr_counts(const lr_topology *m, uint64_t t)
     return m->twin == NULL || m->twin[t] == t;
 }
 
-/* A triangle whose height is below this share of its longest side has no area:
+/* A triangle whose height is below this fraction of its longest side has no area:
  * its cross product is then rounding (2^-51 of the sides' product) to within one
  * part in 10^6, and at 4096 voxels it is thinner than 10^-5 voxel. */
 #define LR_FLAT 1e-9

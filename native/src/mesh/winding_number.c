@@ -216,7 +216,8 @@ LR_INLINE void add_edge(const double a[3], double a_length, const double b[3], d
 }
 
 /* Solid angle over 4 pi. */
-LR_INLINE double share_of(const lr_topology *m, uint32_t t, const double at[3], double *gradient)
+LR_INLINE double solid_angle_of(const lr_topology *m, uint32_t t, const double at[3],
+                                double *gradient)
 {
     double p[3][3], length[3], cross[3];
     lr_triangle(m, t, p);
@@ -262,7 +263,7 @@ LR_INLINE double sum_at(const lr_winding *w, const double p[3], double fine, dou
             sum += node->far2 < 0.0 ? 0.0 : dipole(node, to, d2, gradient);
         } else if (node->n <= LEAF) {
             for (uint32_t i = node->first; i < node->first + node->n; i++)
-                sum += share_of(w->mesh, w->list[i], p, gradient);
+                sum += solid_angle_of(w->mesh, w->list[i], p, gradient);
         } else {
             open[n_open++] = 2 * at + 1;
             open[n_open++] = 2 * at + 2;

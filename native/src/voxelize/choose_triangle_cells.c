@@ -182,10 +182,10 @@ static double beside2(const piece *t, const double q[3])
         lr_sub(q, t->p[c], from);
         lr_cross_product(along, t->wound, out);
         const double length2 = lr_dot(along, along), height = lr_dot(t->n, from);
-        const double share = lr_clamp(lr_dot(along, from) / length2, 0.0, 1.0);
+        const double fraction = lr_clamp(lr_dot(along, from) / length2, 0.0, 1.0);
         double square = -height * height;
         for (int a = 0; a < 3; a++)
-            square += (from[a] - share * along[a]) * (from[a] - share * along[a]);
+            square += (from[a] - fraction * along[a]) * (from[a] - fraction * along[a]);
         in_face = in_face && lr_dot(out, from) <= 0.0;
         best = square < best ? square : best;
     }

@@ -4,7 +4,7 @@
  *   cone    1/2 + u - u^3 + u^4 / 2, u = s / r: a hypercone of radius r
  *   gauss   (1 + erf(s / (r sqrt 2))) / 2, r being sigma
  *   binary  1 inside, 0 outside
- *   box     the covered share of the voxel itself, which no distance tells: coverage.c
+ *   box     the coverage of the voxel, which no distance gives: coverage.c
  *
  * Source: Sramek and Kaufman 1999 (oriented box); Wang and Kaufman 1993 (hypercone).
  * Departure: the last three are taken along the normal, so that a sphere keeps its

@@ -20,7 +20,7 @@ enum { PROBES = 500, POLL = 1 << 14 };
 
 #define OFFSET      0.02 /* of a probe from the surface, voxels */
 #define DOUBT       0.25 /* winding numbers within it of a whole number are sure */
-#define MOST_DOUBTS 0.05 /* share of the probes of a solid */
+#define MOST_DOUBTS 0.05 /* fraction of the probes of a solid */
 #define HOLE        0.5  /* extent of a hole that nobody sees, voxels */
 
 /* A number in 0..1 for each n, the same in every run. */

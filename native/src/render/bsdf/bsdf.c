@@ -33,7 +33,7 @@ static const double INDEX_MIN = 1e-4;
 
 /* Rare facets may refract where most do not, more so on the way out: no closure of theirs
  * gets less than that. */
-static const double SHARE_MIN = 0.05, SHARE_MIN_OUT = 0.2;
+static const double ALBEDO_MIN = 0.05, ALBEDO_MIN_OUT = 0.2;
 
 /* A few facets do not tell that all of them send on less than that. */
 static const double GUIDE_MIN = 0.02;
@@ -160,10 +160,10 @@ static double try_facets(const lr_closure *c, const double view[3], double u, do
     return sum / FACETS;
 }
 
-/* The closure's share: about its albedo as seen. */
+/* Add a closure, with the albedo by which it is chosen: about its own, as seen. */
 static void enlist(lr_bsdf *bsdf, lr_closure *c)
 {
-    const double least = c->alpha == 0 ? 0 : c->n < 1 ? SHARE_MIN_OUT : SHARE_MIN;
+    const double least = c->alpha == 0 ? 0 : c->n < 1 ? ALBEDO_MIN_OUT : ALBEDO_MIN;
     double f[3] = {1, 1, 1};
     c->guide = 0;
     if (c->fresnel == FRESNEL_DIELECTRIC && c->alpha > 0) {
@@ -172,11 +172,11 @@ static void enlist(lr_bsdf *bsdf, lr_closure *c)
         f[0] = f[1] = f[2] = c->guide;
     } else if (c->kind != LR_RAY_DIFFUSE)
         passed(c, bsdf->basis.view[2], f);
-    c->share = 0;
+    c->albedo = 0;
     for (int a = 0; a < 3; a++)
-        c->share += c->weight[a] * fmax(f[a], least) / 3;
-    if (c->share > 0 && bsdf->n < LR_CLOSURES_MAX) {
-        bsdf->share[c->kind] += c->share;
+        c->albedo += c->weight[a] * fmax(f[a], least) / 3;
+    if (c->albedo > 0 && bsdf->n < LR_CLOSURES_MAX) {
+        bsdf->albedo[c->kind] += c->albedo;
         bsdf->closures[bsdf->n++] = *c;
     }
 }
@@ -396,8 +396,8 @@ static void set_frames(lr_bsdf *bsdf, const lr_point *point)
 
 void lr_bsdf_normal(const lr_bsdf *bsdf, double normal[3])
 {
-    const double matte = bsdf->bent ? bsdf->share[LR_RAY_DIFFUSE] : 0;
-    const double facets = bsdf->share[LR_RAY_GLOSSY] + bsdf->share[LR_RAY_TRANSMISSION];
+    const double matte = bsdf->bent ? bsdf->albedo[LR_RAY_DIFFUSE] : 0;
+    const double facets = bsdf->albedo[LR_RAY_GLOSSY] + bsdf->albedo[LR_RAY_TRANSMISSION];
     memcpy(normal, bsdf->basis.axis[2], 3 * sizeof *normal);
     if (!(matte > 0))
         return;
@@ -411,14 +411,14 @@ void lr_bsdf_normal(const lr_bsdf *bsdf, double normal[3])
 void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsdf)
 {
     bsdf->n = 0;
-    memset(bsdf->share, 0, sizeof bsdf->share);
+    memset(bsdf->albedo, 0, sizeof bsdf->albedo);
     memset(bsdf->emission, 0, sizeof bsdf->emission);
     memset(bsdf->transparency, 0, sizeof bsdf->transparency);
     set_frames(bsdf, point);
     for (uint32_t i = 0; i < material->n_lobes; i++)
         if (material->lobes[i].weight > 0)
             add(bsdf, &material->lobes[i], material, point);
-    bsdf->share[LR_RAY_TRANSPARENT] = mean(bsdf->transparency);
+    bsdf->albedo[LR_RAY_TRANSPARENT] = mean(bsdf->transparency);
 }
 
 /* ---- responses ------------------------------------------------------------ */
@@ -460,7 +460,7 @@ static bool respond(const lr_closure *c, const double view[3], const double ligh
     return true;
 }
 
-/* All closures of width of a group; densities by their shares. */
+/* All closures of a group but those of a single direction; densities weighted by albedo. */
 static void respond_all(const lr_bsdf *bsdf, int32_t kind, const double light[3], lr_response *sum)
 {
     *sum = (lr_response){{0, 0, 0}, 0};
@@ -471,7 +471,7 @@ static void respond_all(const lr_bsdf *bsdf, int32_t kind, const double light[3]
             continue;
         for (int a = 0; a < 3; a++)
             sum->f_cos[a] += r.f_cos[a];
-        sum->pdf += r.pdf * c->share / bsdf->share[kind];
+        sum->pdf += r.pdf * c->albedo / bsdf->albedo[kind];
     }
 }
 
@@ -487,20 +487,20 @@ void lr_bsdf_eval(const lr_bsdf *bsdf, const double light[3], lr_response group[
 
 /* ---- sampling ------------------------------------------------------------- */
 
-/* A closure of the group by its share; u is stretched to 0..1 again. */
+/* A closure of the group, chosen by its albedo; u is stretched to 0..1 again. */
 static const lr_closure *choose(const lr_bsdf *bsdf, int32_t kind, double *u)
 {
     const lr_closure *last = NULL;
-    double x = *u * bsdf->share[kind];
+    double x = *u * bsdf->albedo[kind];
     for (uint32_t i = 0; i < bsdf->n; i++) {
         const lr_closure *c = &bsdf->closures[i];
         if (c->kind != kind)
             continue;
         last = c;
-        *u = fmin(x / c->share, 1 - 0x1p-53);
-        if (x < c->share)
+        *u = fmin(x / c->albedo, 1 - 0x1p-53);
+        if (x < c->albedo)
             break;
-        x -= c->share;
+        x -= c->albedo;
     }
     return last;
 }
@@ -563,7 +563,7 @@ static bool follow(const lr_closure *c, const double view[3], const double u[2],
 
 bool lr_bsdf_sample(const lr_bsdf *bsdf, int32_t kind, const double u[3], lr_scatter *scatter)
 {
-    if (kind < LR_RAY_DIFFUSE || kind > LR_RAY_TRANSMISSION || !(bsdf->share[kind] > 0))
+    if (kind < LR_RAY_DIFFUSE || kind > LR_RAY_TRANSMISSION || !(bsdf->albedo[kind] > 0))
         return false;
     double pick = u[2], light[3];
     const lr_basis *b = lr_bsdf_basis(bsdf, kind);
@@ -574,7 +574,7 @@ bool lr_bsdf_sample(const lr_bsdf *bsdf, int32_t kind, const double u[3], lr_sca
     scatter->delta = c->alpha == 0;
     scatter->pdf = 1;
     for (int a = 0; a < 3; a++) {
-        scatter->weight[a] *= bsdf->share[kind] / c->share;
+        scatter->weight[a] *= bsdf->albedo[kind] / c->albedo;
         scatter->direction[a] =
             light[0] * b->axis[0][a] + light[1] * b->axis[1][a] + light[2] * b->axis[2][a];
     }

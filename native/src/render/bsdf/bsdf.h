@@ -50,7 +50,7 @@ typedef struct lr_closure {
     double f0[3];  /* reflectance at normal incidence; of diffuse ones what comes back by several
                       bounces, as Fujii's model has it */
     double f82[3]; /* F82 term: what the conductor lacks of Schlick's curve near 82 degrees */
-    double share;  /* of its group's rays */
+    double albedo; /* about; its probability in its group is in proportion to it */
     double guide;  /* mean of what facets send on, where they are chosen by it; else 0 */
 } lr_closure;
 
@@ -58,11 +58,11 @@ typedef struct lr_closure {
  * face, or face away from the viewer. Facets have them bent towards the face then, as far as
  * needed; diffuse closures keep them. */
 typedef struct lr_bsdf {
-    lr_basis basis;     /* of the normal, bent where it must be */
-    lr_basis matte;     /* of the normal as it is, where that is not the same */
-    bool bent;          /* it is not */
-    double share[5];    /* by lr_ray_kind: about what the group sends on, 0..1; 0: it is absent */
-    double emission[3]; /* radiance */
+    lr_basis basis;         /* of the normal, bent where it must be */
+    lr_basis matte;         /* of the normal as it is, where that is not the same */
+    bool bent;              /* it is not */
+    double albedo[5];       /* by lr_ray_kind: of the group, about; 0: there is none */
+    double emission[3];     /* radiance */
     double transparency[3]; /* what goes straight through */
     uint32_t n;
     lr_closure closures[LR_CLOSURES_MAX];

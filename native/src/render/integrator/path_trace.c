@@ -147,7 +147,7 @@ static bool hold_out(lr_shading_point *s, lr_film *film)
     }
     film->pixels[s->path->pixel].alpha -= held;
     for (int kind = LR_RAY_DIFFUSE; kind <= LR_RAY_TRANSMISSION; kind++)
-        s->bsdf.share[kind] = 0;
+        s->bsdf.albedo[kind] = 0;
     memset(s->bsdf.emission, 0, sizeof s->bsdf.emission);
     s->bsdf.n = 0;
     return !(left > 0);

@@ -57,7 +57,7 @@ double lr_world_distance(const lr_tile *tile, const lr_path *path, int kind)
 static bool may_contribute(const lr_context *context, const lr_shading_point *s, int kind)
 {
     const bool contributes = context->last_contributes || !is_last(context->tile, s->path, kind);
-    if (!(s->bsdf.share[kind] > 0))
+    if (!(s->bsdf.albedo[kind] > 0))
         return false;
     if (kind == LR_RAY_TRANSPARENT && s->path->bounces[kind] > context->tile->transparent_bounces)
         return false;
@@ -66,10 +66,10 @@ static bool may_contribute(const lr_context *context, const lr_shading_point *s,
     return !s->path->last && contributes;
 }
 
-/* A share of a group as one that sums and quotients can take. */
-static double bounded(double share)
+/* An albedo that sums and quotients can take. */
+static double bounded(double albedo)
 {
-    return fmin(share, 0x1p1000);
+    return fmin(albedo, 0x1p1000);
 }
 
 void lr_scatter_choose(const lr_context *context, lr_shading_point *s, uint32_t *free_slots)
@@ -83,22 +83,22 @@ void lr_scatter_choose(const lr_context *context, lr_shading_point *s, uint32_t 
         if (kind == LR_RAY_CAMERA || !may_contribute(context, s, kind))
             continue;
         uint32_t at = n++;
-        for (; at > 0 && s->bsdf.share[order[at - 1]] < s->bsdf.share[kind]; at--)
+        for (; at > 0 && s->bsdf.albedo[order[at - 1]] < s->bsdf.albedo[kind]; at--)
             order[at] = order[at - 1];
         order[at] = kind;
     }
     const double throughput = largest(s->path->throughput);
     while (sure < n && sure < *free_slots + (*free_slots + 1 >= n) &&
-           s->bsdf.share[order[sure]] * throughput >= LOW_THROUGHPUT)
+           s->bsdf.albedo[order[sure]] * throughput >= LOW_THROUGHPUT)
         s->sure[order[sure++]] = true;
     if (sure + 1 == n) /* nothing to choose from */
         s->sure[order[sure++]] = true;
     for (uint32_t k = 0; k < sure; k++)
         s->probability[order[k]] = 1;
     for (uint32_t k = sure; k < n; k++)
-        rest += bounded(s->bsdf.share[order[k]]);
+        rest += bounded(s->bsdf.albedo[order[k]]);
     for (uint32_t k = sure; k < n; k++) {
-        const double probability = bounded(s->bsdf.share[order[k]]) / rest;
+        const double probability = bounded(s->bsdf.albedo[order[k]]) / rest;
         s->probability[order[k]] = probability >= PROBABILITY_MIN ? probability : 0;
     }
     const uint32_t followed = sure + (sure < n);

@@ -14,7 +14,7 @@ enum {
     LR_VISIBLE_GLOSSY | LR_VISIBLE_TRANSMISSION
 };
 
-/* Boxes are grown by this share of a cell. Rays are taken into an instance's
+/* Boxes are grown by this fraction of a cell. Rays are taken into an instance's
  * space with an error of some 2^-50 of their origin's coordinates, so surfaces in
  * the very face of a box are found from a distance of 2^40 cells. */
 static const double MARGIN = 0x1p-10;
