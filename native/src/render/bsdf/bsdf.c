@@ -212,7 +212,8 @@ static void add_diffuse(lr_bsdf *bsdf, const double weight[3], double rough, con
     lr_closure c = {.kind = LR_RAY_DIFFUSE, .alpha = 1, .n = rough};
     memcpy(c.weight, weight, sizeof c.weight);
     for (int a = 0; a < 3; a++)
-        c.f0[a] = lr_matte_again(rough, lr_bsdf_basis(bsdf, LR_RAY_DIFFUSE)->view[2], tint[a]);
+        c.f0[a] =
+            lr_oren_nayar_multiple(rough, lr_bsdf_basis(bsdf, LR_RAY_DIFFUSE)->view[2], tint[a]);
     enlist(bsdf, &c);
 }
 
@@ -390,19 +391,19 @@ static void set_frames(lr_bsdf *bsdf, const lr_point *point)
     lr_basis_set(&bsdf->basis, n, point->view);
     if (!bsdf->bent)
         return;
-    lr_basis_set(&bsdf->matte, point->normal, point->view);
-    bsdf->matte.view[2] = fmax(bsdf->matte.view[2], 0);
+    lr_basis_set(&bsdf->unbent, point->normal, point->view);
+    bsdf->unbent.view[2] = fmax(bsdf->unbent.view[2], 0);
 }
 
 void lr_bsdf_normal(const lr_bsdf *bsdf, double normal[3])
 {
-    const double matte = bsdf->bent ? bsdf->albedo[LR_RAY_DIFFUSE] : 0;
+    const double diffuse = bsdf->bent ? bsdf->albedo[LR_RAY_DIFFUSE] : 0;
     const double facets = bsdf->albedo[LR_RAY_GLOSSY] + bsdf->albedo[LR_RAY_TRANSMISSION];
     memcpy(normal, bsdf->basis.axis[2], 3 * sizeof *normal);
-    if (!(matte > 0))
+    if (!(diffuse > 0))
         return;
     for (int a = 0; a < 3; a++)
-        normal[a] = facets * bsdf->basis.axis[2][a] + matte * bsdf->matte.axis[2][a];
+        normal[a] = facets * bsdf->basis.axis[2][a] + diffuse * bsdf->unbent.axis[2][a];
     const double length = sqrt(lr_dot(normal, normal));
     for (int a = 0; a < 3; a++)
         normal[a] /= length;
@@ -433,7 +434,7 @@ static bool respond(const lr_closure *c, const double view[3], const double ligh
     if (c->kind == LR_RAY_DIFFUSE) {
         r->pdf = light[2] / LR_PI;
         for (int a = 0; a < 3; a++)
-            r->f_cos[a] = c->weight[a] * r->pdf * lr_matte(c->n, c->f0[a], view, light);
+            r->f_cos[a] = c->weight[a] * r->pdf * lr_oren_nayar(c->n, c->f0[a], view, light);
         return true;
     }
     const double n = through ? c->n : 1;
@@ -537,7 +538,7 @@ static bool follow(const lr_closure *c, const double view[3], const double u[2],
         light[1] = r * sin(2 * LR_PI * u[1]);
         light[2] = sqrt(1 - u[0]);
         for (int a = 0; a < 3; a++)
-            weight[a] = c->weight[a] * lr_matte(c->n, c->f0[a], view, light);
+            weight[a] = c->weight[a] * lr_oren_nayar(c->n, c->f0[a], view, light);
         return light[2] > 0;
     }
     double h[3] = {0, 0, 1}, scale = 1;

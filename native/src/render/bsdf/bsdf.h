@@ -59,7 +59,7 @@ typedef struct lr_closure {
  * needed; diffuse closures keep them. */
 typedef struct lr_bsdf {
     lr_basis basis;         /* of the normal, bent where it must be */
-    lr_basis matte;         /* of the normal as it is, where that is not the same */
+    lr_basis unbent;        /* of the normal as it is, where that is not the same */
     bool bent;              /* it is not */
     double albedo[5];       /* by lr_ray_kind: of the group, about; 0: there is none */
     double emission[3];     /* radiance */
@@ -73,7 +73,7 @@ void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsd
 /* The frame of the closures of a kind. */
 LR_INLINE const lr_basis *lr_bsdf_basis(const lr_bsdf *bsdf, int32_t kind)
 {
-    return bsdf->bent && kind == LR_RAY_DIFFUSE ? &bsdf->matte : &bsdf->basis;
+    return bsdf->bent && kind == LR_RAY_DIFFUSE ? &bsdf->unbent : &bsdf->basis;
 }
 
 /* Unit: the mean of the closures' normals by what they send on. */
