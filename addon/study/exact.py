@@ -158,7 +158,7 @@ class Tally:
         self.pierced += int(pierced.sum())
         self.missed += int(number[oracle.VERDICTS.index("missed")])
         self.late += int(number[oracle.VERDICTS.index("late")])
-        self.wrong += int(number[oracle.VERDICTS.index("not wanted") :].sum())
+        self.wrong += int(number[oracle.VERDICTS.index("no object") :].sum())
         # The first cell takes no step.
         steps = max(counters["most_cells"] - 1, 0)
         self.long += steps > planes
@@ -168,12 +168,12 @@ class Tally:
 
 def judge_volume(exact, tallies, samples, rng, count: int) -> None:
     volume = leapray.Volume(samples)
-    wanted = oracle.object_cells(samples, 127.5)
+    objects = oracle.object_cells(samples, 127.5)
     size = samples.shape[::-1]
     few = max(count // 5, 1)
     for make, n in ((oracle.generic_rays, count), (oracle.lattice_rays, few)):
         rays = make(rng, n, size)
-        bench = oracle.Bench(wanted, *rays)
+        bench = oracle.Bench(objects, *rays)
         for entry, tally in zip(exact, tallies, strict=True):
             structure = leapray.build(volume, entry)
             began = time.perf_counter()

@@ -92,7 +92,7 @@ def judge_cells(case: Case, count: int) -> list[Claim]:
         faults = (
             int(number[oracle.VERDICTS.index("missed")]),
             int(number[oracle.VERDICTS.index("late")]),
-            int(number[oracle.VERDICTS.index("not wanted") :].sum()),
+            int(number[oracle.VERDICTS.index("no object") :].sum()),
         )
         rows.append(claim(case.name, entry, hits, int(pierced.sum()), faults, samples.shape))
     return rows
@@ -202,7 +202,7 @@ def pictures(cells: list[Claim], size: int) -> list[tuple[str, NDArray]]:
         worst[row.traverser] = max(worst.get(row.traverser, 0.0), row.fraction)
     chosen = sorted(leapray.variants(), key=lambda one: (not one.default, -worst[one.spec]))[:4]
     volume, samples, _, _ = made(next(c for c in CASES if c.samples is wires), 1)
-    wanted = oracle.object_cells(samples, 0.5)
+    objects = oracle.object_cells(samples, 0.5)
     forward, right, up = (np.array(v, float) for v in ((5, 3, -2), (3, -5, 0), (10, 6, 34)))
     right, up = right / np.linalg.norm(right), up / np.linalg.norm(up)
     line = (np.arange(size) + 0.5) / size * 44 - 22
@@ -212,7 +212,7 @@ def pictures(cells: list[Claim], size: int) -> list[tuple[str, NDArray]]:
     found = []
     for entry in chosen:
         hits = leapray.trace(leapray.build(volume, entry), *rays, mode="binary")
-        verdict, _ = oracle.judge(wanted, *rays, np.isfinite(hits.t), hits.cell)
+        verdict, _ = oracle.judge(objects, *rays, np.isfinite(hits.t), hits.cell)
         image = np.full((len(verdict), 3), 255, np.uint8)
         depth = np.where(np.isfinite(hits.t), hits.t, 20) - 14
         image[np.isfinite(hits.t)] = np.clip(60 + 12 * depth, 40, 215)[np.isfinite(hits.t), None]

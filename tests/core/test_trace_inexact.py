@@ -49,20 +49,20 @@ def wrong_fraction(hits, exact):
 
 
 @pytest.mark.parametrize("spec", INEXACT)
-def test_none_claims_a_cell_that_is_not_wanted(spec):
+def test_none_claims_a_cell_that_is_no_object_cell(spec):
     rng = np.random.default_rng(3)
     for size in ((1, 1, 1), (3, 20, 9), (24, 17, 30), (40, 2, 40)):
         samples = (rng.random(size) < 0.03).astype(np.float32)
         samples.flat[rng.integers(samples.size)] = 1
         structure = leapray.build(leapray.Volume(samples), spec)
-        wanted = oracle.object_cells(samples, 0.5)
+        objects = oracle.object_cells(samples, 0.5)
         for make in (oracle.generic_rays, oracle.lattice_rays):
             origins, directions = make(rng, 2000, size[::-1])
             hits = leapray.trace(structure, origins, directions, mode="binary")
             hit = np.isfinite(hits.t)
             assert hit.any() and np.isfinite(hits.t[hit]).all()
-            verdict, _ = oracle.judge(wanted, origins, directions, hit, hits.cell)
-            assert not (verdict == oracle.VERDICTS.index("not wanted")).any()
+            verdict, _ = oracle.judge(objects, origins, directions, hit, hits.cell)
+            assert not (verdict == oracle.VERDICTS.index("no object")).any()
             if not spec.startswith("lines"):  # a line's cell may lie beside the ray
                 assert not (verdict == oracle.VERDICTS.index("not touched")).any()
 

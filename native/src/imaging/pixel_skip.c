@@ -52,17 +52,17 @@ typedef struct sample {
 
 /* What is empty around the line between two samples in different cells. */
 static double clearance_between(const job *j, const lr_ray *r, const lr_pace *p, const sample *a,
-                                const sample *b, double wanted, int halvings)
+                                const sample *b, double enough, int halvings)
 {
     const double least = 0.5 * (a->radius + b->radius - (b->t - a->t) / p->per_voxel);
     sample middle = {.t = 0.5 * (a->t + b->t), .c = {a->c[0], a->c[1], a->c[2]}};
-    if (least >= wanted || halvings == 0 || !lr_cell_along(r, middle.t, middle.c))
+    if (least >= enough || halvings == 0 || !lr_cell_along(r, middle.t, middle.c))
         return least;
     middle.radius = lr_radius_at(j->radii, middle.c);
-    const double before = clearance_between(j, r, p, a, &middle, wanted, halvings - 1);
+    const double before = clearance_between(j, r, p, a, &middle, enough, halvings - 1);
     if (before <= least)
         return least;
-    const double behind = clearance_between(j, r, p, &middle, b, wanted, halvings - 1);
+    const double behind = clearance_between(j, r, p, &middle, b, enough, halvings - 1);
     return fmax(least, fmin(before, behind));
 }
 

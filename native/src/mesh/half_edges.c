@@ -85,9 +85,9 @@ static lr_status next_piece(lr_half_edges *h, const lr_watch *watch, lr_error *e
     do
         h->end++;
     while (h->end < n_vertices && h->start[h->end + 2] - h->before <= h->room);
-    const uint64_t wanted = h->start[h->end + 1] - h->before;
-    if (wanted > h->room || h->key == NULL) {
-        h->room = wanted > h->room ? wanted : h->room;
+    const uint64_t needed = h->start[h->end + 1] - h->before;
+    if (needed > h->room || h->key == NULL) {
+        h->room = needed > h->room ? needed : h->room;
         lr_pages_free(h->key);
         h->key = lr_pages_new(h->room, sizeof *h->key);
     }

@@ -18,8 +18,8 @@ enum { DIGIT_BITS = 11, N_DIGITS = 1 << DIGIT_BITS };
 /* May a ray of that visibility hit this instance at all? */
 static bool may_hit(const lr_placed *placed, lr_among among, uint32_t visibility)
 {
-    const bool wanted = placed->clear ? among != LR_AMONG_OPAQUE : among != LR_AMONG_CLEAR;
-    return wanted && (placed->visibility & visibility) != 0;
+    const bool included = placed->clear ? among != LR_AMONG_OPAQUE : among != LR_AMONG_CLEAR;
+    return included && (placed->visibility & visibility) != 0;
 }
 
 /* The next instance that ray i may hit before t: takes its walk up again. Reads the ray; writes
