@@ -62,7 +62,7 @@ LR_INLINE void relax_along(uint8_t *row, int64_t n, int step, uint8_t cost)
 {
     const lanes none = (lanes){0} + LR_DISTANCE_CAP, zero = {0};
     const lanes places = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16};
-    const lanes ways = places * cost;
+    const lanes costs_along = places * cost;
     int32_t d = LR_DISTANCE_CAP;
     int64_t i = 0;
     for (; i + LANES <= n; i += LANES) {
@@ -74,7 +74,7 @@ LR_INLINE void relax_along(uint8_t *row, int64_t n, int step, uint8_t cost)
         v = least_of(v, sum_of(BEFORE(v, 2), zero + (uint8_t)(2 * cost)));
         v = least_of(v, sum_of(BEFORE(v, 4), zero + (uint8_t)(4 * cost)));
         v = least_of(v, sum_of(BEFORE(v, 8), zero + (uint8_t)(8 * cost)));
-        v = least_of(v, sum_of(ways, zero + (uint8_t)d));
+        v = least_of(v, sum_of(costs_along, zero + (uint8_t)d));
         d = v[LANES - 1];
         v = step > 0 ? v : turned(v);
         memcpy(at, &v, sizeof v);

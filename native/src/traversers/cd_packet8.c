@@ -29,8 +29,8 @@
 enum {
     LANES = 8,
     ALL = 0xff,
-    WAITING = 64, /* rays that are set up at a time */
-    FREE = 2      /* lanes that must be free to be refilled */
+    QUEUED = 64, /* rays that are set up at a time */
+    FREE = 2     /* lanes that must be free to be refilled */
 };
 
 /* By how much the hull must stay clear of T, as a share of the samples: sums of a dozen
@@ -40,8 +40,8 @@ static const double CLEAR = 0x1p-30, ASIDE = 0x1p-40;
 
 /* Rays that are set up and wait for a lane. */
 typedef struct lr_queued {
-    double o[3][WAITING], d[3][WAITING], inv[3][WAITING], t[WAITING], t_max[WAITING];
-    int32_t c[3][WAITING], axis[WAITING], side[WAITING], ray[WAITING];
+    double o[3][QUEUED], d[3][QUEUED], inv[3][QUEUED], t[QUEUED], t_max[QUEUED];
+    int32_t c[3][QUEUED], axis[QUEUED], side[QUEUED], ray[QUEUED];
     uint32_t next, n;
 } lr_queued;
 
@@ -62,7 +62,7 @@ typedef struct lr_packet {
     const lr_hits *hits;
     lr_counters *counters;
     uint64_t first, next, end;
-    lr_queued waiting;
+    lr_queued queue;
 } lr_packet;
 
 /* ---- rays come ------------------------------------------------------------- */
@@ -79,9 +79,9 @@ static bool set_up(const lr_packet *k, uint64_t i, lr_ray *r)
 static void prepare(lr_packet *k)
 {
     const lr_volume *v = k->v;
-    lr_queued *w = &k->waiting;
+    lr_queued *w = &k->queue;
     uint32_t n = 0;
-    for (; k->next < k->end && n < WAITING; k->next++) {
+    for (; k->next < k->end && n < QUEUED; k->next++) {
         const uint64_t i = k->next;
         const double t_min = k->rays->t_min != NULL ? k->rays->t_min[i] : 0.0;
         const lr_start *start = k->rays->start != NULL ? &k->rays->start[i] : NULL;
@@ -132,7 +132,7 @@ LR_INLINE void settle(const lr_packet *k, lr_packet8 *e)
 /* Give free lanes the rays that wait; alive is 0 where none is left. */
 LR_INLINE void refill(lr_packet *k, lr_packet8 *e)
 {
-    lr_queued *w = &k->waiting;
+    lr_queued *w = &k->queue;
     settle(k, e);
     e->held = e->alive;
     while (e->alive != ALL) {
@@ -425,7 +425,7 @@ void lr_cd_trace_packet8(const lr_volume *v, const lr_cd_distances *f, const lr_
     k.counters = counters;
     k.first = k.next = first;
     k.end = end;
-    k.waiting.next = k.waiting.n = 0;
+    k.queue.next = k.queue.n = 0;
     memset(&e, 0, sizeof e);
     for (;;) {
         if (__builtin_popcount(e.alive) <= LANES - FREE)

@@ -97,8 +97,8 @@ static lr_status make_roots(tree *t, const lr_volume *v, size_t *regions, uint32
     if (t->roots == NULL)
         return lr_fail_memory(error, *regions * sizeof *t->roots, "a tree");
     for (size_t at = 0; at < *regions; at++) {
-        node spare;
-        const uint32_t n = add_node(t, v, at, &spare, 0, NULL);
+        node unused;
+        const uint32_t n = add_node(t, v, at, &unused, 0, NULL);
         t->roots[at] = n > 0 ? t->n_nodes++ : NO_NODE;
         *n_leaves += n;
         if (lr_stopped(watch))

@@ -157,8 +157,8 @@ static lr_status add_small(regions *g, const list *l, lr_error *error)
     return LR_OK;
 }
 
-/* The inside of a brick that holds surface; spare is used again and again. */
-static lr_status cover_brick(const lr_mask mask, regions *g, list *spare, inner *out,
+/* The inside of a brick that holds surface; scratch is memory for its boxes. */
+static lr_status cover_brick(const lr_mask mask, regions *g, list *scratch, inner *out,
                              lr_error *error)
 {
     static const int32_t side[3] = {LR_SIDE, LR_SIDE, LR_SIDE};
@@ -166,12 +166,12 @@ static lr_status cover_brick(const lr_mask mask, regions *g, list *spare, inner 
     uint32_t id[LR_CELLS];
     for (int n = 0; n < LR_CELLS; n++)
         full[n] = lr_mask_has(mask, lr_along(n, 0), lr_along(n, 1), lr_along(n, 2));
-    spare->n = 0;
+    scratch->n = 0;
     out->first = g->n_of_cells;
-    lr_status status = cover(full, side, spare, id, NULL, error);
+    lr_status status = cover(full, side, scratch, id, NULL, error);
     for (int n = 0; status == LR_OK && n < LR_CELLS; n++)
         out->box[n] = (uint8_t)(id[n] < ALONE ? id[n] : ALONE);
-    return status == LR_OK ? add_small(g, spare, error) : status;
+    return status == LR_OK ? add_small(g, scratch, error) : status;
 }
 
 static lr_status fill(regions *g, const lr_volume *v, uint8_t *full, uint64_t *nbytes,
@@ -192,17 +192,17 @@ static lr_status fill(regions *g, const lr_volume *v, uint8_t *full, uint64_t *n
     if (g->inside == NULL)
         return lr_fail_memory(error, n_inside * sizeof *g->inside, "macro regions");
     uint32_t made = 0;
-    list spare = {0};
+    list scratch = {0};
     for (size_t at = 0; status == LR_OK && at < n; at++) {
         if (full[at] == 0)
             continue;
         const uint64_t *mask = lr_entry_mask(v, lr_entry_at(v, at));
         status = lr_stopped(watch) ? lr_fail_stopped(error)
-                                   : cover_brick(mask, g, &spare, &g->inside[made], error);
+                                   : cover_brick(mask, g, &scratch, &g->inside[made], error);
         g->bricks[at] = OF_CELLS | made++;
         lr_progress(watch, (double)made / n_inside);
     }
-    free(spare.boxes);
+    free(scratch.boxes);
     *nbytes = sizeof *g + n * sizeof *g->bricks + n_inside * sizeof *g->inside +
               g->of_bricks.capacity * sizeof(box) + g->capacity * sizeof(small_box);
     return status;

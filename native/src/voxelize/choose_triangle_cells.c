@@ -51,7 +51,7 @@ typedef struct work {
     int32_t first[3];  /* sample of the brick */
     double per_value;  /* voxels at the surface, of a stored value */
     double crease_off; /* CREASE_OFF, or more where the samples are coarse; voxels */
-    bool one_way;      /* there is no crease in the brick */
+    bool crease_free;  /* there is no crease in the brick */
     field field;
     lr_mask near, touched, bad;
     pair *pairs;
@@ -307,7 +307,7 @@ static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int
         double corner[8];
         cell_corners(&w->field, at, corner);
         if (w->job->every || ends_near(t, cell) ||
-            corners_off(w, t, c, corner, touched && !w->one_way) ||
+            corners_off(w, t, c, corner, touched && !w->crease_free) ||
             (touched && surface_off(t, cell, corner, w->job->flat ? FLAT_OFF : GRADIENT_OFF)))
             add(w->bad, at);
     }
@@ -315,7 +315,7 @@ static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int
 }
 
 /* Do all of these triangles face about one way, so that no two of them make a crease? */
-static bool has_one_way(const work *w, const uint32_t *triangle, uint64_t n)
+static bool is_crease_free(const work *w, const uint32_t *triangle, uint64_t n)
 {
     double p[3][3], first[3], normal[3];
     bool known = false;
@@ -440,8 +440,8 @@ static bool judge_brick(work *w, const lr_bins *bins, uint32_t active, const lr_
     memset(w->bad, 0, sizeof w->bad);
     w->n_pairs = 0;
     read_field(v, w->first, w->per_value, &w->field);
-    w->one_way = has_one_way(w, bins->list + bins->start[active],
-                             bins->start[active + 1] - bins->start[active]);
+    w->crease_free = is_crease_free(w, bins->list + bins->start[active],
+                                    bins->start[active + 1] - bins->start[active]);
     for (uint64_t i = bins->start[active]; i < bins->start[active + 1]; i++) {
         if (i % POLL == 0 && lr_stopped(watch)) {
             *stopped = true;
