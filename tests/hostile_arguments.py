@@ -65,18 +65,18 @@ class Source:
 
     def strided(self, array):
         """The same values or others, laid out as C does not expect."""
-        way = self.rng.integers(7)
-        if way == 0:
+        kind = self.rng.integers(7)
+        if kind == 0:
             return array[::-1]
-        if way == 1 and array.ndim > 1:
+        if kind == 1 and array.ndim > 1:
             return array[..., ::-1]
-        if way == 2:
+        if kind == 2:
             return np.repeat(array, 2, axis=0)[::2]
-        if way == 3:
+        if kind == 3:
             return np.asfortranarray(array)
-        if way == 4 and array.size:
+        if kind == 4 and array.size:
             return np.broadcast_to(array[:1], array.shape)
-        if way == 5 and array.ndim > 1 and not self.mostly(0.7):
+        if kind == 5 and array.ndim > 1 and not self.mostly(0.7):
             return array.T
         return array
 
@@ -87,16 +87,16 @@ class Source:
 
     def matrix(self):
         m = np.eye(4)
-        way = self.rng.integers(3 if self.calm else 8)
-        if way < 3:
+        kind = self.rng.integers(3 if self.calm else 8)
+        if kind < 3:
             m[:3] = self.numbers((3, 4), 1)
-        elif way == 3:
+        elif kind == 3:
             m[:3] = self.numbers((3, 4), 0)
-        elif way == 4:
+        elif kind == 4:
             m *= self.one(NUMBERS)
-        elif way == 5:
+        elif kind == 5:
             m[:3, :3] *= self.one((1e-6, 1e6, 1e-150, 1e150, -1))
-        elif way == 6:
+        elif kind == 6:
             m = self.numbers(self.one(((4, 4), (3, 4), (16,), (0,))))
         return m
 

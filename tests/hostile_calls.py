@@ -204,16 +204,16 @@ def ask_known(s: Source):
 
 def unpack(s: Source, volume=None):
     data = (volume or s.one(known_volumes())).pack()
-    way = s.rng.integers(4, 6) if s.calm else s.rng.integers(5)
-    if way == 0:
+    kind = s.rng.integers(4, 6) if s.calm else s.rng.integers(5)
+    if kind == 0:
         data = data[: s.rng.integers(data.size)]
-    elif way == 1:
+    elif kind == 1:
         spots = s.rng.integers(0, data.size, s.one((1, 2, 20)))
         data[spots] = s.rng.integers(0, 256, len(spots))
-    elif way == 2:
+    elif kind == 2:
         at = 4 * int(s.rng.integers(max(1, min(data.size, s.one((300, data.size))) // 4)))
         data[at : at + 4] = np.frombuffer(np.int32(s.one(WHOLES[:-1])).tobytes(), np.uint8)
-    elif way == 3:
+    elif kind == 3:
         data = np.concatenate([data, data[:7]])
     again = leapray.Volume.unpack(data.tobytes())
     if s.likely(0.5):
@@ -272,8 +272,8 @@ def look_up(s: Source):
 
 
 def find_first_cells(s: Source):
-    even = [v for v in known_volumes() if v.info.planes is None]
-    volume = s.one(even) if s.mostly(0.95) else s.one(known_volumes())
+    uniform = [v for v in known_volumes() if v.info.planes is None]
+    volume = s.one(uniform) if s.mostly(0.95) else s.one(known_volumes())
     clearance = leapray.Clearance(volume, s.name(leapray.METRICS))
     width, height = (s.one((1, 5, 16)) if s.mostly(0.95) else s.one((0, -1, 2**31)) for _ in "wh")
     found = leapray.first_cells(

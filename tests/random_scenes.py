@@ -90,7 +90,7 @@ class Maker:
     # ---- objects -------------------------------------------------------------
 
     def add(self, ob) -> None:
-        """Place a new object, dress it, and put it in some collection."""
+        """Place a new object, shade it, and put it in some collection."""
         self.objects.append(ob)
         ob.location = Vector(ob.location) + Vector(self.vector(2.5))
         ob.rotation_mode = self.one("XYZ", "QUATERNION", "ZYX", "AXIS_ANGLE")
@@ -113,7 +113,7 @@ class Maker:
                 ob.material_slots[0].link = "OBJECT"
                 ob.material_slots[0].material = self.rng.choice(self.materials)
         if ob.type == "MESH" and ob.data.polygons:
-            self.dress(ob.data)
+            self.shade(ob.data)
         if self.likely(0.15):
             self.into_collection(ob)
 
@@ -238,7 +238,7 @@ class Maker:
         self.scene.collection.objects.link(ob)
         return ob
 
-    def dress(self, data) -> None:
+    def shade(self, data) -> None:
         """Shading, layers and material slots of a mesh."""
         how = self.one("flat", "smooth", "mixed", "angle")
         smooth = np.full(len(data.polygons), how != "flat")
@@ -300,8 +300,8 @@ class Maker:
             )
             return
         tree = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
-        for way in ("INPUT", "OUTPUT"):
-            tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+        for in_out in ("INPUT", "OUTPUT"):
+            tree.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
         source, end, place, cube, joined = (
             tree.nodes.new(kind)
             for kind in (

@@ -184,7 +184,7 @@ def _world(world, u, rays):
     return rays
 
 
-def even(n, dimensions):
+def r_sequence(n, dimensions):
     """n points of the R sequence in the unit cube (Roberts 2018)."""
     root = 2.0
     for _ in range(60):

@@ -22,8 +22,8 @@ ORANGE = (0.9, 0.4, 0.1, 1.0)
 def group(name, sockets, inside):
     """A group: sockets are (name, "INPUT" or "OUTPUT", kind, default)."""
     made = bpy.data.node_groups.new(name, "ShaderNodeTree")
-    for label, way, kind, default in sockets:
-        socket = made.interface.new_socket(label, in_out=way, socket_type=f"NodeSocket{kind}")
+    for label, in_out, kind, default in sockets:
+        socket = made.interface.new_socket(label, in_out=in_out, socket_type=f"NodeSocket{kind}")
         if default is not None:
             socket.default_value = default
     enter, leave = made.nodes.new("NodeGroupInput"), made.nodes.new("NodeGroupOutput")

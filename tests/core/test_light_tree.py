@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shading import choose_lights, even, hit_light, sample_light, walk_lights
+from shading import choose_lights, hit_light, r_sequence, sample_light, walk_lights
 from stage import at, camera, one, slab
 
 import leapray
@@ -66,7 +66,7 @@ def test_a_light_that_contributes_has_a_probability(p, normal):
     probability_of = choose_lights(lights, p, normal, np.zeros(1))[2]
     contributions = []
     for light in lights:
-        rays = sample_light(light, p, even(256, 2))
+        rays = sample_light(light, p, r_sequence(256, 2))
         height = rays["direction"] @ normal if normal.any() else 1.0
         irradiance = rays["color"].sum(1) * np.maximum(height, 0)
         contributions.append(np.where(rays["pdf"] > 0, irradiance, 0))

@@ -3,11 +3,11 @@
 
 import numpy as np
 import pytest
-from shading import even, hit_light, look_at_world, sample_light, sample_world, sphere_grid
+from shading import hit_light, look_at_world, r_sequence, sample_light, sample_world, sphere_grid
 
 from leapray import Light, World
 
-U = even(1 << 15, 2)
+U = r_sequence(1 << 15, 2)
 AT = np.array([0.3, -0.2, 2.0])
 DOWN = np.array([0.1, -0.2, -1.0]) / np.linalg.norm([0.1, -0.2, -1.0])
 SIDE = np.cross(DOWN, (1, 0, 0)) / np.linalg.norm(np.cross(DOWN, (1, 0, 0)))

@@ -50,9 +50,9 @@ def test_a_point_light_falls_off_with_the_square_of_the_distance(sphere):
     o, d = centre_rays(cam, (96, 64))
     inner = clearance(o, d) < 0.95
     point = o + meet_sphere(o, d)[..., None] * d
-    way = place - point
-    distance = np.linalg.norm(way, axis=-1)
-    want = 0.5 * np.maximum((point * way).sum(-1) / distance, 0) / distance**2
+    to_light = place - point
+    distance = np.linalg.norm(to_light, axis=-1)
+    want = 0.5 * np.maximum((point * to_light).sum(-1) / distance, 0) / distance**2
     assert want[inner].max() > 3 * np.median(want[inner])
     for channel in (0, 1):
         np.testing.assert_allclose(
@@ -135,9 +135,9 @@ def test_from_inside_a_solid_its_walls_are_lit_by_what_is_inside(sphere):
     got = render(cam, [room, other], [inside, outside], world=(1, 1, 1))
     o, d = centre_rays(cam, (96, 64))
     point = o + meet_sphere(o, d, far=True)[..., None] * d
-    way = place - point
-    distance = np.linalg.norm(way, axis=-1)
-    want = -(point * way).sum(-1) / distance**3
+    to_light = place - point
+    distance = np.linalg.norm(to_light, axis=-1)
+    want = -(point * to_light).sum(-1) / distance**3
     np.testing.assert_allclose(got["Combined"][..., 0], want, rtol=0.01)
     assert ((got["Normal"] * point).sum(-1) < -0.999).all()
     dark = render(cam, [room, other], [outside], world=(1, 1, 1))
