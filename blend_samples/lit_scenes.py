@@ -92,8 +92,8 @@ def rounded(points, radius: float, steps: int = 6) -> list[tuple[float, float]]:
     out = [tuple(points[0])]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
         arms = [p - corner for p in (before, after)]
-        reach = min(radius, *(0.45 * np.linalg.norm(arm) for arm in arms))
-        start, end = (corner + arm / np.linalg.norm(arm) * reach for arm in arms)
+        cut = min(radius, *(0.45 * np.linalg.norm(arm) for arm in arms))
+        start, end = (corner + arm / np.linalg.norm(arm) * cut for arm in arms)
         for t in np.linspace(0, 1, steps):
             out.append(tuple((1 - t) ** 2 * start + 2 * t * (1 - t) * corner + t**2 * end))
     return [*out, tuple(points[-1])]

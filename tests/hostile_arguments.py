@@ -105,11 +105,11 @@ class Source:
 
     def samples(self, shape):
         z, y, x = (np.arange(n) - (n - 1) / 2 for n in shape)
-        reach = self.rng.uniform(0, max(shape) / 2)
+        radius = self.rng.uniform(0, max(shape) / 2)
         far = np.sqrt(z[:, None, None] ** 2 + y[None, :, None] ** 2 + x[None, None, :] ** 2)
         kind = self.rng.integers(6)
         if kind < 3:
-            return np.clip(0.5 + (reach - far) / 3, 0, 1)
+            return np.clip(0.5 + (radius - far) / 3, 0, 1)
         if kind == 3:
             return self.rng.random(shape) * (self.rng.random(shape) < 0.3)
         return np.full(shape, float(kind == 4))

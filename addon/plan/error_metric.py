@@ -195,14 +195,14 @@ def measure(
     probes: Probes,
     voxel_size: float,
     color: NDArray[np.float32] | None = None,
-    rise: float | None = None,
+    slope_across: float | None = None,
     gain: float = 0.0,
     normal: NDArray[np.float32] | None = None,
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
-    color: what mesh_colors.color_errors measured there. rise: of occupancy per voxel across a
-    plane, before gain; None: that of the ramp. Where several solids share the volume, each is
+    color: what mesh_colors.color_errors measured there. slope_across: of occupancy, per voxel,
+    across a plane, before gain; None: that of the ramp. Where several solids share the volume, each is
     held against its own field, by the slots of the mesh. gain above 0: as `volume.narrow(gain)`
     would leave it; then normal is what was measured before. The structure's bytes are the
     caller's to add.
@@ -214,8 +214,8 @@ def measure(
     if info.n_objects:
         assert mesh.slots is not None
         own, beside = mesh.slots[probes.surface_triangles], mesh.slots[probes.crease_triangles]
-    rise = (rise or _rise(volume)) * (gain or 1.0)
-    at = voxel_size, rise
+    slope_across = (slope_across or _slope_across(volume)) * (gain or 1.0)
+    at = voxel_size, slope_across
     surface, lost = measure_surface(volume, probes.surface, normals, *at, own, gain)
     if normal is None:
         normal = normal_errors(volume, mesh, probes, surface, own)
@@ -231,7 +231,7 @@ def measure(
     return Measure(
         voxel_size=voxel_size,
         dtype=dtype,
-        step=0.5 / STEPS[dtype] / rise * voxel_size,
+        step=0.5 / STEPS[dtype] / slope_across * voxel_size,
         turn=TURN_OF_U8 if dtype == "u8" else 0.0,
         surface=surface,
         lost=lost,
@@ -252,7 +252,7 @@ def measure(
     )
 
 
-def _rise(volume: leapray.Volume) -> float:
+def _slope_across(volume: leapray.Volume) -> float:
     """Of occupancy per voxel across a plane, as the ramp has it."""
     return slope("ramp", filter_info("ramp", volume.info.dtype).half_width)
 
@@ -262,7 +262,7 @@ def measure_surface(
     points: NDArray,
     normals: NDArray | None,
     voxel_size: float,
-    rise: float | None = None,
+    slope_across: float | None = None,
     ids: NDArray[np.uint16] | None = None,
     gain: float = 0.0,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
@@ -275,7 +275,7 @@ def measure_surface(
     threshold = volume.info.threshold
     most = SATURATED * voxel_size
     steep = np.linalg.norm(gradient, axis=1)
-    least = LEAST_SLOPE * (rise or _rise(volume)) / voxel_size
+    least = LEAST_SLOPE * (slope_across or _slope_across(volume)) / voxel_size
     error = np.minimum(np.abs(value - threshold) / np.maximum(steep, least), most)
     exact = volume.exact_at(points)
     error[exact] = 0.0
@@ -406,8 +406,10 @@ def color_seen(measure: Measure, weights: Weights) -> float:
 def quantile(values: NDArray, weights: NDArray, q: float) -> float:
     """The least value that the fraction q of the weights does not exceed."""
     order = np.argsort(values)
-    reach = np.cumsum(weights[order])
-    return float(values[order[min(np.searchsorted(reach, q * reach[-1]), len(values) - 1)]])
+    cumulative = np.cumsum(weights[order])
+    return float(
+        values[order[min(np.searchsorted(cumulative, q * cumulative[-1]), len(values) - 1)]]
+    )
 
 
 def mean(values: NDArray, weights: NDArray) -> float:

@@ -157,12 +157,12 @@ class ColorSets:
         sources = slot_sources(mesh, color_set)
         if sources is None and normals is None:
             return None
-        wanted = set() if sources is None else set(np.unique(sources).tolist())
+        used = set() if sources is None else set(np.unique(sources).tolist())
         return leapray.Attributes(
             normals=normals,
             color_sources=sources,
-            colors=mesh.corner_colors if wanted - {WHITE} else None,
-            uvs=mesh.corner_uvs if wanted - {VERTEX, WHITE} else None,
+            colors=mesh.corner_colors if used - {WHITE} else None,
+            uvs=mesh.corner_uvs if used - {VERTEX, WHITE} else None,
             textures=() if sources is None else self.textures(color_set),
         )
 

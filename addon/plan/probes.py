@@ -117,9 +117,11 @@ def _spread(length: NDArray[np.float64], n: int, random: np.random.Generator):
 
     The sizes become their sums.
     """
-    reach = np.cumsum(length, out=length)
-    at = (np.arange(n) + random.random(n)) * (reach[-1] / n)
-    return np.minimum(np.searchsorted(reach, at, side="right"), len(length) - 1), random.random(n)
+    cumulative = np.cumsum(length, out=length)
+    at = (np.arange(n) + random.random(n)) * (cumulative[-1] / n)
+    return np.minimum(
+        np.searchsorted(cumulative, at, side="right"), len(length) - 1
+    ), random.random(n)
 
 
 def draw(
@@ -248,17 +250,17 @@ def look(camera: model.Camera, points: Points, width: int, height: int):
     if perspective:
         film = v / np.where(depth > 0, depth, np.nan)[:, None] - camera.corner
         towards = unit(v)
-        reach = np.maximum(np.linalg.norm(v, axis=1), max(camera.clip_start, NEAREST))
+        distance = np.maximum(np.linalg.norm(v, axis=1), max(camera.clip_start, NEAREST))
     else:
         film = v - depth[:, None] * camera.forward - camera.corner
         towards = np.broadcast_to(camera.forward, v.shape)
-        reach = np.ones(len(v))
+        distance = np.ones(len(v))
     x = film @ camera.dx / (camera.dx @ camera.dx or 1.0)
     y = film @ camera.dy / (camera.dy @ camera.dy or 1.0)
     seen = (depth >= camera.clip_start) & (depth <= camera.clip_end)
     seen &= (x >= -1) & (x <= width + 1) & (y >= -1) & (y <= height + 1)
-    scale = np.maximum(depth, NEAREST) if perspective else reach
-    return pixel * np.where(seen, scale, UNSEEN * reach), towards
+    scale = np.maximum(depth, NEAREST) if perspective else distance
+    return pixel * np.where(seen, scale, UNSEEN * distance), towards
 
 
 def _demanding(camera: model.Camera, box: NDArray, matrices: NDArray) -> NDArray[np.int64]:

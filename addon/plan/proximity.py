@@ -30,7 +30,9 @@ from .. import model
 from ..arrays import unit
 from .probes import Probes
 
-REACH = 3.0  # times both errors, which are quantiles, and one of which the rays see: 2 at least
+NEAR_ERRORS = (
+    3.0  # times both errors, which are quantiles, and one of which the rays see: 2 at least
+)
 PARALLEL = 0.9  # cosine: a label on other segments than its bottle's turns by a few degrees
 FEWEST = 1 / 500  # of one's probes: fewer are where something round or tilted touches a plane
 MOSTLY = 0.5  # of a sheet's probes: it is a decal, even on what faces away from the camera
@@ -63,7 +65,7 @@ class Body:
 
 @dataclass(frozen=True)
 class _Boxes:
-    """Of all instances, in the world, widened by REACH errors."""
+    """Of all instances, in the world, widened by NEAR_ERRORS times their errors."""
 
     body: NDArray[np.int64]  # (n,)
     instance: NDArray[np.int64]  # (n,)
@@ -77,7 +79,7 @@ class _Boxes:
 def close_pairs(
     bodies: Sequence[Body], camera: model.Camera, check_cancelled: Callable[[], None] = lambda: None
 ) -> list[tuple[int, int]]:
-    """Pairs of bodies that come nearer to each other than REACH times their errors.
+    """Pairs of bodies that come nearer to each other than NEAR_ERRORS times their errors.
 
     Numbers of bodies, the lower one first; a body is a pair with itself where two of its
     instances are close. A pair is left out if both are in others, or have no error. Not more
@@ -96,8 +98,8 @@ def close_pairs(
         if done.issuperset(pair):
             continue
         check_cancelled()
-        ways = (one, other), (other, one)
-        if any(_touches(bodies, boxes, *way, camera) for way in ways):
+        orders = (one, other), (other, one)
+        if any(_touches(bodies, boxes, *order, camera) for order in orders):
             found.append(pair)
             done.update(pair)
     return found
@@ -114,7 +116,7 @@ def _boxes(bodies: Sequence[Body]) -> _Boxes:
         linear = one.matrices[:, :3, :3]
         middle = linear @ one.box.mean(axis=0) + one.matrices[:, :3, 3]
         half = np.abs(linear) @ (0.5 * np.ptp(one.box, axis=0))
-        widened = half + REACH * one.error * np.linalg.norm(linear, axis=2)
+        widened = half + NEAR_ERRORS * one.error * np.linalg.norm(linear, axis=2)
         low[body == n], high[body == n] = middle - widened, middle + widened
     return _Boxes(body, instance, low, high)
 
@@ -189,8 +191,8 @@ def _touches(
     some = slice(None, None, max(1, len(probes.surface) // N_PROBES))
     points = probes.surface[some] @ from_a[:3, :3].T + from_a[:3, 3]
     low, high = boxes.low[target], boxes.high[target]
-    reach = REACH * a.error * np.linalg.norm(from_a[:3, :3], axis=1)
-    inside = np.flatnonzero(((points >= low - reach) & (points <= high + reach)).all(axis=1))
+    margin = NEAR_ERRORS * a.error * np.linalg.norm(from_a[:3, :3], axis=1)
+    inside = np.flatnonzero(((points >= low - margin) & (points <= high + margin)).all(axis=1))
     if len(inside) < FEWEST * len(points):
         return False
     structure = a.structure(), b.structure()
@@ -209,10 +211,10 @@ def _touches(
     off = a.error * np.linalg.norm(normals @ from_a[:3, :3], axis=1)
     off += b.error * np.linalg.norm(normals @ from_b[:3, :3], axis=1)
     origins = points @ to_b[:3, :3].T + to_b[:3, 3]
-    along = (REACH * off[:, None] * normals) @ to_b[:3, :3].T
+    along = (NEAR_ERRORS * off[:, None] * normals) @ to_b[:3, :3].T
     near = np.zeros(len(points), np.bool_)
-    for way in (along, -along):
-        hits = leapray.trace(structure[1], origins, way, t_max=1.0, count=False)
+    for direction in (along, -along):
+        hits = leapray.trace(structure[1], origins, direction, t_max=1.0, count=False)
         met = np.isfinite(hits.t)
         theirs = unit(np.where(met[:, None], hits.normal, 1.0) @ to_b[:3, :3])
         met &= _parallel(normals, theirs, solid)

@@ -39,12 +39,12 @@ def permitted_turn(materials: Iterable[model.Material]) -> float:
         lobe.roughness**2
         for material in materials
         for lobe in material.lobes
-        if lobe.kind not in STRAIGHT and _shines(lobe)
+        if lobe.kind not in STRAIGHT and _emits(lobe)
     ]
     return min([TURN, *(LOBE_SHARE * width for width in widths)])
 
 
-def _shines(lobe: model.Lobe) -> bool:
+def _emits(lobe: model.Lobe) -> bool:
     return lobe.kind != "principled" or max(lobe.metallic, lobe.transmission, lobe.specular) > 0
 
 

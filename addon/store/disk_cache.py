@@ -238,7 +238,7 @@ def _made(kind: type[T], values: dict) -> T:
     if set(values) != set(hints):
         raise ValueError("other members")
     for name, value in values.items():
-        wanted = SCALARS.get(hints[name])
-        if wanted and type(value) not in wanted:
+        types = SCALARS.get(hints[name])
+        if types and type(value) not in types:
             raise ValueError(f"{name} is of another type")
     return kind(**{n: tuple(x) if isinstance(x, list) else x for n, x in values.items()})

@@ -127,7 +127,7 @@ def write_json(path: Path, data) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def check_replaceable(path: Path, is_ours: Callable[[dict], bool], way_out: str) -> None:
+def check_replaceable(path: Path, is_ours: Callable[[dict], bool], remedy: str) -> None:
     """Raise LeapRayError where a file is there that is not a JSON file of ours."""
     if not path.exists():
         return
@@ -136,4 +136,4 @@ def check_replaceable(path: Path, is_ours: Callable[[dict], bool], way_out: str)
     except (OSError, ValueError, RecursionError):
         data = None
     if not (isinstance(data, dict) and is_ours(data)):
-        raise LeapRayError(f"{path} was not written by LeapRay, so it is not replaced; {way_out}")
+        raise LeapRayError(f"{path} was not written by LeapRay, so it is not replaced; {remedy}")

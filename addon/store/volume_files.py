@@ -6,7 +6,7 @@ wanted a float grid "id", for sheets a bool grid "surface", all placed by the
 grid's transform, so that Blender shows them where LeapRay does. What OpenVDB
 has no word for is JSON in the grid's metadata "leapray". Float and bool are the
 grids that every Blender can read. What a volume's cells hold beside samples, their
-triangles, colours and normals, is not in the grids: see shelf.py.
+triangles, colours and normals, is not in the grids: see disk_cache.py.
 """
 
 from __future__ import annotations

@@ -228,7 +228,7 @@ class Solid:
     minor: float
 
     @property
-    def reach(self) -> float:
+    def radius(self) -> float:
         return self.major + self.minor
 
 
@@ -276,7 +276,7 @@ def closed(solid: Solid, views: int, image: int) -> Closed:
 
     def rows_of(job: tuple[NDArray, int]) -> NDArray[np.int64]:
         forward, first = job
-        o, d = film(forward, solid.reach, image, first, min(first + ROWS, image))
+        o, d = film(forward, solid.radius, image, first, min(first + ROWS, image))
         early, late = entries(solid, o, d, margin)
         must = np.flatnonzero(np.isfinite(late))
         t = leapray.trace(structure, o[must], d[must], count=False).t
@@ -293,10 +293,10 @@ def closed(solid: Solid, views: int, image: int) -> Closed:
     return Closed(solid.name, views, views * image**2, int(must), int(gone), int(off), took)
 
 
-def film(forward: NDArray, reach: float, image: int, first: int, last: int):
+def film(forward: NDArray, radius: float, image: int, first: int, last: int):
     """Parallel rays through the centres of some rows' pixels; the film just holds the solid."""
     right, up = frame(forward) if abs(forward[1]) < 1 else (np.eye(3)[0], np.eye(3)[2])
-    line = ((np.arange(image) + 0.5) / image * 2 - 1) * reach
+    line = ((np.arange(image) + 0.5) / image * 2 - 1) * radius
     x, y = (part.reshape(-1, 1) for part in np.meshgrid(line, line[first:last]))
     origins = x * right + y * up - 2.0 * forward
     return origins, np.broadcast_to(forward, origins.shape).copy()

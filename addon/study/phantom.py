@@ -391,8 +391,8 @@ def findings(rows: list[Row]) -> list[str]:
                 f"{camera.capitalize()} camera, {unit}, N = {ends[0]} to {ends[1]}: single steps "
                 f"{trend(single)}; the octree's {trend(tree)}; cubes' {trend(cubes)}; spheres' by "
                 f"chessboard distance {trend(chessboard)}, by chamfer {trend(chamfer)}. The "
-                "survey: single steps fall and all others rise; the octree is worst of those that leap "
-                f"({'so' if worst == tree else 'not so'} here at N = {ends[1]}); cubes beat "
+                "survey: single steps fall and all others rise; the octree is worst of those that "
+                f"leap ({'so' if worst == tree else 'not so'} here at N = {ends[1]}); cubes beat "
                 f"spheres by chessboard ({'so' if last[cubes] < last[chessboard] else 'not so'}) "
                 f"and come close to spheres by chamfer (here at {close:.2f} of them)."
             )

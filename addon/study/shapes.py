@@ -68,8 +68,8 @@ class Shape:
         made = np.empty((n, BLOCK, n, BLOCK, n, BLOCK), kind)
         blocks = made.transpose(0, 2, 4, 1, 3, 5)
         blocks[...] = np.where(away < 0, top, 0)[..., None, None, None]
-        reach = (np.sqrt(3) * (BLOCK - 1) / 2 + half_width) * voxel
-        near = np.argwhere(np.abs(away) <= reach)
+        distance = (np.sqrt(3) * (BLOCK - 1) / 2 + half_width) * voxel
+        near = np.argwhere(np.abs(away) <= distance)
         inside = grid(np.arange(BLOCK) * voxel)
         for part in np.array_split(near, -(-len(near) // PART) or 1):
             points = part[:, None, None, None, ::-1] * (BLOCK * voxel) - 1.1 + inside

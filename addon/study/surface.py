@@ -121,8 +121,8 @@ def measure(volume: leapray.Volume, image: int, rounds: int) -> list[Cost]:
     others = [entry for entry in leapray.variants() if entry not in chosen]
     found = []
     for entry in chosen + others:
-        wanted = pairs if entry in chosen else few
-        found += cost_of(volume, entry, wanted, origins, directions, rounds)
+        tested = pairs if entry in chosen else few
+        found += cost_of(volume, entry, tested, origins, directions, rounds)
     best = min(sum_of(row) for row in found if row.default and is_iterative(row))
     return [Cost(**{**asdict(row), "relative": sum_of(row) / best}) for row in found]
 

@@ -38,14 +38,14 @@ class Tunnels:
 def dig(side: int, seed: int) -> Tunnels:
     """Tunnels from x = 0 to near the far side, in a volume of side^3 samples."""
     rng = np.random.default_rng(seed)
-    reach = 0.42 * side  # sideways
-    last = int(side - reach - 60)
+    offset = 0.42 * side  # sideways
+    last = int(side - offset - 60)
     mouths = np.array(
         list(itertools.product(range(30, last, max(side // ACROSS, LEAST)), repeat=2)), float
     )
     n = len(mouths)
     starts = np.column_stack([np.full(n, -3.0), mouths + rng.random((n, 2))])
-    aside = reach + rng.uniform(-25, 25, (n, 2))
+    aside = offset + rng.uniform(-25, 25, (n, 2))
     ends = np.column_stack([np.full(n, side + 3.0), starts[:, 1:] + aside])
     origins = np.round(starts * 2.0**oracle.SHIFT) / 2.0**oracle.SHIFT
     directions = np.round((ends - origins) * 2.0**12)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lights and worlds in the core's units, as Cycles shines."""
+"""Lights and worlds in the core's units, against Cycles."""
 
 import math
 

@@ -86,11 +86,11 @@ def test_diffuse_bounces_and_ambient_occlusion_reach_everything():
     assert reached(ambient) == [True, True]
 
 
-def test_a_shining_thing_behind_the_camera_lights_what_is_seen():
+def test_an_emitting_object_behind_the_camera_lights_what_is_seen():
     scene = dark((0, 0, 0), (0, -20, 0), diffuse_bounces=1, samples=16)
     ball, emitter = scene.instances[0], scenes.place(at=(0, -20, 0), scale=4.0, materials=(2,))
-    shines = model.Material("Shines", (model.Lobe("emission", (50.0, 50.0, 50.0)),))
-    materials = *scene.materials, shines
+    emission = model.Material("Emitter", (model.Lobe("emission", (50.0, 50.0, 50.0)),))
+    materials = *scene.materials, emission
     scene = dataclasses.replace(scene, materials=materials, instances=(ball, emitter), lights=())
     alone = dataclasses.replace(scene, instances=(ball,))
     lit, unlit = (pipeline.render(s).passes["Combined"][..., :3].max() for s in (scene, alone))

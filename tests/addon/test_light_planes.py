@@ -34,7 +34,7 @@ def square(size=1.0, z=0.0, x=0.0, hole=0.0):
 
 
 def area_light(**changes):
-    """An area light at the origin that shines down."""
+    """An area light at the origin that points down."""
     light = model.Light("area", (5.0, 5.0, 5.0), direction=(0, 0, -1), name="Area",
                         axis_u=(0.6, 0, 0), axis_v=(0, 0.4, 0), angle=math.pi,
                         shape="rectangle")  # fmt: skip

@@ -155,7 +155,7 @@ SHEARS = {
 
 @pytest.mark.parametrize("shape", ["RECTANGLE", "ELLIPSE"])
 @pytest.mark.parametrize("shear", SHEARS)
-def test_sheared_area_lights_shine_as_in_cycles(shear, shape):
+def test_sheared_area_lights_emit_as_in_cycles(shear, shape):
     scene = floor()
     data = light("AREA", energy=300.0, shape=shape, size=1.0, size_y=1.5)
     frame = put("Frame", None)  # whose inverse is what shears its child

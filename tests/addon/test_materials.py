@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Materials read from shader nodes, and what they bake from meshes and images."""
+"""Materials read from shader nodes, and the textures they evaluate on meshes and images."""
 
 import math
 

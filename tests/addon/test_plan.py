@@ -544,9 +544,9 @@ def test_paper_with_a_thickness_keeps_its_triangles(thickness):
     t = ((corners[0] - eye) @ normal) / (film @ normal)
     at = eye + t[:, None] * film - corners[:4].mean(axis=0)
     sides = [corners[1] - corners[0], corners[2] - corners[0]]
-    reach = np.max([np.abs(at @ s) / (s @ s) for s in sides], axis=0).reshape(height, width)
-    assert hit[reach < 0.4999].all() and (reach < 0.49).sum() > 5000
-    assert not hit[reach > 0.5001 + thickness].any()
+    farthest = np.max([np.abs(at @ s) / (s @ s) for s in sides], axis=0).reshape(height, width)
+    assert hit[farthest < 0.4999].all() and (farthest < 0.49).sum() > 5000
+    assert not hit[farthest > 0.5001 + thickness].any()
 
 
 def test_a_thin_needle_is_found():

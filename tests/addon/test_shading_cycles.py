@@ -228,7 +228,7 @@ def kinds_of_light():
                                  **sides))  # fmt: skip
 
 
-def test_lights_bring_what_they_do_in_cycles(tmp_path):
+def test_lights_give_what_they_do_in_cycles(tmp_path):
     side = 5
     places = (np.arange(side) + 0.5) / side * 4 - 2
     for name, kind, settings, light in kinds_of_light():

@@ -206,7 +206,7 @@ def cell_of(d):
 @pytest.mark.parametrize("inside", [False, True])
 @pytest.mark.parametrize("view", VIEWS[:2])
 @pytest.mark.parametrize("name", LOBES)
-def test_rays_bring_what_the_responses_say(name, view, inside):
+def test_samples_agree_with_the_responses(name, view, inside):
     at = surface(LOBES[name], view, inside=inside)
     albedo = at.look()[0]
     directions, solid = sphere_grid(400)

@@ -106,7 +106,7 @@ def test_rays_come_to_every_light_that_they_meet():
 
 
 def above(light):
-    """The light over the floor, shining down; no mirror shows it."""
+    """The light over the floor, pointing down, not seen in mirrors."""
     place = np.abs(light.position) * (1, 1, 0.4) + (0, 0, 0.5)
     sides = dict(axis_u=(0.4, 0, 0), axis_v=(0, 0.2, 0))
     return replace(light, position=place, direction=(0, 0, -1), visible_glossy=False, **sides)

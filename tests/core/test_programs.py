@@ -73,7 +73,7 @@ def test_long_chains_need_few_registers_and_shared_branches_run_once():
     value = RED
     for _ in range(5000):
         value = operate("multiply_add", value, 0.5, 0.25)
-    for _ in range(200):  # 2^200 ways
+    for _ in range(200):  # 2^200 paths
         value = operate("multiply", operate("add", value, value), 0.5)
     program = compile_program((value, value, value))
     assert_allclose(program.run(inputs()), 0.5, atol=1e-6)

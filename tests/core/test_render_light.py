@@ -77,9 +77,9 @@ def test_the_shadow_of_a_sphere_ends_where_the_cone_of_light_says(kind, sphere, 
     assert clear.mean() > 0.99
     assert 0.02 < (gap < 0.8).mean() < 0.4
     np.testing.assert_array_equal(lit[clear], gap[clear] > 0.8)
-    for shines in (replace(light, casts_shadow=False), light):
-        through = replace(body, visible_shadow=shines.casts_shadow is False)
-        free = render(cam, [one(floor), through], [shines], size=(160, 160))
+    for each in (replace(light, casts_shadow=False), light):
+        through = replace(body, visible_shadow=each.casts_shadow is False)
+        free = render(cam, [one(floor), through], [each], size=(160, 160))
         assert (free["Combined"][..., 0] > 0).all()
 
 

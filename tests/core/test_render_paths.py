@@ -104,7 +104,7 @@ def test_what_loses_no_light_vanishes_in_a_uniform_world(name, branches, sphere)
 
 
 @pytest.mark.parametrize("albedo", [0.5, 0.9])
-def test_a_shining_cavity_gathers_the_series_of_its_bounces(albedo, sphere):
+def test_an_emitting_cavity_sums_the_series_of_its_bounces(albedo, sphere):
     wall = Material([Lobe("diffuse", (albedo,) * 3), Lobe("emission", (0.1,) * 3)])
     cam = camera((0, -0.4, 0), (0, 1, 0), width=1.5)
     for limit in (0, 1, 5, 64):

@@ -158,7 +158,7 @@ def test_settled_pixels_take_no_more_samples(still):
 def test_the_samples_of_a_choice_are_even(sphere):
     """The world by a Lambertian ball in the open: every stratum of the hemisphere once."""
     half = np.zeros((8, 16, 3), np.float32)
-    half[:, :8] = 1  # half of the world shines
+    half[:, :8] = 1  # half of the world emits
     cam = camera((0, 0, 4))
     errors = []
     for samples in (16, 64):
