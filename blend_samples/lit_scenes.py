@@ -6,7 +6,7 @@ from __future__ import annotations
 import itertools
 import math
 
-import bpy  # isort: skip  (first: it brings the two below)
+import bpy  # isort: skip  (first: the two below are in it)
 import bmesh
 import numpy as np
 from kit import ball_mesh, camera, grid, link, material, mesh, new_scene, plane, subdivide, sun

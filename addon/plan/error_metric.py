@@ -201,9 +201,9 @@ def measure(
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
-    color: what mesh_colors.color_errors measured there. slope_across: of occupancy, per voxel,
-    across a plane, before gain; None: that of the ramp. Where several solids share the volume, each is
-    held against its own field, by the slots of the mesh. gain above 0: as `volume.narrow(gain)`
+    color: what mesh_colors.color_errors measured there. slope_across: occupancy per voxel across
+    a plane, before gain; None: that of the ramp. Where several solids share the volume, each is
+    compared with its own field, by the slots of the mesh. gain above 0: as `volume.narrow(gain)`
     would leave it; then normal is what was measured before. The structure's bytes are the
     caller's to add.
     """

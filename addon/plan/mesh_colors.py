@@ -303,10 +303,10 @@ def color_errors(
         ids = mesh.slots[triangles]
     columns = []
     for k in range(SHARPER):
-        baked, _ = volume.attributes(points, ids, 1 / 2**k)
-        baked = np.nan_to_num(baked, nan=1.0) ** ROOT
+        stored, _ = volume.attributes(points, ids, 1 / 2**k)
+        stored = np.nan_to_num(stored, nan=1.0) ** ROOT
         true = true_colors(mesh, attributes, triangles, weights, voxel_size / 2**k) ** ROOT
-        columns.append(np.sqrt(np.mean((baked - true) ** 2, axis=1)))
+        columns.append(np.sqrt(np.mean((stored - true) ** 2, axis=1)))
     return np.stack(columns, axis=1).astype(np.float32)
 
 

@@ -114,7 +114,7 @@ def by_leapray(vertices, triangles, voxel: float, simd: str, threads: int) -> Ca
 def by_openvdb(vertices, triangles, voxel: float) -> Callable:
     """createLevelSetFromPolygons, which uses all cores; raises LeapRayError without OpenVDB."""
     with contextlib.suppress(ImportError):
-        import bpy  # noqa: F401  brings OpenVDB along
+        import bpy  # noqa: F401  has OpenVDB
     openvdb = volume_files._openvdb()
     corners = triangles.astype(np.uint32)
     return lambda: openvdb.FloatGrid.createLevelSetFromPolygons(

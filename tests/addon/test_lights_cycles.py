@@ -136,9 +136,13 @@ def test_narrow_spreads_are_as_even_as_in_cycles(degrees, shape, sides, height):
     assert seen[1].mean() == pytest.approx(truth.mean(), rel=0.01)
 
 
-def test_a_spread_of_0_is_a_beam():
+def test_a_spread_of_0_collimates():
     scene = floor(size=4.0)
-    put("Beam", light("AREA", energy=30.0, shape="DISK", size=2.0, spread=0.0), location=(0, 0, 5))
+    put(
+        "Collimated",
+        light("AREA", energy=30.0, shape="DISK", size=2.0, spread=0.0),
+        location=(0, 0, 5),
+    )
     pair = both(scene, 64)
     assert_same_light(pair, side=4)
     assert pair[1]["Combined"][12, 12, 0] == pytest.approx(30 / math.pi / math.pi, rel=1e-4)

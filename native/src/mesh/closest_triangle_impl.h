@@ -321,9 +321,9 @@ LR_INLINE lanes beyond_edges(const batch *b, int l, int tile, const lanes excess
 /* Triangles of a batch against tiles. */
 enum { AT_ONCE = 4, MOST_TRIALS = LR_LANES * LR_TILES + AT_ONCE };
 typedef struct trials {
-    _Alignas(64) float rise[LR_LANES][FIRST][LR_LANES]; /* of the first forms over a tile */
-    _Alignas(16) float centre[MOST_TRIALS][FIRST];      /* their values at its centre */
-    uint16_t what[MOST_TRIALS];                         /* triangle * LR_TILES + tile */
+    _Alignas(64) float difference[LR_LANES][FIRST][LR_LANES]; /* of the first forms over a tile */
+    _Alignas(16) float centre[MOST_TRIALS][FIRST];            /* their values at its centre */
+    uint16_t what[MOST_TRIALS];                               /* triangle * LR_TILES + tile */
     int n;
 } trials;
 
@@ -335,7 +335,8 @@ LR_INLINE void list_trials(const batch *b, int n, lr_nearest *nearest, trials *t
     for (int l = 0; l < n; l++) {
         uint32_t left = near_box(b, l, nearest->worst);
         for (int i = 0; i < FIRST; i++)
-            lanes_store(t->rise[l][i], over_tile(b->of[0][l][i], b->of[1][l][i], b->of[2][l][i]));
+            lanes_store(t->difference[l][i],
+                        over_tile(b->of[0][l][i], b->of[1][l][i], b->of[2][l][i]));
         while (left != 0) {
             int count = __builtin_popcount(left);
             for (int i = 0; i < AT_ONCE; i++) {
@@ -366,10 +367,10 @@ typedef struct forms {
 LR_INLINE forms forms_of(const trials *t, int l, const float centre[FIRST])
 {
     forms f;
-    f.height = lanes_add(lanes_load(t->rise[l][0]), lanes_all(centre[0]));
+    f.height = lanes_add(lanes_load(t->difference[l][0]), lanes_all(centre[0]));
     f.height2 = lanes_mul(f.height, f.height);
     for (int e = 0; e < EDGES; e++)
-        f.excess[e] = lanes_add(lanes_load(t->rise[l][1 + e]), lanes_all(centre[1 + e]));
+        f.excess[e] = lanes_add(lanes_load(t->difference[l][1 + e]), lanes_all(centre[1 + e]));
     f.most = lanes_max(lanes_max(f.excess[0], f.excess[1]), f.excess[2]);
     return f;
 }

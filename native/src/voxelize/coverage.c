@@ -93,7 +93,7 @@ static bool cells_of(const polygon *p, int axis, int *first, int *last)
 }
 
 /* A piece of surface inside voxel (x, y, z): its signed area along x, which is positive
- * where a ray along x leaves the solid, and that area times the way to the upper face. */
+ * where a ray along x leaves the solid, and that area times the distance to the upper face. */
 static void add_piece(const polygon *p, int x, int y, int z, double side, sweep *s)
 {
     const int at = lr_in_brick(x, y, z);
@@ -111,9 +111,9 @@ static void add_piece(const polygon *p, int x, int y, int z, double side, sweep 
  * left as seen against x, inside cell (y, z) of that plane. */
 static void add_line(const double a[3], const double b[3], int y, int z, double side, sweep *s)
 {
-    const double rise = side * (b[2] - a[2]);
-    s->own_area[z][y] -= rise * (y + 1 - 0.5 * (a[1] + b[1]));
-    s->later_area[z][y] -= rise;
+    const double length = side * (b[2] - a[2]);
+    s->own_area[z][y] -= length * (y + 1 - 0.5 * (a[1] + b[1]));
+    s->later_area[z][y] -= length;
 }
 
 static void add_point(double z, double sign, sweep *s)

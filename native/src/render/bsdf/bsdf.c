@@ -297,7 +297,7 @@ static void add_coat(lr_bsdf *bsdf, const lr_lobe *lobe, double *below)
     c.fresnel = FRESNEL_DIELECTRIC;
     c.n = n;
     const double s = lr_clamp((fresnel_mean(n) - f0) / (1 - f0), 0, 1);
-    const double rise = look_up(lr_albedo_dielectric, lobe->roughness, bsdf->basis.view[2], n);
+    const double schlick = look_up(lr_albedo_dielectric, lobe->roughness, bsdf->basis.view[2], n);
     double once[3], sent = 1, most = 0;
     for (int a = 0; a < 3; a++) {
         c.f0[a] = fmin(f0 * lobe->specular_tint[a], 1);
@@ -308,7 +308,7 @@ static void add_coat(lr_bsdf *bsdf, const lr_lobe *lobe, double *below)
         sent = mirror_albedo(lobe->roughness, bsdf->basis.view[2]);
     } /* else what is lost between the facets is not found below, as in Cycles */
     for (int a = 0; a < 3; a++)
-        most = fmax(most, c.weight[a] * sent * mix(c.f0[a], 1, rise));
+        most = fmax(most, c.weight[a] * sent * mix(c.f0[a], 1, schlick));
     enlist(bsdf, &c);
     *below = fmax(*below - most, 0);
 }
