@@ -7,7 +7,7 @@
 
 enum {
     RUN = 8,
-    BLOCK_CELLS = (LR_SIDE * RUN + 2 * LR_REACH) * LR_WINDOW * LR_WINDOW,
+    BLOCK_CELLS = (LR_SIDE * RUN + 2 * LR_NEAR_RADIUS) * LR_WINDOW * LR_WINDOW,
 };
 
 /* The Euclidean length that the metric's value stands for, in cells. */
@@ -53,7 +53,7 @@ typedef struct run {
 static void finish_run(run *j)
 {
     const lr_radii *f = j->made;
-    const int count = j->n, nx = LR_SIDE * count + 2 * LR_REACH;
+    const int count = j->n, nx = LR_SIDE * count + 2 * LR_NEAR_RADIUS;
     j->n = 0;
     if (count == 0 || j->status != LR_OK)
         return;
@@ -61,17 +61,17 @@ static void finish_run(run *j)
     for (int z = 0; z < LR_WINDOW; z++)
         for (int y = 0; y < LR_WINDOW; y++)
             for (int x = 0; x < nx; x++) {
-                const int k = lr_max_i(0, lr_min_i((x - LR_REACH) / LR_SIDE, count - 1));
+                const int k = lr_max_i(0, lr_min_i((x - LR_NEAR_RADIUS) / LR_SIDE, count - 1));
                 *cell++ = j->window[k][z][y] >> (x - LR_SIDE * k) & 1;
             }
     j->status = lr_distance(j->cells, nx, LR_WINDOW, LR_WINDOW, f->metric, j->dist, NULL, j->error);
     for (int k = 0; k < count; k++)
         for (int n = 0; n < LR_CELLS; n++) {
-            const int x = LR_REACH + LR_SIDE * k + lr_along(n, 0);
-            const int y = LR_REACH + lr_along(n, 1), z = LR_REACH + lr_along(n, 2);
+            const int x = LR_NEAR_RADIUS + LR_SIDE * k + lr_along(n, 0);
+            const int y = LR_NEAR_RADIUS + lr_along(n, 1), z = LR_NEAR_RADIUS + lr_along(n, 2);
             const double length = length_of(f, j->dist, (size_t)((z * LR_WINDOW + y) * nx + x));
             const uint32_t number = j->number + 1 - (uint32_t)(count - k);
-            f->near[number][n] = (uint8_t)to_radius(length, LR_REACH * LR_RADIUS_STEPS);
+            f->near[number][n] = (uint8_t)to_radius(length, LR_NEAR_RADIUS * LR_RADIUS_STEPS);
         }
 }
 

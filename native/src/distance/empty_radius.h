@@ -6,7 +6,7 @@
  * metric is not Euclid's, its value is turned into the least Euclidean distance that it
  * allows: d / sqrt(3) for city-block, d / sqrt(11) for chamfer 3-4-5, d for chessboard.
  *
- * Memory follows the surface: bricks near it hold a radius per cell, up to LR_REACH,
+ * Memory follows the surface: bricks near it hold a radius per cell, up to LR_NEAR_RADIUS,
  * found in the window around them, others one radius. Radii are in voxels, rounded down
  * to sixteenths.
  *

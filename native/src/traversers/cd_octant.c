@@ -86,7 +86,7 @@ static void brick_distances(const lr_volume *v, int octant, uint8_t (*ahead)[OCT
 
 /* A window in a frame of cells of which nothing is known, so that they count as full;
  * window cell (x, y, z) is bit x + 1 of row [z + 1][y + 1]. */
-enum { FRAMED = LR_WINDOW + 2, OWN = LR_REACH + 1 };
+enum { FRAMED = LR_WINDOW + 2, OWN = LR_NEAR_RADIUS + 1 };
 
 typedef uint32_t framed[FRAMED][FRAMED];
 

@@ -47,7 +47,8 @@ static void flag_cells(const lr_volume *v, const int32_t b[3], uint32_t number, 
     lr_window_grow(window);
     for (int z = 0; z < LR_SIDE; z++)
         for (int y = 0; y < LR_SIDE; y++)
-            lr_mask_add_row(mask, y, z, window[LR_REACH + z][LR_REACH + y] >> LR_REACH);
+            lr_mask_add_row(mask, y, z,
+                            window[LR_NEAR_RADIUS + z][LR_NEAR_RADIUS + y] >> LR_NEAR_RADIUS);
 }
 
 lr_status lr_lines_build(const lr_volume *v, const int32_t *choices, const lr_watch *watch,

@@ -9,7 +9,7 @@
  * least one voxel, and nothing exact near the surface. It misses cells, and says so.
  *
  * Source: Zuiderveld, Koning and Viergever 1992; the hybrid with exact steps is that of
- * Cohen and Sheffer 1994. Departures: 1. radii end at LR_REACH near the surface and are
+ * Cohen and Sheffer 1994. Departures: 1. radii end at LR_NEAR_RADIUS near the surface and are
  * rounded down to sixteenths of a voxel; 2. jumps are measured in voxels, so that t may
  * have any scale. The skip of whole pixels is in imaging/.
  *

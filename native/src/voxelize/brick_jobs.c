@@ -1,6 +1,6 @@
-/* The parts that threads run: bricks made one after another. Those that are not constant are
- * kept in the volume, where it has room for all bricks of the part; once all parts have run the
- * gaps are closed, in place.
+/* The parts that threads run, each a range of bricks. Bricks that are not constant are written
+ * into the volume, which has room for all bricks of a part; after all parts, the gaps are
+ * closed in place.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/brick_jobs.h"
@@ -64,7 +64,7 @@ static bool make_bricks(lr_voxelizer *v, uint32_t first, uint32_t end, const lr_
     return true;
 }
 
-/* With lists for the longest list of triangles; NULL without memory. */
+/* With room for the longest list of triangles; NULL without memory. */
 static lr_scratch *new_scratch(const lr_voxelizer *v)
 {
     lr_scratch *scratch = aligned_alloc(64, (sizeof *scratch + 63) / 64 * 64);

@@ -1,4 +1,4 @@
-/* The parts that threads run: bricks made one after another.
+/* The parts that threads run, each a range of bricks.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_BRICK_JOBS_H

@@ -1,7 +1,7 @@
-/* How much memory making a volume takes beside the volume.
+/* Memory of a voxelization, beside the volume's own.
  *
- * Counted are the lists that grow with the mesh and with the table of bricks: what is held, and
- * what the coming stage and its end will need at most. A thread's own scratch is some 20 KB.
+ * Counts the lists that grow with the mesh or the table of bricks: those that exist, and those
+ * that the next stage will need at most. A thread's own scratch is some 20 KB.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/scratch.h"

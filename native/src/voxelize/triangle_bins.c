@@ -1,11 +1,10 @@
-/* Binning by a counting sort over the volume's table of bricks.
+/* Lists the triangles of each brick, by a counting sort over the volume's table of bricks.
  *
- * A brick is a candidate where the triangle's box, widened by the band, meets
- * it. A small triangle, at most two bricks along each axis, takes them all, and
- * they are remembered between counting and listing. The box of a large one is
- * mostly empty: its rows are cut by the triangle's plane and by those that stand
- * on its edges, and of the bricks left, one is dropped if its centre is farther
- * than its samples and the band reach.
+ * Candidates are the bricks that the triangle's box, widened by the band, meets. A small
+ * triangle, at most two bricks along each axis, is listed in all of them, and they are stored
+ * between counting and listing. The box of a large one is mostly empty: its rows are clipped
+ * by the triangle's plane and by the planes through its edges, and bricks are left out whose
+ * centre is farther than the band and half a brick's diagonal.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/pages.h"
@@ -14,8 +13,8 @@
 #include "mesh/triangle_distance.h"
 
 enum {
-    POLL = 1 << 14,   /* triangles, or bricks of one triangle, between looks at the stop word */
-    MAX_PARTS = 512,  /* enough for an even end on many threads */
+    POLL = 1 << 14,   /* triangles, or bricks of one triangle, between checks of the stop word */
+    MAX_PARTS = 512,  /* enough that many threads end at about one time */
     BRICK_WORK = 400, /* of a brick without triangles, in units of a listed triangle */
     PLANES = 5
 };
@@ -24,8 +23,8 @@ enum {
 #define HALF          (0.5 * (LR_SIDE - 1))
 #define HALF_DIAGONAL (HALF * 1.73206) /* a little more than sqrt(3) */
 
-/* What is remembered of a triangle: its lowest brick's place in the table (27 bits)
- * and, per axis, whether it reaches the next one; or one of these. */
+/* Stored per triangle: its lowest brick's place in the table (27 bits) and, per axis, whether
+ * it is listed in the next one too; or one of these. */
 #define SECOND_BRICK (1u << 27)
 #define NOWHERE      0xffffffffu
 #define LARGE        0xfffffffeu

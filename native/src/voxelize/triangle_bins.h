@@ -1,8 +1,7 @@
-/* Which triangles can matter to which brick.
+/* Lists the triangles of each brick.
  *
- * A triangle is listed in every brick that it comes within the
- * band of (conservatively). Bricks with a list are *active*; ranges of active
- * bricks of similar work are the parts that threads run.
+ * A triangle is listed in every brick within the band of it, conservatively. Bricks with a
+ * list are *active*; ranges of active bricks of similar work are the parts that threads run.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_TRIANGLE_BINS_H

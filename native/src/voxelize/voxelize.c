@@ -22,15 +22,14 @@
 #include "voxelize/hole_fill.h"
 #include "voxelize/scratch.h"
 
-/* Central differences at the corners of a surface cell reach sqrt(6) from the
- * surface (samples at offsets 2, 1, 1); the rest is for rounding. The lattice
- * has room for them, and a sheet wants its heights there. A solid's samples
- * beyond the ramp are 0 or 1, so its band only has to hold the corners of surface
- * cells, at most sqrt(3) away, for their ids. */
+/* Central differences at the corners of a surface cell use samples up to sqrt(6) from the
+ * surface (offsets 2, 1, 1); the rest is for rounding. The lattice has these samples, and a
+ * sheet needs their heights. A solid's samples beyond the ramp are 0 or 1, so its band only
+ * has to contain the corners of surface cells, at most sqrt(3) away, for their ids. */
 #define STENCIL 2.4495
 #define CORNERS 1.7321
 
-enum { ROOTS = 4096 /* components that a part asks for their winding number */ };
+enum { ROOTS = 4096 /* components of a part of the winding stage */ };
 
 /* ---- filters ----------------------------------------------------------- */
 
@@ -315,7 +314,7 @@ static lr_status ask(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_e
                : lr_fail_stopped(error);
 }
 
-/* Make the bricks again, with winding numbers. */
+/* Restart the bricks, with sides by winding numbers. */
 static lr_status fall_back(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
     lr_volume_empty_table(v->volume);

@@ -1,4 +1,4 @@
-/* What a voxelizer holds between its stages.
+/* State of a voxelization between its stages.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_VOXELIZER_H
