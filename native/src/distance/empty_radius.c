@@ -1,4 +1,4 @@
-/* How far it is empty around every cell.
+/* Empty radii: the distance around every cell without surface.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "distance/empty_radius.h"
@@ -24,7 +24,7 @@ static double length_of(const lr_radii *f, const void *dist, size_t at)
     return d;
 }
 
-/* Down to sixteenths; a float's rounding up is taken back. */
+/* Rounded down to sixteenths; the float may have been rounded up, so its last bit is undone. */
 static uint32_t to_radius(double length, uint32_t most)
 {
     const double radius = floor(length * (1.0 - 0x1p-20) * LR_RADIUS_STEPS);
@@ -49,7 +49,7 @@ typedef struct run {
     float dist[BLOCK_CELLS]; /* room for either type */
 } run;
 
-/* The radii of the bricks in the run, which is empty then. */
+/* Compute the radii of the bricks in the run and empty it. */
 static void finish_run(run *j)
 {
     const lr_radii *f = j->made;
@@ -104,8 +104,8 @@ static lr_status cell_radii(lr_radii *f, const lr_volume *v, const lr_watch *wat
     return status;
 }
 
-/* Radii of the bricks that are not near the surface: of the near ones, which are just those
- * that hold surface and their neighbours, every cell of such a brick is that far away. */
+/* Radii of the bricks that are not near: the least distance from any of their cells to a near
+ * brick; near bricks are those that hold surface and their neighbours. */
 static lr_status brick_radii(lr_radii *f, const lr_volume *v, const lr_watch *watch,
                              lr_error *error)
 {

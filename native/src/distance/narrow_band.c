@@ -1,4 +1,4 @@
-/* Bricks at and next to the surface, and what lies around one of them.
+/* Bricks at and next to the surface, and windows of cells around them.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "distance/narrow_band.h"

@@ -1,25 +1,25 @@
 /* The search of closest_triangle.h, compiled once per instruction set.
  *
- * The forms of triangle_distance.h are set up for sixteen triangles side by side, then each
- * triangle competes for the tiles that its box may still win, sixteen samples
- * side by side. Two bounds come before the whole distance: the box against the
- * worst sample of half a tile, and height and largest excess, which are the distance
- * but at corners, against each sample. Each is asked of the whole batch before the
- * next, so that the processor has no branches to guess but the last.
+ * The forms of triangle_distance.h are set up for sixteen triangles at a time; then each
+ * triangle is tested against the tiles that its box may be nearest to, sixteen samples at a
+ * time. Two bounds precede the distance: that of the box, against the largest distance in
+ * half a tile, and that of height and largest excess, which is the distance but at corners,
+ * against each sample. A bound is tested for the whole batch before the next one, so that
+ * few branches are mispredicted.
  *
- * All is f32 around the brick's centre; edges are differences in f64, so a fat
- * triangle keeps some 1e-6 voxel. Slivers and long triangles are set up in f64,
- * and their edges measured from their point next to the centre.
+ * All is f32 around the brick's centre; edges are differences in f64, so the error of a fat
+ * triangle is some 1e-6 voxel. Slivers and long triangles are set up in f64, and their edges
+ * measured from their point closest to the centre.
  *
- * Wants LR_LANES_SIMD and LR_SEARCH, the function's name.
+ * The includer defines LR_LANES_SIMD and LR_SEARCH, the function's name.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/simd.h"
 
 enum {
     EDGES = 3,
-    FIRST = 1 + EDGES, /* forms that are asked first: height, excess of each edge */
-    POLL = 1 << 6      /* batches between looks at the stop word */
+    FIRST = 1 + EDGES, /* forms that are evaluated first: height, excess of each edge */
+    POLL = 1 << 6      /* batches between checks of the stop word */
 };
 
 /* Rounding of the f32 forms, in voxels: a triangle that is within it of being
@@ -124,7 +124,7 @@ LR_INLINE void set_boxes(const corners *at, batch *b)
     }
 }
 
-/* Set up all; returns the lanes of those that are fat and so are right. */
+/* Set up all; returns the lanes of fat triangles, which alone are accurate. */
 LR_INLINE uint32_t set_fat(const corners *at, batch *b)
 {
     const lanes one = lanes_all(1.0f), zero = lanes_all(0.0f);
@@ -263,8 +263,8 @@ static void begin(double band, lr_nearest *nearest)
     }
 }
 
-/* A step through n places that visits all of them, near n / golden ratio: the
- * list jumps about, so that the tiles' distances shrink early. */
+/* A step through n places that visits all of them, near n / golden ratio: triangles from all
+ * parts of the list come early, so that the tiles' distances shrink early. */
 static uint32_t golden_step(uint32_t n)
 {
     uint32_t step = (uint32_t)(0.6180339887 * n);
@@ -280,7 +280,7 @@ static uint32_t golden_step(uint32_t n)
     }
 }
 
-/* Bit per tile of whose halves one has a worst distance that the box may beat. */
+/* A bit per tile of which a half has a largest distance that the box may be nearer than. */
 LR_INLINE uint32_t near_box(const batch *b, int l, float worst[LR_LAYERS][LR_LANES])
 {
     uint32_t bits = 0;
@@ -327,8 +327,8 @@ typedef struct trials {
     int n;
 } trials;
 
-/* Those whose boxes are near enough. Some are written at once and then counted, so that
- * the processor has fewer branches to guess. */
+/* List the tiles whose boxes are near enough. AT_ONCE are written and then counted, to avoid
+ * branches. */
 LR_INLINE void list_trials(const batch *b, int n, lr_nearest *nearest, trials *t)
 {
     t->n = 0;
@@ -375,7 +375,7 @@ LR_INLINE forms forms_of(const trials *t, int l, const float centre[FIRST])
     return f;
 }
 
-/* Keep the trials in which height and largest excess do not exceed all that is there. */
+/* Keep the trials in which the bound is below the distance of some sample. */
 LR_INLINE void sift_trials(const batch *b, const lr_nearest *nearest, trials *t)
 {
     int kept = 0;
@@ -392,7 +392,7 @@ LR_INLINE void sift_trials(const batch *b, const lr_nearest *nearest, trials *t)
     t->n = kept;
 }
 
-/* Write what the triangle has won. */
+/* Store the samples to which the triangle is nearest so far. */
 LR_INLINE void win(lr_nearest *nearest, int tile, lane_mask wins, lanes square, lanes height,
                    lanes d2, int32_t who)
 {
@@ -408,7 +408,7 @@ LR_INLINE void win(lr_nearest *nearest, int tile, lane_mask wins, lanes square, 
     lanes_halves(d2, worst, worst + LR_LANES);
 }
 
-/* Let the triangles at these places of the list compete for the samples. */
+/* Test the triangles at these places of the list. */
 LR_INLINE void compete(const batch *b, const trials *t, const int32_t *place, lr_nearest *nearest)
 {
     const lanes zero = lanes_all(0.0f);

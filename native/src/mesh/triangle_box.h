@@ -30,8 +30,8 @@ LR_INLINE bool lr_apart(const lr_separator s[LR_SEPARATORS], const double c[3], 
     return false;
 }
 
-/* How far the cell has to be widened to meet the triangle, at most `most`; more where
- * that does not suffice. */
+/* The margin by which the cell must be widened to meet the triangle; any value above `most` if
+ * `most` does not suffice. */
 LR_INLINE double lr_gap(const lr_separator s[LR_SEPARATORS], const double c[3], double most)
 {
     double gap = 0.0;

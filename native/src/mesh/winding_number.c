@@ -1,9 +1,9 @@
 /* The generalised winding number by a hierarchy of dipoles.
  *
- * The winding number is the sum of the triangles' solid angles over 4 pi. Seen
- * from afar, the triangles of a node are one dipole: their area vectors' sum at
- * their common centre. The hierarchy halves the list of triangles, which are
- * sorted along a Morton curve.
+ * The winding number is the sum of the triangles' solid angles over 4 pi. At a
+ * distance, the triangles of a node count as one dipole: the sum of their area vectors at
+ * their common centre. The hierarchy halves the list of triangles, which are sorted along a
+ * Morton curve.
  *
  * Source: Barill, Dickson, Schmidt, Levin, Jacobson 2018, Fast winding numbers
  * for soups and clouds; van Oosterom and Strackee 1983 for the solid angle.
@@ -22,7 +22,7 @@ enum {
 };
 
 #define FAR  2.0
-#define FINE 6.25 /* squared: from five times the radius on, a sixth of the error */
+#define FINE 6.25 /* squared: dipoles from five times the radius on, a sixth of the error */
 
 /* ---- order ------------------------------------------------------------- */
 
