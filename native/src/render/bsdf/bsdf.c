@@ -1,9 +1,8 @@
 /* Closures.
  *
- * Light that leaves a microfacet for another one is given back as a factor of the
- * single bounce, which takes up the colour of as many bounces as it has had on
- * average. The layer of a dielectric over a diffuse base lets through what it does
- * not reflect as seen from the viewer.
+ * Light that several microfacets scatter is added as a factor of the single bounce, tinted
+ * for the mean number of bounces. A dielectric layer over a diffuse base transmits what it
+ * does not reflect towards the viewer.
  *
  * Source: the layers and their order are those of Blender's manual for the
  * Principled BSDF; Turquin, Practical multiple scattering compensation for
@@ -20,7 +19,7 @@
 
 /* How facets reflect. */
 enum {
-    FRESNEL_NONE,      /* all; where the closure refracts: nothing but what is reflected in all */
+    FRESNEL_NONE, /* all light; if the closure refracts: nothing but total internal reflection */
     FRESNEL_CONDUCTOR, /* Schlick's curve from f0 to 1, less the F82 term */
     FRESNEL_DIELECTRIC /* the curve of a dielectric of index n, stretched to f0..1 */
 };
@@ -28,14 +27,14 @@ enum {
 /* Below it facets are as good as a mirror: their lobe is narrower than 1/100 of a degree. */
 static const double ALPHA_MIN = 1e-5;
 
-/* An index so near 1 bends nothing. */
+/* Below this difference of the index from 1, light is not refracted. */
 static const double INDEX_MIN = 1e-4;
 
-/* Rare facets may refract where most do not, more so on the way out: no closure of theirs
- * gets less than that. */
+/* Rare facets may refract where most do not, above all from inside: the least albedo of
+ * closures of facets. */
 static const double ALBEDO_MIN = 0.05, ALBEDO_MIN_OUT = 0.2;
 
-/* A few facets do not tell that all of them send on less than that. */
+/* The least value of lr_closure.guide, since it is estimated from a few facets. */
 static const double GUIDE_MIN = 0.02;
 
 /* ---- albedo --------------------------------------------------------------- */
@@ -95,7 +94,7 @@ static double look_up_mean(const uint16_t table[LR_ALBEDO_COARSE][LR_ALBEDO_COAR
 
 /* ---- Fresnel -------------------------------------------------------------- */
 
-/* What a facet under that cosine reflects. */
+/* Reflectance of a facet under that cosine. */
 static void reflectance(const lr_closure *c, double cosine, double f[3])
 {
     const double x = 1 - cosine, x5 = x * x * x * x * x;
@@ -110,7 +109,7 @@ static void reflectance(const lr_closure *c, double cosine, double f[3])
         f[a] = lr_clamp(mix(c->f0[a], 1, s) - c->f82[a] * cosine * x5 * x, 0, 1);
 }
 
-/* What a facet under that cosine sends on by this closure. */
+/* The light that a facet under that cosine scatters by this closure, as a fraction. */
 static void passed(const lr_closure *c, double cosine, double f[3])
 {
     if (c->fresnel == FRESNEL_NONE) {
@@ -145,7 +144,8 @@ static double fraction(double x)
     return x < 1 ? x : x - 1;
 }
 
-/* Facets from the lattice moved by (u, v): their normals, what they send on, and its mean. */
+/* Facets from the lattice shifted by (u, v): normals, the fraction that each scatters, and its
+ * mean. */
 static double try_facets(const lr_closure *c, const double view[3], double u, double v,
                          double h[FACETS][3], double sent[FACETS])
 {
@@ -190,15 +190,14 @@ static lr_closure closure(int32_t kind, const double weight[3], double roughness
     return c;
 }
 
-/* What light between the facets adds to a single bounce, as a factor. e, e_mean: what white
- * facets send on after one bounce, as seen and in the mean; tint: what is left of light by a
- * bounce. */
+/* Several bounces between facets, as a factor of the single bounce. e, e_mean: albedo of white
+ * facets for one bounce, as seen and in the mean; tint: the light left by a bounce. */
 static double between(double e, double e_mean, double tint)
 {
     return 1 + tint * e_mean / (1 - tint * (1 - e_mean)) * (1 - e) / e;
 }
 
-/* Give it back to a closure that reflects. */
+/* Scale a closure that reflects by that factor. */
 static void give_back(const lr_bsdf *bsdf, lr_closure *c, const double tint[3])
 {
     const double rough = sqrt(c->alpha);
@@ -244,8 +243,8 @@ static void add_metal(lr_bsdf *bsdf, const lr_lobe *lobe, const double weight[3]
     enlist(bsdf, &c);
 }
 
-/* A dielectric that reflects and refracts, weighted either way. facing: the colour of its
- * reflection at normal incidence; tint: what is left of light that goes through. */
+/* A dielectric that reflects and refracts. facing: the colour of its reflection at normal
+ * incidence; tint: that of its transmission. */
 static void add_glass(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const double reflected[3],
                       const double refracted[3], const double facing[3], const double tint[3])
 {
@@ -280,7 +279,7 @@ static void add_refraction(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const d
     enlist(bsdf, &c);
 }
 
-/* The layer of a dielectric; *below is dimmed by what it reflects. */
+/* A dielectric layer; *below is reduced by what it reflects. */
 static void add_coat(lr_bsdf *bsdf, const lr_lobe *lobe, double *below)
 {
     double f0 = lr_fresnel_0(lobe->ior), n = lobe->ior;
@@ -306,7 +305,7 @@ static void add_coat(lr_bsdf *bsdf, const lr_lobe *lobe, double *below)
     if (lobe->flags & LR_LOBE_MULTISCATTER) {
         give_back(bsdf, &c, once);
         sent = mirror_albedo(lobe->roughness, bsdf->basis.view[2]);
-    } /* else what is lost between the facets is not found below, as in Cycles */
+    } /* else light lost between facets does not get below, as in Cycles */
     for (int a = 0; a < 3; a++)
         most = fmax(most, c.weight[a] * sent * mix(c.f0[a], 1, schlick));
     enlist(bsdf, &c);
@@ -424,7 +423,7 @@ void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsd
 
 /* ---- responses ------------------------------------------------------------ */
 
-/* Of one closure with width, to light in the normal's frame. */
+/* The response of one closure, not of a single direction, to light in the normal's frame. */
 static bool respond(const lr_closure *c, const double view[3], const double light[3],
                     lr_response *r)
 {
@@ -506,9 +505,9 @@ static const lr_closure *choose(const lr_bsdf *bsdf, int32_t kind, double *u)
     return last;
 }
 
-/* A facet as seen from view; *scale makes up for its choice. Facets of a dielectric are
- * chosen among a few by what they send on: Talbot, Cline, Egbert, Importance resampling for
- * global illumination, 2005. */
+/* A facet visible from view; *scale compensates its selection. Facets of a dielectric are
+ * chosen among a few, weighted by what they scatter: Talbot, Cline, Egbert, Importance resampling
+ * for global illumination, 2005. */
 static bool pick_facet(const lr_closure *c, const double view[3], const double u[2], double pick,
                        double h[3], double *scale)
 {
@@ -528,7 +527,7 @@ static bool pick_facet(const lr_closure *c, const double view[3], const double u
     return sent[at] > 0;
 }
 
-/* A direction of one closure and the weight of what it sends on. */
+/* Sample a direction of one closure, with its weight. */
 static bool follow(const lr_closure *c, const double view[3], const double u[2], double pick,
                    double light[3], double weight[3])
 {

@@ -1,4 +1,4 @@
-/* Materials: what is checked and found out once.
+/* Checks materials, and derives their flags once.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/bsdf/material.h"
@@ -87,7 +87,7 @@ lr_status lr_material_check(const lr_material_desc *desc, uint64_t i, lr_error *
     return status;
 }
 
-/* What one lobe adds to a material's flags. */
+/* The flags of one lobe. */
 static uint32_t flags_of(const lr_lobe *lobe)
 {
     if (lobe->weight == 0)

@@ -1,9 +1,9 @@
-/* Rough diffuse surfaces, in the frame of the normal (z up): grooves that send light back
- * to where it came from.
+/* Rough diffuse reflection, in the frame of the normal (z up), stronger towards the light
+ * than Lambert's.
  *
- * Source: Fujii, A tiny improvement of Oren-Nayar reflectance model; the light that
- * bounces several times between the grooves after the OpenPBR specification, 2024.
- * Both as Cycles has them; so the colour of such light is taken up twice.
+ * Source: Fujii, A tiny improvement of Oren-Nayar reflectance model; several bounces between
+ * the facets by the OpenPBR specification, 2024. Both as in Cycles, so that several bounces
+ * are tinted twice.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_BSDF_OREN_NAYAR_H
@@ -11,7 +11,7 @@
 
 #include "render/bsdf/ggx.h"
 
-/* What a single bounce reflects of light that comes from where the viewer is, from above. */
+/* Single-bounce response for viewer and light along the normal, over Lambert's. */
 LR_INLINE double lr_oren_nayar_level(double rough)
 {
     return 1 / (1 + rough * (0.5 - 2 / (3 * LR_PI)));
@@ -26,8 +26,8 @@ LR_INLINE double lr_oren_nayar_albedo(double rough, double cosine)
     return lr_oren_nayar_level(rough) * (1 + rough * g / LR_PI);
 }
 
-/* What comes back by several bounces, but for what depends on the light. tint: what is left of
- * light by a bounce. */
+/* The factor of several bounces that does not depend on the light. tint: the light left by a
+ * bounce. */
 LR_INLINE double lr_oren_nayar_multiple(double rough, double cos_view, double tint)
 {
     if (rough == 0)
@@ -37,7 +37,7 @@ LR_INLINE double lr_oren_nayar_multiple(double rough, double cos_view, double ti
            (1 - tint * (1 - mean));
 }
 
-/* How much more a rough surface sends to the viewer than a smooth one. */
+/* The response over that of Lambert's. */
 LR_INLINE double lr_oren_nayar(double rough, double again, const double view[3],
                                const double light[3])
 {
