@@ -1,12 +1,11 @@
-/* Direct light: what lights and the world send to surfaces.
+/* Direct light at surfaces, from lights and the world.
  *
  * Primary hits sample every light, or a subset chosen by the light tree; later hits sample
- * one. Shadow rays are collected over all light samples until a wave is full. Opaque
- * surfaces stop them first, in a wave that only asks whether anything is hit; the rest goes
- * from one transparent surface to the next and is attenuated by each.
+ * one. Shadow rays are collected over all light samples until a wave is full. They are first
+ * tested for any hit of an opaque surface; those left go from one transparent surface to the
+ * next and are attenuated by each.
  *
- * Lights with extent are found by scattered rays too: multiple importance sampling
- * weights the two.
+ * Scattered rays meet lights with extent too: multiple importance sampling weights the two.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/direct_light.h"
@@ -100,8 +99,8 @@ static void keep_free(const lr_hit_queue *hits, lr_ray_queue *rays, lr_shadow_qu
     }
 }
 
-/* Take the rays through the transparent surfaces that they have hit: reads the hits; writes the
- * shadow rays' contributions and media, and rays from there for those still on their way. */
+/* Continue the rays through the transparent surfaces that they have hit: reads the hits; writes
+ * the shadow rays' contributions and media, and the rays that continue. */
 static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
                           const lr_hit_queue *hits, lr_ray_queue *rays,
                           lr_shadow_queue *shadow_rays, lr_record *record)
@@ -134,9 +133,9 @@ static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
     }
 }
 
-/* Trace shadow rays, then add their contributions in their order, which so does not depend on how
- * full the wave was: reads the rays; writes shadow rays and the pixels' sums. Both queues are
- * empty then. */
+/* Trace shadow rays, then add their contributions in their order, so that sums do not depend on
+ * the size of waves: reads the rays; writes shadow rays and the pixels' sums. Empties both
+ * queues. */
 static lr_status trace_shadow_rays(const lr_context *context, lr_shadow_queue *shadow_rays,
                                    lr_wave *wave, lr_film *film)
 {
@@ -167,7 +166,7 @@ static lr_status trace_shadow_rays(const lr_context *context, lr_shadow_queue *s
     return status;
 }
 
-/* The light of sample `ask` of a shading point, and the expected number of its samples. */
+/* The light of light sample `ask` of a shading point, and the expected number of its samples. */
 static uint64_t choose_light(const lr_light_tree *light_tree, const lr_shading_point *s,
                              uint32_t ask, double *probability)
 {
@@ -186,8 +185,7 @@ static uint64_t choose_light(const lr_light_tree *light_tree, const lr_shading_p
     return light_index;
 }
 
-/* Cycles counts so: rays that meet the light by themselves find it all the same, with the MIS
- * weight that they would have. */
+/* As in Cycles: scattered rays that meet the light still count, with an unchanged MIS weight. */
 static bool is_beyond_limit(const lr_scene *scene, uint64_t light_index, const lr_path *path)
 {
     const int32_t limit = light_index == scene->n_lights ? scene->world_bounces

@@ -1,4 +1,4 @@
-/* The passes beside the picture.
+/* The passes beside the combined one.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/passes.h"
@@ -37,7 +37,7 @@ void lr_write_steps(const lr_path *paths, const lr_ray_queue *rays, const lr_hit
                     hits->hit.steps[i]);
 }
 
-/* As Cycles: by the distance from the camera, in a perspective view from its eye. */
+/* As in Cycles: by the depth, in a perspective view by the distance from the eye. */
 void lr_add_mist(const lr_scene *scene, const lr_shading_point *s, lr_film *film)
 {
     const lr_camera *camera = &scene->camera;

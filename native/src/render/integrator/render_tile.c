@@ -1,8 +1,8 @@
-/* A tile: stretches of pixels, one sample of each at a time.
+/* Renders a tile: ranges of pixels, one sample of each at a time.
  *
- * Sample 0 goes through the pixel's centre, so the geometry passes cost no rays
- * of their own. No pixel knows of its neighbours, so that the picture does not depend
- * on the tiles.
+ * Sample 0 goes through the pixel's centre, so the geometry passes need no rays of their
+ * own. Pixels are independent of each other, so that the picture does not depend on the
+ * tiles.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/error.h"

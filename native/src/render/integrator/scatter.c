@@ -61,7 +61,7 @@ static bool may_contribute(const lr_context *context, const lr_shading_point *s,
         return false;
     if (kind == LR_RAY_TRANSPARENT && s->path->bounces[kind] > context->tile->transparent_bounces)
         return false;
-    if (kind == LR_RAY_TRANSPARENT) /* the camera sees through to alpha */
+    if (kind == LR_RAY_TRANSPARENT) /* counts for alpha */
         return s->path->seen || contributes;
     return !s->path->last && contributes;
 }
@@ -122,10 +122,9 @@ static int choose_kind(const lr_shading_point *s)
     return drawn;
 }
 
-/* Scattered to the wrong side of the surface itself, as normals of their own have it. At a flat
- * face it is as in Cycles: what is reflected into it is lost, what is refracted goes where it
- * goes. But where the field's facets stand for a smooth surface, the ray turns to the right
- * side by the same angle. False: it is lost. */
+/* A direction on the wrong side of the geometric surface, by a shading normal. At a flat face as in
+ * Cycles: a reflection is lost, a refraction unchanged. Where facets of the field approximate a
+ * smooth surface, the direction is mirrored to the right side. False: it is lost. */
 static bool turn_to_side(const lr_shading_point *s, bool beyond, double d[3])
 {
     const double height = lr_dot(d, s->point.facing);
@@ -147,7 +146,7 @@ static bool survives_roulette(lr_path *child)
     return lr_sample_one(lr_key(child->key, LIVE), child->sample) < probability;
 }
 
-/* Straight on, as the path came. */
+/* Continue straight through. */
 static void go_through(const lr_shading_point *s, lr_path *child)
 {
     const double *o = s->path->origin;
@@ -160,7 +159,7 @@ static void go_through(const lr_shading_point *s, lr_path *child)
     child->t_max = s->left;
 }
 
-/* A direction of this kind; false where the light is lost. */
+/* Sample a direction of this kind; false where the light is lost. */
 static bool scatter_direction(const lr_tile *tile, const lr_shading_point *s, int kind,
                               lr_path *child)
 {
@@ -184,7 +183,7 @@ static bool scatter_direction(const lr_tile *tile, const lr_shading_point *s, in
     return true;
 }
 
-/* Reads a shading point; writes a path of this kind into the next queue, if it goes on. */
+/* Reads a shading point; writes a path of this kind into the next queue, if it continues. */
 static void spawn_path(const lr_context *context, const lr_shading_point *s, int kind,
                        lr_path_queue *next)
 {
