@@ -1,4 +1,4 @@
-/* What lights answer: a ray to a light, and its bounds.
+/* Results of the functions of lights: a ray to a light, and a light's bounds.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_LIGHTS_LIGHT_RAY_H
@@ -6,7 +6,7 @@
 
 #include "base/base.h"
 
-/* A ray from a point to a light: what arrives is f cos x color / pdf. */
+/* A ray from a point to a light; its contribution is f cos x color / pdf. */
 typedef struct lr_light_ray {
     double direction[3]; /* unit */
     double distance;     /* infinity for distant lights */
@@ -25,7 +25,7 @@ typedef struct lr_light_bounds {
     bool distant;        /* it has no box: it lies within that angle of axis; power: irradiance */
 } lr_light_bounds;
 
-/* Of all colours, whatever their sign: light that is taken away counts as much. */
+/* Of the channels' absolute values: negative light counts as much. */
 LR_INLINE double lr_brightness(const double rgb[3])
 {
     return fabs(rgb[0]) + fabs(rgb[1]) + fabs(rgb[2]);

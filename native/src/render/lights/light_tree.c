@@ -9,9 +9,9 @@
  * tree splitting, 2018 (bounds; orientation in the heuristic of the split); the
  * cosines without arc functions are those of Pharr, Jakob, Humphreys, Physically Based
  * Rendering, 4th ed., 2023, section 12.6.
- * Departures: 1. no splitting while walking; where the camera looks a few lights
- * are chosen by stratified numbers instead; 2. leaves are single lights; 3. boxes
- * count by their diagonals, not areas, which lights in a row have not.
+ * Departures: 1. no splitting during traversal; at primary hits a few lights are chosen
+ * by stratified numbers instead; 2. leaves are single lights; 3. boxes
+ * count by their diagonals, not areas, which are 0 for lights in a row.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/lights/light_tree.h"

@@ -1,5 +1,5 @@
-/* Spot lights: a ball behind a hole, which lets light out within a cone and fades towards its
- * edge. Its color is the radiant intensity on the axis.
+/* Spot lights: a ball that emits within a cone and fades towards its edge. Its color is the radiant
+ * intensity on the axis.
  *
  * Source: the lights of Blender's manual; their units and fading were measured in Cycles
  * (tests/addon/test_shading_cycles.py).
@@ -43,7 +43,7 @@ static double smoothstep(double x)
     return y * y * (3 - 2 * y);
 }
 
-/* What the hole lets out along d, which leads to it: a fraction of the intensity. */
+/* The fraction of the intensity along d, which leads to the light. */
 static double let_out(const lr_light *light, const double d[3])
 {
     const double cosine = -lr_dot(d, light->direction), edge = cos(0.5 * light->angle);

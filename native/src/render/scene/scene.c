@@ -1,4 +1,4 @@
-/* Making a scene: everything is checked here, once.
+/* Makes a scene: checks everything once.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/scene/scene.h"
@@ -14,9 +14,9 @@ enum {
     LR_VISIBLE_GLOSSY | LR_VISIBLE_TRANSMISSION
 };
 
-/* Boxes are grown by this fraction of a cell. Rays are taken into an instance's
- * space with an error of some 2^-50 of their origin's coordinates, so surfaces in
- * the very face of a box are found from a distance of 2^40 cells. */
+/* Boxes are grown by this fraction of a cell. Rays are transformed to an instance's space
+ * with an error of some 2^-50 of their origin's coordinates, so surfaces in a face of the box
+ * are found from a distance of 2^40 cells. */
 static const double MARGIN = 0x1p-10;
 
 static lr_status check_camera(const lr_camera *c, lr_error *error)
@@ -152,12 +152,12 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
            sizeof placed->world_from_object);
     bound(instance, box);
     if (box->lo[0] <= box->hi[0] && !(lr_all_finite(box->lo, 3) && lr_all_finite(box->hi, 3)))
-        return lr_fail(error, LR_E_SIZE, "instance %llu reaches beyond all numbers",
+        return lr_fail(error, LR_E_SIZE, "instance %llu extends beyond all numbers",
                        (unsigned long long)i);
     return LR_OK;
 }
 
-/* What instances may do to rays. */
+/* Flags of the scene by what instances do to rays. */
 static void judge(lr_scene *scene)
 {
     const uint32_t media = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
@@ -194,7 +194,7 @@ static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error 
     return status;
 }
 
-/* A copy of n items; at least one byte, so that only missing memory gives NULL. */
+/* A copy of n items, of at least one byte, so that NULL means out of memory. */
 static void *copy(const void *from, uint64_t n, size_t size)
 {
     void *to = calloc((size_t)n + 1, size);

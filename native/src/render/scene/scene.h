@@ -36,7 +36,7 @@ struct lr_scene {
     int32_t *slot_objects; /* or NULL */
     lr_environment environment;
     uint32_t world_visibility; /* lr_visibility */
-    int32_t world_bounces;     /* limit of those behind which it is not asked */
+    int32_t world_bounces;     /* bounces beyond which it does not contribute */
     bool world_emits;          /* its color is not black */
     bool has_clear, has_media; /* instances that are clear, enterable */
     bool has_lights;           /* lights that rays can meet */
