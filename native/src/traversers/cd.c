@@ -1,13 +1,13 @@
 /* Chessboard distance: cubic macro regions.
  *
- * Every empty cell knows its chessboard distance d to the nearest surface cell;
+ * Every empty cell stores its chessboard distance d to the nearest surface cell;
  * the cube of half-size d - 1 around it is empty, so the ray leaves it in one
  * jump. Next to the surface d is 1 and the ray goes cell by cell.
  *
- * Source: Sramek 1994, section 3.2.2. Departures: 1. memory follows the surface:
+ * Source: Sramek 1994, section 3.2.2. Departures: 1. memory grows with the surface:
  * bricks that hold surface and their 26 neighbours store a distance per cell, all
  * others their distance in bricks; 2. distances per cell end at LR_NEAR_RADIUS + 1, which
- * is what two bricks side by side can see; 3. the cube is cut to the grid.
+ * is what a window of neighbouring bricks shows; 3. the cube is clipped to the grid.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/cpu.h"
@@ -29,8 +29,8 @@ void lr_cd_free(void *data)
     free(f);
 }
 
-/* Do few of the surface cells keep triangles? Those are tested ray by ray, so that lanes
- * only cost time where most do. */
+/* Do few of the surface cells keep triangles? Those are tested ray by ray, so packets are slower
+ * where most do. */
 static bool mostly_field(const lr_volume *v)
 {
     return v->triangle_cells == NULL ||

@@ -1,14 +1,14 @@
-/* Macro regions that are boxes, as large as they can be.
+/* Macro regions that are maximal boxes.
  *
- * From every empty cell that is in no box yet one is grown, a layer at a time towards
- * all six sides in turn, until surface stops it everywhere; it may overlap others. A cell
- * knows one box that it is in, and the ray leaves that. Along a flat wall boxes are long
- * where cubes are thin; but a cell near a box's side is stuck with it, and the order in
- * which boxes are made matters.
+ * From every empty cell that is in no box yet a box is grown, a layer at a time to all six
+ * sides in turn, until surface stops it on every side; it may overlap others. A cell stores
+ * one box that contains it, and the ray leaves that. Along a flat wall boxes are long where
+ * cubes are thin; but a cell near a side of its box has no other, and the result depends on
+ * the order in which boxes are made.
  *
- * Source: Devillers 1989 (macro-regions). Departures: 1. memory follows the surface: boxes
+ * Source: Devillers 1989 (macro-regions). Departures: 1. memory grows with the surface: boxes
  * of bricks cover the empty bricks, boxes of cells only the inside of bricks that hold
- * surface; 2. a brick knows 255 boxes at most, any other empty cell is left alone.
+ * surface; 2. a brick has at most 255 boxes; further empty cells are left one by one.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/error.h"
@@ -32,7 +32,7 @@ typedef struct small_box {
     uint8_t lo[3], hi[3];
 } small_box;
 
-/* What a brick that holds surface knows. */
+/* The boxes of a brick that holds surface. */
 typedef struct inner {
     uint32_t first;        /* of its boxes */
     uint8_t box[LR_CELLS]; /* counted from there, or ALONE */
@@ -72,7 +72,7 @@ static bool empty(const uint8_t *full, const int32_t n[3], const int32_t lo[3], 
     return true;
 }
 
-/* Grow lo..hi among n entries, of which full[] are in the way. */
+/* Grow lo..hi among n entries without those that are full[]. */
 static void grow(const uint8_t *full, const int32_t n[3], int32_t lo[3], int32_t hi[3])
 {
     for (unsigned open = 63, side = 0; open != 0; side = (side + 1) % 6) {

@@ -1,7 +1,7 @@
 /* An octree of occupied nodes only, walked by horizontal and vertical decisions.
  *
  * A horizontal decision goes from sibling to sibling: through the face of the child's
- * cube that the ray reaches first. A vertical one descends: into the child on whose
+ * cube that the ray meets first. A vertical one descends: into the child on whose
  * side of each middle plane the ray is at its present t. Where a step would leave the
  * parent, the walk climbs. A node is the mask of its occupied children and the number
  * of the first of them, breadth first; those of the lowest level, 2^3 cells, are the
@@ -29,7 +29,7 @@ typedef struct octree {
 
 typedef struct place {
     int level;                 /* of the parent of the child that the cursor is in */
-    uint32_t node[MAX_LEVELS]; /* the way down to it */
+    uint32_t node[MAX_LEVELS]; /* the path down to it */
     int32_t corner[3];         /* the child's lowest cell */
 } place;
 
