@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Area lights that lie in a surface, or nearer to it than it is modelled exactly (no bpy).
 
-Whether such a light is before or behind the surface is known from the mesh alone: the
-volume's surface lies on either side of it, here so, there so, and differently at every
-level. So the mesh decides, and the light's rays are told to end behind the surface, or
-before it, by as much as that may be off. A surface in the very plane of a light hides it,
-but for Cycles' rounding.
+Whether such a light is before or behind the surface follows from the mesh alone: the
+volume's surface lies on either side of the light, varying with the place and the level.
+So the light's rays end behind the mesh, or before it, by a margin of the volume's error.
+A surface in the plane of a light hides it, but for Cycles' rounding.
 """
 
 from __future__ import annotations
@@ -126,7 +125,7 @@ def _range_over_light(flat: NDArray, heights: NDArray) -> tuple[NDArray, NDArray
         ) / double
         middle = heights[:, 0] - slope_x * flat[:, 0, 0] - slope_y * flat[:, 0, 1]
         spread = (np.abs(slope_x) + np.abs(slope_y)) / 2
-        # Not a number where the triangle is seen edge-on: its corners alone tell.
+        # NaN where the triangle is seen edge-on: then only its corners count.
         lowest = np.fmax(heights.min(axis=1), middle - spread)
         highest = np.fmin(heights.max(axis=1), middle + spread)
     return lowest, highest

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which volumes lie nearer to each other than their errors (no bpy).
+"""Finds volumes that are nearer to each other than their errors (no bpy).
 
-A plan permits each volume a part of a pixel, so that of two surfaces with a smaller gap
-(a decal, a label, a carpet, a road mark) the farther one may be hit first. Such pairs are
-found in two steps: by the boxes of all instances, widened by a few times the errors, in a
-sweep along one axis; then by short rays from the probes of the one against the volume of
-the other, to either side along the normal. A pair is close where some of these rays hit
-within a few times what both may be off, if the surfaces are about parallel there and both
-can be seen: two solids that stand on each other face each other, so that neither is.
+A plan permits each volume an error of a fraction of a pixel, so that of two surfaces with
+a smaller gap (a decal, a label, a carpet, a road mark) the farther one may be hit first.
+Such pairs are found in two steps: by the boxes of all instances, widened by a few times
+the errors, in a sweep along one axis; then by short rays from the probes of one against
+the volume of the other, to either side along the normal. A pair is close if some of these
+rays hit within a few times both errors, where the surfaces are about parallel and both
+visible: the touching faces of two stacked solids are not.
 
-Surfaces that coincide are close too; which of them is hit there is nobody's choice.
+Surfaces that coincide are close too; which of them is hit is undefined.
 
 Source: Cohen, Lin, Manocha, Ponamgi 1995, I-COLLIDE (sweep and prune). Departures: 1. one
 axis, the others are compared; 2. only so many pairs, the nearest to the camera first.
@@ -182,7 +182,7 @@ def _candidates(
 def _touches(
     bodies: Sequence[Body], boxes: _Boxes, source: int, target: int, camera: model.Camera
 ) -> bool:
-    """Do rays from the source's probes find the target as near as both may be off?"""
+    """Do rays from the source's probes hit the target within both errors?"""
     a, b = bodies[boxes.body[source]], bodies[boxes.body[target]]
     at_a, at_b = boxes.instance[source], boxes.instance[target]
     from_a, to_a = a.matrices[at_a], a.inverses[at_a]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Speed against accuracy: what each setting costs, and what it leaves in error.
+"""Speed against accuracy: the time and the error of each setting.
 
 Shapes whose surface is known (sphere, torus, thin rods, a turned box) are sampled, a knot's mesh
 is voxelized, and rays from all around are traced with many settings. Truth is marching by the
@@ -31,7 +31,7 @@ STUDY = True
 
 SEED = 1994
 SIDE = 2.2  # of the lattice's cube
-LEAST = 1e-5  # what a chart on a logarithmic scale shows for nothing
+LEAST = 1e-5  # stands for 0 on a logarithmic scale
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,7 +66,7 @@ def main(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class Scene:
-    """Rays with unit directions, and where and how they truly hit."""
+    """Rays with unit directions, and their true hits."""
 
     name: str
     shape: shapes.Shape | None  # None: the knot's mesh
@@ -389,7 +389,7 @@ def told_setting(s: Setting) -> str:
 
 
 def sentences(points: list[Point]) -> list[str]:
-    """What the figures say, computed from them."""
+    """Sentences computed from the figures."""
     found = {point.setting: point for point in points}
     sizes = sorted({setting.size for setting in found})
     first, last = (found[default(size)] for size in (sizes[0], sizes[-1]))

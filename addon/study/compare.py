@@ -4,8 +4,8 @@
 Geometry: Cycles with one sample, which goes through the pixel's centre, under a black world; its
 Combined tells what is lit; light does not bounce then, and shadows are sharp. LeapRay's geometry
 passes go through the same points. Light: linear RGB at equal samples, filter and limits of
-bounces, both measured against a Cycles render of its own at many more samples and with another
-seed. What the scene is changed to for that, `frames.prepare` says and the report repeats.
+bounces, both measured against another Cycles render with many more samples and another seed.
+`frames.prepare` describes how the scene is changed for that; the report lists the changes.
 """
 
 from __future__ import annotations
@@ -347,7 +347,7 @@ def mean(values: NDArray[np.floating]) -> float | None:
 
 
 def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
-    """What the project asks of a default render, beside what was found, for the first traverser."""
+    """The project's requirements of a default render, and the figures of the first traverser."""
     run = next(iter(told["runs"].values()))
     shape, light = run["geometry"], run["light"]
     seen = {

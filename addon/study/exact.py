@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What must be exact, counted in full: first cells, walks, roots, skipped pixels, closed surfaces.
+"""Exactness, by counting faults: first cells, walks, roots, skipped pixels, closed surfaces.
 
-First cells: every traverser that promises exactness, with all its options, against the integer
+First cells: every exact traverser, with all its options, against the integer
 oracle on volumes of all shapes and on a large one; ties at edges and corners are no faults. No walk
 may take more steps than there are planes between cells. Roots: one random cell per ray, against the
 first root in f64. Skipped pixels: those around a ray that misses must miss, too. Closed surfaces: a
 sphere and a torus seen from all around through every pixel that must hit; the hit must lie between
-the entries into the solid grown and shrunk by a margin, so that neither a hole nor a wall seen
-through another one can hide.
+the entries into the solid grown and shrunk by a margin, so that holes, and walls hit through
+another one, are found.
 """
 
 from __future__ import annotations
@@ -417,7 +417,7 @@ def write_page(folder: Path, told: dict, claims: list[Claim], roots, skipped, so
 
 
 def sentences(claims: list[Claim], roots: list[Crossing], skipped, solids) -> list[str]:
-    """What the tables say, computed from them."""
+    """Sentences computed from the tables."""
     faults, long = sum(row.faults for row in claims), sum(row.long for row in claims)
     rays = sum(row.rays + row.lattice_rays for row in claims)
     names = len({row.traverser for row in claims})

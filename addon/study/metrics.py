@@ -17,12 +17,12 @@ from ..arrays import unit
 
 Mask = NDArray[np.bool_]
 PERCENTILES = {"median": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
-TURNED = 5.0  # degrees: a normal that is farther off is another one to the eye
+TURNED = 5.0  # degrees: larger errors of normals are visible
 
 
 @dataclass(frozen=True)
 class View:
-    """What the metrics must know of a camera."""
+    """A camera, for the metrics."""
 
     perspective: bool
     eye: NDArray[np.float64]  # (3,) world space

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The integer oracle (oracle.c), compiled on first use, and the rays it can judge (no bpy)."""
+"""The integer oracle (oracle.c), compiled on first use, and rays for it (no bpy)."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _whole(axis):
 
 
 class Bench:
-    """Rays in a volume that several traversers make claims on; equal claims are judged once."""
+    """Rays in a volume, for claims of several traversers; equal claims are judged once."""
 
     def __init__(self, objects, origins, directions):
         self.objects, self.rays = objects, (origins, directions)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The same work by LeapRay and by others, interleaved in one run on one machine.
+"""LeapRay and other programs at the same work, interleaved in one run on one machine.
 
 One function per peer. So far: a closed mesh to samples around its surface, end to end from numpy
 arrays, by every set of vector instructions and number of threads, and by OpenVDB's Python; and
@@ -177,7 +177,7 @@ def write_page(folder: Path, told: dict, rows: list[Row], more: list[str]) -> No
 
 
 def sentences(rows: list[Row]) -> list[str]:
-    """What the figures say, computed from them."""
+    """Sentences computed from the figures."""
     said = []
     for size in sorted({row.size for row in rows}):
         taken = {(row.by, row.threads): row.seconds for row in rows if row.size == size}

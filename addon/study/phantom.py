@@ -344,7 +344,7 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
 
 
 def sentences(rows: list[Row]) -> list[str]:
-    """What the times say, computed from them."""
+    """Sentences computed from the times."""
     said = []
     for camera in dict.fromkeys(row.camera for row in rows):
         found = [row for row in rows if row.camera == camera]
@@ -362,7 +362,7 @@ def sentences(rows: list[Row]) -> list[str]:
 
 
 def findings(rows: list[Row]) -> list[str]:
-    """What the survey found, beside the figures of this run."""
+    """The survey's findings, and the figures of this run."""
 
     def pick(author: str, *chosen: str) -> str:
         found = [e for e in leapray.variants() if e.source.startswith(author)]

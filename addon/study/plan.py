@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the plan saves: one voxel size for a whole scene against voxels where they are needed.
+"""What the plan saves: one voxel size for a whole scene against planned voxel sizes.
 
 The same scene is modelled with one size of voxels in the world, from coarse to as fine as memory
 allows, and by the plan at several permitted errors; store, traverser and kinds of volumes are the
@@ -211,7 +211,7 @@ def named(row: Row) -> str:
 
 
 def sentences(rows: list[Row]) -> list[str]:
-    """What the figures say, computed from them."""
+    """Sentences computed from the figures."""
     said = []
     for of, words in (("error_99", "of points at 99 %"), ("mismatch_share", "of silhouettes")):
         finest, planned = best(rows, of)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a comparison found, as pictures, charts and one page that needs no network (no bpy)."""
+"""The report of a comparison: pictures, charts and one page that needs no network (no bpy)."""
 
 from __future__ import annotations
 

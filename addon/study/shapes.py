@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shapes whose every point, normal and first hit is known, for studies of errors (no bpy)."""
+"""Shapes with known points, normals and first hits, for studies of errors (no bpy)."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ def judge_cells(case: Case, count: int) -> list[Claim]:
 
 
 def judge_tunnels(side: int) -> list[Claim]:
-    """A row per variant: who comes to the ends of tunnels as wide as the ray?"""
+    """A row per variant: which rays reach the ends of tunnels as wide as themselves."""
     dug = tunnels.dig(side, SEED)
     rays, rows = (dug.origins, dug.directions), []
     for entry in leapray.variants():
@@ -264,7 +264,7 @@ def total_line(cells: list[Claim], label: str) -> list[str]:
 
 
 def sentences(cells: list[Claim], fields: list[reference.Crossing]) -> list[str]:
-    """What the tables say, computed from them."""
+    """Sentences computed from the tables."""
     exact = [row for row in cells if row.exact]
     faults = sum(row.missed + row.late + row.wrong for row in exact)
     stalls = sum(row.longest > row.planes for row in exact)

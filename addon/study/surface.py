@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The survey's second experiment: what the way to the surface, the hit test and the root cost.
+"""The survey's second experiment: the cost of traversal, hit test and root.
 
 A voxelized sphere is magnified so that all rays hit it. Times are differences of runs: binary mode
 walks to the first object cell and no further (traversal); a whole run adds hit test, root and
@@ -81,7 +81,7 @@ def parallel_rays(image: int):
 
 
 def rays_of_all_angles(count: int):
-    """Rays (count, 3) from everywhere whose angles of incidence are even between 0 and 90."""
+    """Rays (count, 3) from everywhere whose angles of incidence are uniform between 0 and 90."""
     random = np.random.default_rng(1994)
     outward = unit(random.normal(size=(count, 3)))
     across = unit(np.cross(outward, random.normal(size=(count, 3))))
@@ -410,7 +410,7 @@ def write_page(folder: Path, told: dict, costs: list[Cost], errors: list[Error])
 
 
 def sentences(costs: list[Cost], errors: list[Error]) -> list[str]:
-    """What the figures say, computed from them."""
+    """Sentences computed from the figures."""
     rows = sorted((row for row in costs if row.default), key=lambda row: row.relative)
     best = next(row for row in rows if is_iterative(row))
     said = [
