@@ -121,7 +121,7 @@ typedef struct spread {
     const lr_winding *winding;
     const int32_t *size; /* of the table */
     double radius;       /* of a ball around a brick's centre that holds brick and band */
-    uint8_t *state;      /* [table]: 0, TESTED or LR_BRICK_ACTIVE */
+    uint8_t *state;      /* [table]: 0, TESTED or LR_BIN_ACTIVE */
     uint32_t *queue;     /* bricks whose neighbours are to be tested */
     size_t n, room;
 } spread;
@@ -148,7 +148,7 @@ static bool push(spread *s, size_t at)
         s->queue = more;
         s->room = room;
     }
-    s->state[at] = LR_BRICK_ACTIVE;
+    s->state[at] = LR_BIN_ACTIVE;
     s->queue[s->n++] = (uint32_t)at;
     return true;
 }

@@ -274,7 +274,7 @@ lr_status lr_bins_add(lr_bins *bins, const uint8_t *state, size_t n_table, uint3
         return lr_fail_memory(error, (uint64_t)n_active * 12, "the list of bricks");
     }
     for (size_t at = 0; at < n_table; at++) {
-        if (state[at] != LR_BRICK_ACTIVE)
+        if (state[at] != LR_BIN_ACTIVE)
             continue;
         brick[n] = (uint32_t)at;
         start[n++] = bins->start[old];

@@ -24,9 +24,9 @@ typedef struct lr_bins {
  * mesh is linked. What was built is freed by lr_bins_free, after an error too. */
 lr_status lr_bins_make(const lr_topology *mesh, const int32_t table_size[3], double band, bool all,
                        const lr_watch *watch, lr_bins *bins, lr_error *error);
-enum { LR_BRICK_ACTIVE = 2 };
+enum { LR_BIN_ACTIVE = 2 };
 
-/* Make the bricks of a table active whose state[n_table] is LR_BRICK_ACTIVE, n_active in all,
+/* Make the bricks of a table active whose state[n_table] is LR_BIN_ACTIVE, n_active in all,
  * among them those that are active already. */
 lr_status lr_bins_add(lr_bins *bins, const uint8_t *state, size_t n_table, uint32_t n_active,
                       lr_error *error);
