@@ -277,15 +277,15 @@ class Ray:
         beyond = np.where(d == 0, np.inf, planes.max(axis=0)).min()  # of all cells
         last = max(min(high, float(beyond)), self.low)
         total = int(self._trace(np.array([high])).steps[0])
-        wanted = np.arange(1, min(total, most) + 1)
-        # The count reaches each wanted number between before and behind.
-        before, behind = np.full(len(wanted), self.low), np.full(len(wanted), last)
-        narrower = len(wanted) > 0
+        counts = np.arange(1, min(total, most) + 1)
+        # The count reaches each number between before and behind.
+        before, behind = np.full(len(counts), self.low), np.full(len(counts), last)
+        narrower = len(counts) > 0
         while narrower:
             ends = np.linspace(before, behind, SECTIONS + 1, axis=1)
-            reached = self._trace(ends.ravel()).steps.reshape(ends.shape) >= wanted[:, None]
+            reached = self._trace(ends.ravel()).steps.reshape(ends.shape) >= counts[:, None]
             reached[:, -1] = True
-            rows, first = np.arange(len(wanted)), reached.argmax(axis=1)
+            rows, first = np.arange(len(counts)), reached.argmax(axis=1)
             closer = np.where(first > 0, ends[rows, np.maximum(first - 1, 0)], before)
             narrower = bool((closer > before).any() or (ends[rows, first] < behind).any())
             before, behind = closer, ends[rows, first]

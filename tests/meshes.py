@@ -122,7 +122,7 @@ def positions(volume):
 
 
 def brute_distance(points, vertices, triangles):
-    """Unsigned distance and nearest triangle of points (n, 3), the slow and plain way.
+    """Unsigned distance and nearest triangle of points (n, 3), by a slow and simple search.
 
     The closest point of a triangle is that of its plane where it falls inside,
     else the closest of the three segments.

@@ -359,7 +359,7 @@ def normal_errors(
 def _askew(normals: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 3): in the planes across the normals, lengths those of the tangents of rays' angles.
 
-    Rays from everywhere have sines of them whose squares are even between 0 and 1; those that
+    Rays from everywhere have sines of them whose squares are uniform between 0 and 1; those that
     graze are left to the rims. Drawn evenly (Roberts 2018, the R2 sequence).
     """
     n = np.arange(1, len(normals) + 1)

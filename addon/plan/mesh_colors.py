@@ -233,7 +233,7 @@ def only(mesh: model.Mesh, chosen: NDArray[np.bool_] | slice) -> dict[str, Any]:
 
 
 def turned(mesh: model.Mesh) -> model.Mesh:
-    """The mesh wound the other way round."""
+    """The mesh with the opposite winding."""
     corners = {name: getattr(mesh, name) for name in CORNERS}
     corners = {name: array[:, ::-1] for name, array in corners.items() if array is not None}
     if "corner_normals" in corners:

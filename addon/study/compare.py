@@ -374,7 +374,7 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
 
     mismatch = shape["index"]["but_sheet_rims"]
     geometry_bars = [
-        bar("index mismatch, share of edge pixels", mismatch["share_of_edges"], 0.10),
+        bar("index mismatch, fraction of edge pixels", mismatch["share_of_edges"], 0.10),
         bar("index mismatch, worst distance in pixels", mismatch["worst_steps"], 1),
     ]
     for what, of, which, limit in (
@@ -386,7 +386,7 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
         geometry_bars.append(bar(what, value, limit, where))
     turned = {name: fraction for name, fraction in shape["normals_turned"].items() if name in seen}
     where = max(turned, key=turned.__getitem__, default="nothing")
-    what = f"normals more than {metrics.TURNED:g} degrees off, share of pixels but edges"
+    what = f"normals more than {metrics.TURNED:g} degrees off, fraction of pixels but edges"
     geometry_bars.append(bar(what, turned.get(where), 0.01, where))
     light_bars = [
         bar(

@@ -23,7 +23,7 @@ from .methods import seconds
 from .phantom import phantom
 
 SEED = 256
-SPARSE = 0.0005  # share of marked cells
+SPARSE = 0.0005  # fraction of marked cells
 
 
 @dataclass(frozen=True)

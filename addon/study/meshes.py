@@ -81,7 +81,7 @@ class Row:
     worst: str  # the object that errs most at 99 %
     worst_99: float
     normal_99: float  # degrees between shading normals
-    turned: float  # share of pixels, but for edges, whose normals are 5 degrees off
+    turned: float  # fraction of pixels, but for edges, whose normals are 5 degrees off
     agreeing: int  # pixels that see the same object
     edges: int  # pixels with another object beside them
     mismatch: int  # pixels that see another object

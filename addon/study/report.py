@@ -312,7 +312,9 @@ def light_table(told: dict) -> str:
             ]
         )
     head = ["", "mean", "RMSE*", "PSNR* dB", "FLIP*", "RMSE", "PSNR dB", "FLIP", "rims"]
-    return table(head, rows) + '<p class="soft">* without rims, whose share is the last column.</p>'
+    return (
+        table(head, rows) + '<p class="soft">* without rims, whose fraction is the last column.</p>'
+    )
 
 
 def index_table(told: dict) -> str:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where methods fail: traversers against the integer oracle, hit tests against the field's roots.
 
-Every case is a volume with rays that are hard in one way. A traverser's claim, the first object
+Every case is a volume with difficult rays of one kind. A traverser's claim, the first object
 cell in binary mode, is judged by exact arithmetic (oracle.c); a hit test's claim, the first
 crossing in surface mode with the default traverser, by a slow reference in f64 (reference.py).
 Rays whose verdict hangs on rounding, because the field all but touches the threshold, are left
@@ -244,7 +244,7 @@ def write_page(
         "<p>At ties, through edges and corners, any object cell that the ray touches will do. "
         f"A tunnel consists of the cells that its ray pierces by exact arithmetic, up to "
         f"{max(row.longest for row in cells if row.exact)} of them, and its walls are objects: "
-        "one wrong cell on the way is a fault. "
+        "one wrong cell along the ray is a fault. "
         "Stretched and sheared voxels use matrices of powers of two, so that exact rays stay "
         "exact. What takes several samples in a cell walks longer by its nature. Doubtful "
         f"rays, where the field comes within {reference.NEAR:g} of the threshold, are left out "

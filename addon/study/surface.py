@@ -3,7 +3,7 @@
 
 A voxelized sphere is magnified so that all rays hit it. Times are differences of runs: binary mode
 walks to the first object cell and no further (traversal); a whole run adds hit test, root and
-normal. The normal's share is what is saved where t_max ends a little before the crossing, so that
+normal. The normal's time is what is saved where t_max ends a little before the crossing, so that
 the root is found but no hit is kept; of the rest, the linear root, one division, counts as hit
 test, and what other roots take beyond it is the root's. Then errors of point and normal against
 the sphere by angle of incidence, and against the field's own crossing.
@@ -414,7 +414,7 @@ def sentences(costs: list[Cost], errors: list[Error]) -> list[str]:
     rows = sorted((row for row in costs if row.default), key=lambda row: row.relative)
     best = next(row for row in rows if is_iterative(row))
     said = [
-        f"The best iterative way is {best.hit_test} with {best.root}: {sum_of(best):.0f} ns per "
+        f"The best iterative method is {best.hit_test} with {best.root}: {sum_of(best):.0f} ns per "
         f"ray, of which traversal takes {best.traversal / sum_of(best):.0%}, the hit test "
         f"{best.testing / sum_of(best):.0%} and the root {best.rooting / sum_of(best):.0%}."
     ]

@@ -2,7 +2,7 @@
 """Long rays through tunnels just as wide as themselves (no bpy).
 
 In a large, sparse volume every ray has a tunnel whose cells are those that it pierces by exact
-arithmetic, and whose walls are objects: the first cell that a traverser gets wrong on the way is
+arithmetic, and whose walls are objects: the first cell that a traverser gets wrong along the ray is
 an object cell, and it stops there. Only who makes no mistake in thousands of steps comes to the
 tunnel's end.
 """
@@ -53,7 +53,7 @@ def dig(side: int, seed: int) -> Tunnels:
     for o, d in zip(origins, directions, strict=True):
         whole = oracle.path(o, d, (-1, -1, -1), (side, side, side))
         paths.append(whole[: np.argmax(whole[:, 0] >= side - 4) + 1])
-    # Through an edge or a corner there are several ways, and all are right.
+    # Through an edge or a corner there are several walks, and all are right.
     plain = [bool((np.abs(np.diff(path, axis=0)).sum(axis=1) == 1).all()) for path in paths]
     origins, directions = origins[plain], directions[plain]
     paths = list(itertools.compress(paths, plain))

@@ -25,7 +25,7 @@ def reached(scene):
     return culling.reached(scene, list(scene.instances)).tolist()
 
 
-def test_what_is_behind_the_camera_and_off_the_ways_of_light_is_left_out():
+def test_what_is_behind_the_camera_and_off_the_paths_of_light_is_left_out():
     scene = dark((0, 0, 0), (0, -20, 0), (50, 0, 0), (0, 0, 30), (0, 0, -30))
     assert reached(scene) == [True, False, False, True, False]  # the fourth shades the first
 

@@ -55,7 +55,7 @@ def test_probes_lie_on_the_surface_evenly():
     r = np.linalg.norm(p.surface, axis=1)
     assert r.max() < 1 + 1e-6 and r.min() > 1 - 5e-4
     assert p.area == pytest.approx(4 * np.pi, rel=1e-3)
-    # Archimedes: even by area is even along any axis; 8192 even draws stay within 1 %
+    # Archimedes: uniform by area is uniform along any axis; 8192 draws stay within 1 %
     fraction = [(p.surface[:, axis] < 0.5).mean() for axis in range(3)]
     np.testing.assert_allclose(fraction, 0.75, atol=0.01)
     outward = np.einsum("nc,nc->n", p.surface, p.surface_normals)

@@ -99,7 +99,7 @@ def test_a_triangle_without_a_source_is_white():
 
 
 def lookup(pixels, uv, extension, interpolation):
-    """Texture lookup, the plain way, one uv at a time."""
+    """Texture lookup by a simple reference, one uv at a time."""
     h, w, _ = pixels.shape
 
     def texel(i, n):
@@ -138,7 +138,7 @@ def lookup(pixels, uv, extension, interpolation):
 
 @pytest.mark.parametrize("extension", leapray.attributes.EXTENSIONS)
 @pytest.mark.parametrize("interpolation", leapray.attributes.INTERPOLATIONS)
-def test_lookups_agree_with_the_plain_way(extension, interpolation):
+def test_lookups_agree_with_a_simple_reference(extension, interpolation):
     rng = np.random.default_rng(2)
     pixels = rng.random((5, 7, 3)).astype(np.float32)
     uv = rng.uniform(-2.5, 3.5, (400, 2)).astype(np.float32)

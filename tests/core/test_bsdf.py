@@ -231,7 +231,7 @@ def test_samples_agree_with_the_responses(name, view, inside):
         chi = ((got - want)[full] ** 2 / (spread[full] + (0.02 * want[full]) ** 2)).mean()
         assert chi < 2.0
         # rays are about as dense as is said: where facets of dielectrics are guided by a few of
-        # them, as dense as the weights of two ways to a light want it
+        # them, as dense as multiple importance sampling needs
         density = np.bincount(cell_of(directions), response["pdf"] * solid, 80)
         dense = np.bincount(cell_of(d), None, 80) / len(LUCK)
         off = np.abs(density - dense).sum()

@@ -252,7 +252,7 @@ def test_memory_does_not_depend_on_depth_or_samples(sphere):
 
 @pytest.mark.parametrize("kind", ["transparent", "refraction"])
 @pytest.mark.parametrize("matrix", [IDENTITY, at(scale=0.5)], ids=["plain", "half"])
-def test_a_solid_absorbs_by_the_length_of_the_way_through_it(kind, matrix, sphere):
+def test_a_solid_absorbs_by_the_length_of_the_path_through_it(kind, matrix, sphere):
     sigma = np.array([0.2, 1.0, 3.0])
     cam = camera((0, -4, 0), width=0.6)
     tinted = material(kind, absorption=sigma, ior=1.0)
@@ -297,7 +297,7 @@ def test_shadows_take_on_the_colour_of_what_is_transparent(sphere, floor):
 
 
 @pytest.mark.parametrize("kind", ["sun", "point"])
-def test_every_pane_in_the_way_of_light_takes_its_share(kind, floor):
+def test_every_pane_before_a_light_attenuates_it(kind, floor):
     """They cover the whole picture, so that every ray of the wave goes on."""
     light = Light(kind, (3, 3, 3), (0, 0, 40), direction=(0, 0, 1))
     cam = camera((0, 0, 1), size=(8, 8), width=1, kind="orthographic")

@@ -94,7 +94,7 @@ def test_choosing_among_branches_keeps_the_mean(still):
         assert mean(n, seed) == pytest.approx(all_followed, rel=0.03)
 
 
-def test_clamps_hold_what_one_ray_brings(sphere):
+def test_clamps_limit_the_contribution_of_a_ray(sphere):
     mirror, radiance = Lobe("glossy", (1, 1, 1), roughness=0.0), (40.0, 20.0, 0.0)
     cam = camera((0, -4, 0))
     inner = clearance(*centre_rays(cam, (96, 64))) < 0.9

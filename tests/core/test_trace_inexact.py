@@ -104,7 +104,7 @@ def test_lines_err_by_their_ends_and_the_wide_one_slips_through(phantom, rays, e
 
 
 def test_sums_in_f32_drift_and_sums_in_f64_hardly():
-    samples = np.zeros((200, 200, 512), np.uint8)  # a wall at the end of a long way
+    samples = np.zeros((200, 200, 512), np.uint8)  # a wall at the end of a long ray
     samples[:, :, -2:] = 255
     samples[0, 0, 0] = samples[-1, -1, 0] = 255
     volume = leapray.Volume(samples)

@@ -63,7 +63,9 @@ def test_a_point_is_drawn_where_its_ray_starts(perspective):
 
 @pytest.mark.parametrize("perspective", [True, False])
 @pytest.mark.parametrize("slope", [0.0, 3.0])
-def test_a_plane_moved_along_its_normal_errs_by_that_way_over_the_footprint(perspective, slope):
+def test_a_plane_moved_along_its_normal_errs_by_that_distance_over_the_footprint(
+    perspective, slope
+):
     camera = view(perspective)
     rays = pixel_rays(camera)
     normal = arrays.unit(np.array([slope, 0.0, 1.0]))

@@ -8,7 +8,7 @@
  *
  * Not exact: ends are rounded to centres, so that the line is off the ray by up to half a
  * voxel and visits other cells; 26-steps slip through surfaces that are one voxel thick.
- * t is where the ray meets the cell, or would if the cell lay on its way.
+ * t is where the ray meets the cell, or would if it met the cell.
  *
  * Source: Kaufman and Shimony 1986; the adaptive line is that of discrete ray tracing
  * (Yagel, Cohen and Kaufman 1992). Departures: 1. both lines share their state, how far
