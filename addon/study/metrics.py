@@ -38,7 +38,7 @@ class View:
     def rays(
         self, position: NDArray[np.floating]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Through points (..., 3): unit directions, and distance along the ray per unit of depth."""
+        """Through points (..., 3): unit directions, and the length of a ray per unit of depth."""
         if not self.perspective:
             return np.broadcast_to(self.forward, position.shape), np.ones(position.shape[:-1])
         away = np.asarray(position, np.float64) - self.eye

@@ -197,9 +197,9 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
         ),
         "<h2>What this is, and what it is not</h2>",
         "<p>With one voxel size, an object is modelled where its largest instance asks for it, as "
-        "instances share volumes; those that no ray can meet are left out in both. Uniform sizes are "
+        "instances share volumes; both leave out instances that no ray can meet. Uniform sizes are "
         f"halved until a model would take more than {told['memory_mb']} MB. A small error of "
-        "points is no praise where silhouettes are wrong: what a coarse model loses altogether "
+        "points counts little where silhouettes are wrong: what a coarse model loses altogether "
         "has no error of points. Seconds of the plan hold the levels that it tried and left.</p>",
     ]  # fmt: skip
     (folder / "plan.html").write_text(page.whole("What the plan saves", body), "utf-8")

@@ -4,8 +4,8 @@
 Every case is a volume with difficult rays of one kind. A traverser's claim, the first object
 cell in binary mode, is judged by exact arithmetic (oracle.c); a hit test's claim, the first
 crossing in surface mode with the default traverser, by a slow reference in f64 (reference.py).
-Rays whose verdict hangs on rounding, because the field all but touches the threshold, are left
-out and counted. What promises exactness shows zeros.
+Rays whose verdict depends on rounding, because the field nearly touches the threshold, are left
+out and counted. Exact methods show zeros.
 """
 
 from __future__ import annotations
