@@ -289,7 +289,7 @@ static bool add_pair(work *w, uint32_t cell, uint32_t triangle)
     return true;
 }
 
-static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int32_t c[3])
+static bool test_cell(work *w, const piece *t, const lr_separator *s, const int32_t c[3])
 {
     const double centre[3] = {c[0] + 0.5, c[1] + 0.5, c[2] + 0.5};
     const double cell[3] = {c[0], c[1], c[2]};
@@ -332,7 +332,7 @@ static bool is_crease_free(const work *w, const uint32_t *triangle, uint64_t n)
     return true;
 }
 
-static bool judge_triangle(work *w, uint32_t triangle)
+static bool test_triangle(work *w, uint32_t triangle)
 {
     const lr_topology *mesh = w->job->mesh;
     piece t = {.triangle = triangle};
@@ -356,7 +356,7 @@ static bool judge_triangle(work *w, uint32_t triangle)
     for (c[2] = lo[2]; c[2] <= hi[2]; c[2]++)
         for (c[1] = lo[1]; c[1] <= hi[1]; c[1]++)
             for (c[0] = lo[0]; c[0] <= hi[0]; c[0]++)
-                if (!judge_cell(w, &t, s, c))
+                if (!test_cell(w, &t, s, c))
                     return false;
     return true;
 }
@@ -429,8 +429,8 @@ static bool keep(const work *w, uint32_t place, lr_cells_part *part)
     return keep_lists(w, exact, e);
 }
 
-static bool judge_brick(work *w, const lr_bins *bins, uint32_t active, const lr_watch *watch,
-                        lr_cells_part *part, bool *stopped)
+static bool test_brick(work *w, const lr_bins *bins, uint32_t active, const lr_watch *watch,
+                       lr_cells_part *part, bool *stopped)
 {
     const uint32_t at = bins->brick[active];
     const lr_volume *v = w->volume;
@@ -447,7 +447,7 @@ static bool judge_brick(work *w, const lr_bins *bins, uint32_t active, const lr_
             *stopped = true;
             return false;
         }
-        if (!judge_triangle(w, bins->list[i]))
+        if (!test_triangle(w, bins->list[i]))
             return false;
     }
     return keep(w, at, part);
@@ -474,7 +474,7 @@ lr_status lr_cells_make(const lr_voxel_job *job, const lr_volume *volume, const 
     bool stopped = false;
     for (uint32_t i = first; i < end && good; i++) {
         lr_progress(watch, (double)(i - first) / (double)(end - first));
-        good = judge_brick(&w, bins, i, watch, part, &stopped);
+        good = test_brick(&w, bins, i, watch, part, &stopped);
     }
     free(w.pairs);
     if (good)

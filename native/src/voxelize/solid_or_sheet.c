@@ -150,8 +150,8 @@ static lr_status measure_holes(const lr_topology *m, const lr_watch *watch, doub
     return status;
 }
 
-lr_status lr_judge_edges(const lr_topology *m, const lr_watch *watch, lr_judgement *j, bool *open,
-                         lr_error *error)
+lr_status lr_mesh_kind_by_edges(const lr_topology *m, const lr_watch *watch, lr_mesh_kind *j,
+                                bool *open, lr_error *error)
 {
     lr_status status = measure_holes(m, watch, &j->hole, error);
     j->wide = j->hole > HOLE;
@@ -163,8 +163,8 @@ lr_status lr_judge_edges(const lr_topology *m, const lr_watch *watch, lr_judgeme
     return status;
 }
 
-lr_status lr_judge_probes(const lr_winding *w, const lr_watch *watch, lr_judgement *j,
-                          lr_error *error)
+lr_status lr_mesh_kind_by_probes(const lr_winding *w, const lr_watch *watch, lr_mesh_kind *j,
+                                 lr_error *error)
 {
     double doubts = 0.0;
     lr_status status = probe(w, watch, &doubts, error);

@@ -6,18 +6,18 @@
 
 #include "mesh/winding_number.h"
 
-typedef struct lr_judgement {
+typedef struct lr_mesh_kind {
     bool solid;
     int32_t reason; /* lr_reason */
     double hole;    /* extent of the widest loop of border edges, voxels */
     bool wide;      /* wide enough to be visible */
-} lr_judgement;
+} lr_mesh_kind;
 
 /* Decide by edges alone; *open: holes or inconsistent winding make it a sheet. */
-lr_status lr_judge_edges(const lr_topology *mesh, const lr_watch *watch, lr_judgement *judgement,
-                         bool *open, lr_error *error);
+lr_status lr_mesh_kind_by_edges(const lr_topology *mesh, const lr_watch *watch,
+                                lr_mesh_kind *mesh_kind, bool *open, lr_error *error);
 /* Then decide by probes. */
-lr_status lr_judge_probes(const lr_winding *winding, const lr_watch *watch, lr_judgement *judgement,
-                          lr_error *error);
+lr_status lr_mesh_kind_by_probes(const lr_winding *winding, const lr_watch *watch,
+                                 lr_mesh_kind *mesh_kind, lr_error *error);
 
 #endif

@@ -91,7 +91,7 @@ static lr_status place_lattice(lr_voxelizer *v, lr_error *error)
                              .ny = (int32_t)n[1],
                              .nz = (int32_t)n[2],
                              .sample_type = o->sample_type,
-                             .kind = LR_KIND_SOLID, /* until it is judged */
+                             .kind = LR_KIND_SOLID, /* until it is decided */
                              .has_ids = m->source.ids != NULL,
                              .threshold = 0.5};
     for (int a = 0; a < 3; a++) {
@@ -194,9 +194,9 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
         .inverted = v->mesh.side < 0.0,
         .simd = v->simd,
         .stage = v->stage,
-        .reason = v->judgement.reason,
+        .reason = v->mesh_kind.reason,
         .by_winding = v->by_winding,
-        .hole = v->judgement.hole,
+        .hole = v->mesh_kind.hole,
         .scratch_nbytes = v->scratch_nbytes,
     };
     for (uint32_t i = 0; v->chosen != NULL && i < v->bins.n_parts; i++)
@@ -225,27 +225,27 @@ static lr_status bin(lr_voxelizer *v, int32_t kind, bool all, const lr_watch *wa
 }
 
 /* Solid or sheet, and why. */
-static lr_status judge(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
+static lr_status decide_kind(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
     const int32_t kind = v->options.kind;
-    v->judgement.reason = kind == LR_KIND_AUTO ? LR_REASON_CLOSED : LR_REASON_ASKED;
-    v->judgement.solid = kind != LR_KIND_SHEET;
+    v->mesh_kind.reason = kind == LR_KIND_AUTO ? LR_REASON_CLOSED : LR_REASON_ASKED;
+    v->mesh_kind.solid = kind != LR_KIND_SHEET;
     if (v->mesh.closed || kind == LR_KIND_SHEET)
         return LR_OK;
     lr_status status = LR_OK;
     bool open = false;
-    const lr_judgement asked = v->judgement;
-    status = lr_judge_edges(&v->mesh, watch, &v->judgement, &open, error);
+    const lr_mesh_kind requested = v->mesh_kind;
+    status = lr_mesh_kind_by_edges(&v->mesh, watch, &v->mesh_kind, &open, error);
     if (kind == LR_KIND_SOLID) {
-        v->judgement.solid = asked.solid;
-        v->judgement.reason = asked.reason;
+        v->mesh_kind.solid = requested.solid;
+        v->mesh_kind.reason = requested.reason;
     }
     if (status != LR_OK || (open && kind == LR_KIND_AUTO))
         return status;
     status = lr_winding_make(&v->mesh, watch, &v->winding, error);
     if (status == LR_OK && kind == LR_KIND_AUTO)
-        status = lr_judge_probes(&v->winding, watch, &v->judgement, error);
-    v->by_winding = v->judgement.solid;
+        status = lr_mesh_kind_by_probes(&v->winding, watch, &v->mesh_kind, error);
+    v->by_winding = v->mesh_kind.solid;
     return status;
 }
 
@@ -268,10 +268,10 @@ static lr_status open_components(lr_voxelizer *v, lr_error *error)
 static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
     const lr_voxelize_options *o = &v->options;
-    lr_status status = judge(v, watch, error);
+    lr_status status = decide_kind(v, watch, error);
     if (status != LR_OK)
         return status;
-    v->job.sheet = !v->judgement.solid;
+    v->job.sheet = !v->mesh_kind.solid;
     if (v->job.sheet && lr_profile_of_solids(o->filter))
         return lr_fail(error, LR_E_ARGUMENT,
                        "the filters box and binary tell inside from outside, but the mesh is taken "
@@ -283,7 +283,7 @@ static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *
         v->job.every || o->exact == LR_EXACT_ALL || (o->exact == LR_EXACT_SHEETS && v->job.sheet);
     if (band_of(o, v->desc.kind) != v->job.band || v->mesh.twin != NULL)
         status = bin(v, v->desc.kind, false, watch, error);
-    if (status == LR_OK && v->by_winding && v->judgement.wide) {
+    if (status == LR_OK && v->by_winding && v->mesh_kind.wide) {
         v->job.hole_fill = &v->winding;
         status = lr_hole_fill_bricks(&v->winding, v->job.table_size, v->job.band, watch, &v->bins,
                                      error);
@@ -305,7 +305,8 @@ static lr_status close_components(lr_voxelizer *v, const lr_watch *watch, lr_err
     return status == LR_OK ? open_stage(v, LR_STAGE_WINDING, n_parts, error) : status;
 }
 
-static lr_status ask(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_error *error)
+static lr_status decide_components(lr_voxelizer *v, uint32_t part, const lr_watch *watch,
+                                   lr_error *error)
 {
     uint32_t first = part * ROOTS, left = v->components.n_roots - first;
     uint32_t end = first + (left < ROOTS ? left : ROOTS);
@@ -319,8 +320,8 @@ static lr_status fall_back(lr_voxelizer *v, const lr_watch *watch, lr_error *err
 {
     lr_volume_empty_table(v->volume);
     v->by_winding = true;
-    if (v->judgement.reason == LR_REASON_CLOSED)
-        v->judgement.reason = LR_REASON_CROSSING;
+    if (v->mesh_kind.reason == LR_REASON_CLOSED)
+        v->mesh_kind.reason = LR_REASON_CROSSING;
     lr_status status = lr_winding_make(&v->mesh, watch, &v->winding, error);
     return status == LR_OK ? open_components(v, error) : status;
 }
@@ -382,7 +383,8 @@ lr_status lr_voxelize_next(lr_voxelizer *v, const lr_watch *watch, uint64_t *n_p
     return status;
 }
 
-static lr_status judge_cells(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_error *error)
+static lr_status choose_cells(lr_voxelizer *v, uint32_t part, const lr_watch *watch,
+                              lr_error *error)
 {
     lr_status status = lr_cells_make(&v->job, v->volume, &v->bins, v->bins.part[part],
                                      v->bins.part[part + 1], watch, &v->chosen[part], error);
@@ -401,9 +403,9 @@ static lr_status run(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_e
     case LR_STAGE_LABELS:
         return lr_part_components(v, part, watch, error);
     case LR_STAGE_WINDING:
-        return ask(v, part, watch, error);
+        return decide_components(v, part, watch, error);
     case LR_STAGE_CELLS:
-        return judge_cells(v, part, watch, error);
+        return choose_cells(v, part, watch, error);
     default:
         return lr_part_run(v, part, watch, error);
     }

@@ -37,7 +37,7 @@ struct lr_voxelizer {
     int32_t stage;       /* lr_stage */
     uint32_t n_parts;    /* of the stage */
     bool *ran;           /* [n_parts] */
-    lr_judgement judgement;
+    lr_mesh_kind mesh_kind;
     bool by_winding; /* sides by components, not by pseudonormals */
     lr_winding winding;
     lr_components components;

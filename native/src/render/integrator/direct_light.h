@@ -28,7 +28,7 @@ LR_INLINE double lr_light_probability(const lr_scene *scene, const lr_path *path
     const double n[3] = {path->normal[0], path->normal[1], path->normal[2]};
     if (lr_light_tree_all(light_tree, bounces))
         return 1;
-    return lr_light_tree_asked(light_tree, bounces) *
+    return lr_light_tree_n_samples(light_tree, bounces) *
            lr_light_tree_probability(light_tree, light_index, o, n);
 }
 

@@ -127,7 +127,7 @@ static void start_paths(const lr_context *context, uint32_t sample_bits, lr_film
     }
 }
 
-/* Lay all working memory out from base, which may be NULL to ask for the size. Returns the bytes
+/* Lay all working memory out from base, which may be NULL to get the size. Returns the bytes
  * used. */
 static uint64_t lay(void *base, uint64_t n_pixels, uint32_t paths_per_pixel, uint32_t height,
                     lr_queues *queues, lr_film *film)

@@ -22,7 +22,7 @@ bool lr_surface_cross(const lr_scene *scene, const lr_shading_point *shading_poi
  * shading point->origin, those beyond at shading point->position. */
 lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond);
 
-/* Likewise, and from which point, for a ray along d (unit) that asks for light. */
+/* Likewise, and from which point, for a shadow ray along d (unit). */
 lr_start lr_surface_light_start(const lr_shading_point *shading_point, bool beyond,
                                 const double d[3], double origin[3]);
 

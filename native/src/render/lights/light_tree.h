@@ -7,9 +7,9 @@
 #include "render/lights/environment.h"
 
 enum {
-    LR_LIGHTS_ALL = 8,   /* up to so many, all are sampled at primary hits; of more, */
-    LR_LIGHTS_ASKED = 4, /* so many are chosen */
-    LR_LIGHT_WALK = 96   /* see lr_light_walk */
+    LR_LIGHTS_ALL = 8,    /* up to so many, all are sampled at primary hits; of more, */
+    LR_LIGHTS_CHOSEN = 4, /* so many are chosen */
+    LR_LIGHT_WALK = 96    /* see lr_light_walk */
 };
 
 #define LR_LIGHT_NONE UINT64_MAX
@@ -58,13 +58,13 @@ uint64_t lr_light_tree_next(const lr_light_tree *light_tree, lr_light_walk *walk
                             const double d[3], double t_max);
 
 /* The number of lights that a surface samples after `bounces` bounces. */
-LR_INLINE uint32_t lr_light_tree_asked(const lr_light_tree *light_tree, uint32_t bounces)
+LR_INLINE uint32_t lr_light_tree_n_samples(const lr_light_tree *light_tree, uint32_t bounces)
 {
     if (light_tree->n <= 1)
         return (uint32_t)light_tree->n;
     return bounces > 0                      ? 1
            : light_tree->n <= LR_LIGHTS_ALL ? (uint32_t)light_tree->n
-                                            : LR_LIGHTS_ASKED;
+                                            : LR_LIGHTS_CHOSEN;
 }
 
 /* Whether these are all of them. */

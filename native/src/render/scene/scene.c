@@ -158,7 +158,7 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
 }
 
 /* Flags of the scene by what instances do to rays. */
-static void judge(lr_scene *scene)
+static void set_flags(lr_scene *scene)
 {
     const uint32_t media = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
     for (uint32_t i = 0; i < scene->n_instances; i++) {
@@ -189,7 +189,7 @@ static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error 
     if (status == LR_OK)
         status = lr_hierarchy_build(boxes, (uint32_t)desc->n_instances, &scene->hierarchy, error);
     if (status == LR_OK)
-        judge(scene);
+        set_flags(scene);
     free(boxes);
     return status;
 }

@@ -47,7 +47,7 @@ struct lr_scene {
     lr_hierarchy hierarchy;
 };
 
-/* The material of id `id` of an instance; its slot, if asked. */
+/* The material of id `id` of an instance; its slot, unless slot is NULL. */
 LR_INLINE uint32_t lr_material_of(const lr_scene *scene, uint32_t instance, int32_t id,
                                   uint32_t *slot)
 {
