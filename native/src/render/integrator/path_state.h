@@ -27,9 +27,9 @@ typedef struct lr_path {
     double origin[3];
     double direction[3]; /* unit, but for the camera's, whose t is depth */
     double throughput[3];
-    double pdf;       /* density of its direction at the last surface, times the number of samples
-                         there; infinite where light samples cannot find what it finds */
-    float normal[3];  /* of that surface; 0 where it gets light from either side */
+    double pdf;       /* density of its direction at the last surface, times the probability of
+                         its kind of ray; infinite where light samples cannot find the same */
+    float normal[3];  /* of that surface; 0 where both sides are lit */
     double travelled; /* since then, through transparent surfaces */
     double t_max;
     uint32_t from; /* the instance whose surface it leaves, or LR_NOWHERE, */
