@@ -13,6 +13,8 @@ from driver import pixels
 
 import build
 
+pytestmark = pytest.mark.alone
+
 # ---- the zip ---------------------------------------------------------------
 
 
