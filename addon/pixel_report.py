@@ -41,7 +41,7 @@ def describe(
     """All that the record holds, by names instead of numbers.
 
     place: the pixel's column and row, from the lower left; value: (4,) its Combined pass.
-    Contributions are shares of the pixel's value: divided by its samples, times the film's
+    Contributions are fractions of the pixel's value: divided by its samples, times the film's
     exposure; so they sum up to it. sum: of those so far, in the order of the rays.
     """
     reader = _Reader(record, scene, plan)
@@ -62,7 +62,7 @@ class _Reader:
 
     def __init__(self, record: leapray.Record, scene: model.Scene, plan: Plan) -> None:
         self.scene, self.plan = scene, plan
-        self.share = scene.film_exposure / max(record.samples, 1)
+        self.fraction = scene.film_exposure / max(record.samples, 1)
         self.sum = np.zeros(3)
         self.rays: list[dict[str, Any]] = []
         self.boxes = np.array([_box(each) for each in plan.instances]).reshape(-1, 2, 3)
@@ -157,7 +157,7 @@ class _Reader:
 
     def _light(self, event) -> dict[str, Any]:
         sampled = event["kind"] == LR_EVENT_LIGHT
-        contribution = event["contribution"] * self.share
+        contribution = event["contribution"] * self.fraction
         self.sum = self.sum + contribution
         told: dict[str, Any] = {
             "light": self._light_name(event["light"]),
@@ -277,15 +277,15 @@ class Ray:
         beyond = np.where(d == 0, np.inf, planes.max(axis=0)).min()  # of all cells
         last = max(min(high, float(beyond)), self.low)
         total = int(self._trace(np.array([high])).steps[0])
-        wanted = np.arange(1, min(total, most) + 1)
-        # The count reaches each wanted number between before and behind.
-        before, behind = np.full(len(wanted), self.low), np.full(len(wanted), last)
-        narrower = len(wanted) > 0
+        counts = np.arange(1, min(total, most) + 1)
+        # The count reaches each number between before and behind.
+        before, behind = np.full(len(counts), self.low), np.full(len(counts), last)
+        narrower = len(counts) > 0
         while narrower:
             ends = np.linspace(before, behind, SECTIONS + 1, axis=1)
-            reached = self._trace(ends.ravel()).steps.reshape(ends.shape) >= wanted[:, None]
+            reached = self._trace(ends.ravel()).steps.reshape(ends.shape) >= counts[:, None]
             reached[:, -1] = True
-            rows, first = np.arange(len(wanted)), reached.argmax(axis=1)
+            rows, first = np.arange(len(counts)), reached.argmax(axis=1)
             closer = np.where(first > 0, ends[rows, np.maximum(first - 1, 0)], before)
             narrower = bool((closer > before).any() or (ends[rows, first] < behind).any())
             before, behind = closer, ends[rows, first]

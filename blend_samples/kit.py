@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 
-import bpy  # isort: skip  (first: it brings the two below)
+import bpy  # isort: skip  (first: the two below are in it)
 import bmesh
 from mathutils import Vector
 
@@ -122,8 +122,8 @@ def sun(energy: float, towards) -> None:
     data = bpy.data.lights.new("Sun", "SUN")
     data.energy = energy
     data.angle = 0.0
-    lamp = link(data, "Sun", at=Vector(towards).normalized() * 10)
-    lamp.rotation_euler = Vector(towards).to_track_quat("Z", "Y").to_euler()
+    ob = link(data, "Sun", at=Vector(towards).normalized() * 10)
+    ob.rotation_euler = Vector(towards).to_track_quat("Z", "Y").to_euler()
 
 
 def camera(
@@ -153,7 +153,7 @@ def ball_mesh(name: str, paint) -> bpy.types.Mesh:
         bmesh.ops.create_cube(bm, size=2.0)
         bmesh.ops.subdivide_edges(bm, edges=bm.edges, cuts=15, use_grid_fill=True)
         for vertex in bm.verts:
-            # Equal angles between the grid's lines keep the quads even.
+            # Equal angles between the grid's lines keep the quads alike.
             vertex.co = Vector([math.tan(c * math.pi / 4) for c in vertex.co]).normalized()
 
     return mesh(name, build, paint)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import itertools
 import math
 
-import bpy  # isort: skip  (first: it brings the two below)
+import bpy  # isort: skip  (first: the two below are in it)
 import bmesh
 import numpy as np
 from kit import ball_mesh, camera, grid, link, material, mesh, new_scene, plane, subdivide, sun
@@ -47,9 +47,9 @@ def shader(name: str, kind: str, color=(1, 1, 1), **inputs) -> bpy.types.Materia
 def area(name: str, watts: float, at, look_at, size: float, across: float, shape="RECTANGLE"):
     data = bpy.data.lights.new(name, "AREA")
     data.energy, data.shape, data.size, data.size_y = watts, shape, size, across
-    lamp = link(data, name, at=at)
-    lamp.rotation_euler = (Vector(at) - Vector(look_at)).to_track_quat("Z", "Y").to_euler()
-    return lamp
+    ob = link(data, name, at=at)
+    ob.rotation_euler = (Vector(at) - Vector(look_at)).to_track_quat("Z", "Y").to_euler()
+    return ob
 
 
 def box(name: str, size, paint, *, at=(0, 0, 0), turn=(0, 0, 0)):
@@ -92,8 +92,8 @@ def rounded(points, radius: float, steps: int = 6) -> list[tuple[float, float]]:
     out = [tuple(points[0])]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
         arms = [p - corner for p in (before, after)]
-        reach = min(radius, *(0.45 * np.linalg.norm(arm) for arm in arms))
-        start, end = (corner + arm / np.linalg.norm(arm) * reach for arm in arms)
+        cut = min(radius, *(0.45 * np.linalg.norm(arm) for arm in arms))
+        start, end = (corner + arm / np.linalg.norm(arm) * cut for arm in arms)
         for t in np.linspace(0, 1, steps):
             out.append(tuple((1 - t) ** 2 * start + 2 * t * (1 - t) * corner + t**2 * end))
     return [*out, tuple(points[-1])]
@@ -296,7 +296,7 @@ def crate_side(size: int) -> np.ndarray:
 
 
 def make_metal() -> None:
-    """Metals from polished to dull under lamps and a sky of one colour."""
+    """Metals from polished to dull under lights and a sky of one colour."""
     scene = new_scene((0.32, 0.38, 0.46))
     bounces(scene, total=12, diffuse=0, glossy=8)
     link(plane("Floor", 30.0, material("Floor", (0.34, 0.33, 0.32))), "Floor")

@@ -30,7 +30,7 @@ import math
 import sys
 from pathlib import Path
 
-import bpy  # isort: skip  (first: it brings the two below)
+import bpy  # isort: skip  (first: the two below are in it)
 import bmesh
 import numpy as np
 from mathutils import Matrix, Vector

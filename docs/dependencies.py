@@ -82,7 +82,7 @@ def grouped(graph: Graph, group: dict[str, str]) -> Graph:
 
 
 def reduced(graph: Graph) -> Graph:
-    """Without the edges that a longer way implies. The graph must have no circle."""
+    """Without the edges that a longer path implies. The graph must have no circle."""
     below = {name: _reached(graph, name) for name in graph}
     return {
         name: {t for t in uses if not any(t in below[other] for other in uses)}

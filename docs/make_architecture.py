@@ -101,12 +101,12 @@ class Layout:
         places: dict[str, tuple[float, float, float]] = {}  # middle, upper edge, width
         for rank, row in enumerate(self.rows):
             sides = [0.0 if ">" in name else 14 + 6.6 * len(name) for name in row]
-            spare = (width - sum(sides)) / (len(row) + 1)
-            left = x + spare
+            gap = (width - sum(sides)) / (len(row) + 1)
+            left = x + gap
             for name, side in zip(row, sides, strict=True):
                 top = y + (len(self.rows) - 1 - rank) * ROW
                 places[name] = (left + side / 2, top, side)
-                left += side + spare
+                left += side + gap
         for chain in self.chains:
             points: list[tuple[float, float]] = []
             for name in chain:

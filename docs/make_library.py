@@ -109,7 +109,7 @@ CONSTANTS = {
 HEAD = """# The library
 
 The core of LeapRay is a Python package of its own, `leapray`: numpy arrays in, numpy arrays out.
-It does not know Blender. `python3 build.py build` makes its wheel. This page is written by
+It does not depend on Blender. `python3 build.py build` makes its wheel. This page is written by
 [make_library.py](make_library.py) from the docstrings; change those, not the page.
 
 {contents}

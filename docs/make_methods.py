@@ -69,7 +69,7 @@ def draw_box(picture: Picture, box: walks.Box, fill="none", stroke=None, **more)
 
 
 def background(bricks: bool) -> Picture:
-    """The grid of cells, the surface cells, and where wanted the core's bricks."""
+    """The grid of cells, the surface cells, and if `bricks`, those of the core."""
     width, height = walks.WIDTH + 1, walks.HEIGHT + 1
     picture = Picture(width * SIDE + 2 * MARGIN, height * SIDE + 2 * MARGIN)
     surface = walks.surface()

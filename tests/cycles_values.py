@@ -11,7 +11,7 @@ SHIFT = 10.0  # so that negative values show
 
 
 def emitter(build, shift=SHIFT):
-    """A material that shines as the socket that build(tree) gives, with `shift` added."""
+    """A material that emits the socket that build(tree) gives, with `shift` added."""
     made = bpy.data.materials.new("Emitter")
     tree = nodes_of(made)
     tree.nodes.clear()

@@ -27,12 +27,12 @@ class Source:
         self.calm = self.rng.random() < 0.6  # most arguments are right
 
     def mostly(self, p: float) -> bool:
-        return self.calm or self.chance(p)
+        return self.calm or self.likely(p)
 
     def threads(self) -> int:
         return self.one((1, 1, 2, 3, 0) if self.mostly(0.9) else (-1, -7))
 
-    def chance(self, p: float) -> bool:
+    def likely(self, p: float) -> bool:
         return bool(self.rng.random() < p)
 
     def one(self, things):
@@ -48,7 +48,7 @@ class Source:
 
     def numbers(self, shape, tame: float = 0.7):
         values = self.rng.normal(size=shape) * self.one((1, 1, 3, 1e6, 1e-6))
-        if not self.chance(tame) and values.size:
+        if not self.likely(tame) and values.size:
             spots = self.rng.random(shape) < self.one((0.05, 0.5, 1.0))
             values[spots] = self.rng.choice(NUMBERS, int(spots.sum()))
         return values
@@ -65,18 +65,18 @@ class Source:
 
     def strided(self, array):
         """The same values or others, laid out as C does not expect."""
-        way = self.rng.integers(7)
-        if way == 0:
+        kind = self.rng.integers(7)
+        if kind == 0:
             return array[::-1]
-        if way == 1 and array.ndim > 1:
+        if kind == 1 and array.ndim > 1:
             return array[..., ::-1]
-        if way == 2:
+        if kind == 2:
             return np.repeat(array, 2, axis=0)[::2]
-        if way == 3:
+        if kind == 3:
             return np.asfortranarray(array)
-        if way == 4 and array.size:
+        if kind == 4 and array.size:
             return np.broadcast_to(array[:1], array.shape)
-        if way == 5 and array.ndim > 1 and not self.mostly(0.7):
+        if kind == 5 and array.ndim > 1 and not self.mostly(0.7):
             return array.T
         return array
 
@@ -87,16 +87,16 @@ class Source:
 
     def matrix(self):
         m = np.eye(4)
-        way = self.rng.integers(3 if self.calm else 8)
-        if way < 3:
+        kind = self.rng.integers(3 if self.calm else 8)
+        if kind < 3:
             m[:3] = self.numbers((3, 4), 1)
-        elif way == 3:
+        elif kind == 3:
             m[:3] = self.numbers((3, 4), 0)
-        elif way == 4:
+        elif kind == 4:
             m *= self.one(NUMBERS)
-        elif way == 5:
+        elif kind == 5:
             m[:3, :3] *= self.one((1e-6, 1e6, 1e-150, 1e150, -1))
-        elif way == 6:
+        elif kind == 6:
             m = self.numbers(self.one(((4, 4), (3, 4), (16,), (0,))))
         return m
 
@@ -105,11 +105,11 @@ class Source:
 
     def samples(self, shape):
         z, y, x = (np.arange(n) - (n - 1) / 2 for n in shape)
-        reach = self.rng.uniform(0, max(shape) / 2)
+        radius = self.rng.uniform(0, max(shape) / 2)
         far = np.sqrt(z[:, None, None] ** 2 + y[None, :, None] ** 2 + x[None, None, :] ** 2)
         kind = self.rng.integers(6)
         if kind < 3:
-            return np.clip(0.5 + (reach - far) / 3, 0, 1)
+            return np.clip(0.5 + (radius - far) / 3, 0, 1)
         if kind == 3:
             return self.rng.random(shape) * (self.rng.random(shape) < 0.3)
         return np.full(shape, float(kind == 4))
@@ -140,33 +140,33 @@ class Source:
             samples, self.one(("f4", "f8", "u1", "u2") if self.mostly(0.8) else DTYPES)
         )
         more = {}
-        if self.chance(0.5):
+        if self.likely(0.5):
             more["threshold"] = self.rng.uniform(0.01, 1) if self.mostly(0.8) else self.one(NUMBERS)
-        if self.chance(0.3):
+        if self.likely(0.3):
             more["ids"] = self.ids(shape)
-        if self.chance(0.5):
+        if self.likely(0.5):
             more["object_from_index"] = self.matrix()
-        if self.chance(0.3):
+        if self.likely(0.3):
             more["sheet"] = True
             more["touched"] = self.strided(self.rng.random(shape) < self.one((0, 0.5, 1)))
-        if self.chance(0.3):
+        if self.likely(0.3):
             more["planes"] = self.planes(shape)
         return leapray.Volume(self.strided(samples), **more)
 
     def mesh(self):
         vertices, triangles = (a.copy() for a in self.one(known_meshes()))
-        if self.chance(0.3):
+        if self.likely(0.3):
             vertices = vertices * self.one((1e-6, 1e6, 1e-200, 1e200, 0))
-        if self.chance(0.2):
+        if self.likely(0.2):
             spot = self.rng.integers(len(vertices)), self.rng.integers(3)
             vertices[spot] = self.one(NUMBERS)
-        if self.chance(0.2):
+        if self.likely(0.2):
             spot = self.rng.integers(len(triangles)), self.rng.integers(3)
             triangles[spot] = self.rng.integers(len(vertices))
         if not self.mostly(0.9):
             triangles = triangles.astype(self.one(("i8", "u4", "f8", "i2")))
             triangles[0, 0] = self.one((0, len(vertices), 30000))
-        if self.chance(0.1):
+        if self.likely(0.1):
             vertices, triangles = self.strided(vertices), self.strided(triangles)
         if not self.mostly(0.95):
             triangles = triangles[:0]
@@ -175,11 +175,11 @@ class Source:
     def rays(self):
         n = self.one((0, 1, 3, 17, 64))
         origins, directions = self.numbers((n, 3), 0.5), self.numbers((n, 3), 0.5)
-        if self.chance(0.5):
+        if self.likely(0.5):
             directions = 0.3 * self.numbers((n, 3), 1) - origins + 3
         if not self.mostly(0.95):
             directions = directions[:-1]
-        if self.chance(0.1):
+        if self.likely(0.1):
             origins = self.typed(origins, self.one(DTYPES[:-4]))
         return self.strided(origins), self.strided(directions), n
 
@@ -247,7 +247,7 @@ def attributes(s: Source, n: int, tame: float = 0.8):
     colors, uvs = some((n, 3, 3)), some((n, 3, 2))
     offered = [leapray.WHITE, *[leapray.VERTEX] * (colors is not None)]
     offered += range(len(textures) if uvs is not None else 0)
-    sources = s.rng.choice(offered if s.chance(tame) else range(-5, 5), n)
+    sources = s.rng.choice(offered if s.likely(tame) else range(-5, 5), n)
     return leapray.Attributes(some((n, 3, 3)), sources if s.mostly(0.9) else None, colors, uvs,
                               textures)  # fmt: skip
 

@@ -56,9 +56,9 @@ class Broken(AssertionError):
 def make_volume(s: Source):
     volume = s.volume()
     check(np.isfinite(volume.read()).all(), "samples that are not finite")
-    if s.chance(0.5):
+    if s.likely(0.5):
         trace_through(s, leapray.build(volume, s.one(leapray.variants())))
-    if s.chance(0.3):
+    if s.likely(0.3):
         volume.narrow(1 + abs(s.number()) * 9)
         check(volume.info.dtype == "u8", "not narrow")
 
@@ -68,20 +68,20 @@ def fill_block_by_block(s: Source):
     size = tuple(n if s.mostly(0.97) else s.one(WHOLES) for n in size)
     builder = leapray.VolumeBuilder(
         size, s.name(("u8", "u16", "f32")), s.one((0.5, 1.0, 0.01) if s.mostly(0.9) else NUMBERS),
-        s.matrix(), s.chance(0.3), s.chance(0.3),
+        s.matrix(), s.likely(0.3), s.likely(0.3),
     )  # fmt: skip
-    if s.chance(0.2):
+    if s.likely(0.2):
         builder.place(s.planes(size[::-1]))
     for _ in range(s.rng.integers(4)):
         shape = s.shape(min(9, *map(abs, size)) if s.mostly(0.9) else 9)
         room = [max(1, n - m + 1) for n, m in zip(size, shape[::-1], strict=False)]
         origin = [int(s.rng.integers(n)) if s.mostly(0.9) else s.whole(20) for n in room]
-        ids = s.rng.integers(0, 5, shape) if s.chance(0.3) else None
-        touched = s.rng.random(shape) < 0.5 if s.chance(0.3) else None
+        ids = s.rng.integers(0, 5, shape) if s.likely(0.3) else None
+        touched = s.rng.random(shape) < 0.5 if s.likely(0.3) else None
         builder.put(origin, s.strided(s.typed(s.samples(shape), s.one(DTYPES[:3]))), ids, touched)
     volume = builder.finish()
     trace_through(s, leapray.build(volume, s.one(leapray.variants())))
-    if s.chance(0.2):
+    if s.likely(0.2):
         builder.put((0, 0, 0), np.zeros((1, 1, 1)))
 
 
@@ -89,22 +89,22 @@ def trace_through(s: Source, structure):
     origins, directions, n = s.rays()
     more = {}
     for name in ("t_min", "t_max"):
-        if s.chance(0.4):
-            more[name] = s.numbers(n, 0.5) if s.chance(0.5) else s.number(0.3)
+        if s.likely(0.4):
+            more[name] = s.numbers(n, 0.5) if s.likely(0.5) else s.number(0.3)
     for name, names in (("mode", leapray.MODES), ("hit_test", leapray.HIT_TESTS),
                         ("root", leapray.ROOTS), ("normal", leapray.NORMALS)):  # fmt: skip
-        if s.chance(0.5):
+        if s.likely(0.5):
             more[name] = s.name(names)
-    if more.get("hit_test") == "uniform" and s.chance(0.8):
+    if more.get("hit_test") == "uniform" and s.likely(0.8):
         steps = (0.01, 0.3, 1.0, 50.0) if s.mostly(0.5) else NUMBERS
         more |= {"root": s.one(("bisect", "linear")), "step": s.one(steps)}
-    if s.chance(0.4):
+    if s.likely(0.4):
         cells = s.rng.integers(-3, 12, (n, 3))
-        if n and s.chance(0.3):
+        if n and s.likely(0.3):
             cells[s.rng.integers(n)] = [s.one(WHOLES) for _ in range(3)]
         more["start"] = (cells, s.rng.integers(-1, 2, n))
     more["threads"] = s.threads()
-    more["count"] = s.chance(0.5)
+    more["count"] = s.likely(0.5)
     check_hits(leapray.trace(structure, origins, directions, **more), n)
 
 
@@ -126,38 +126,38 @@ def trace_known(s: Source):
 
 def build_wrongly(s: Source):
     spec = s.one(leapray.variants()).spec
-    if s.chance(0.5):
+    if s.likely(0.5):
         spec = s.one(
             ("", ":", "cd:", "cd:a=b", "nothing", "octree:size=3", spec + ",x", spec + ":")
         )
-    volume = s.one(known_volumes()) if s.chance(0.8) else s.one((None, 3, np.zeros((3, 3, 3))))
+    volume = s.one(known_volumes()) if s.likely(0.8) else s.one((None, 3, np.zeros((3, 3, 3))))
     trace_through(s, leapray.build(volume, spec))
 
 
 def voxelize(s: Source):
     vertices, triangles = s.mesh()
-    extent = float(np.ptp(vertices, axis=0).max()) if s.chance(0.85) else 1.0
+    extent = float(np.ptp(vertices, axis=0).max()) if s.likely(0.85) else 1.0
     size = extent / s.rng.uniform(2, 20) if s.mostly(0.95) else s.one(NUMBERS)
     more = {"max_nbytes": ROOM, "threads": s.threads()}
     for name, names in (("filter", ("ramp", "box", "cone", "gauss", "binary")),
                         ("kind", ("auto", "solid", "sheet")), ("dtype", ("u8", "u16", "f32")),
                         ("exact", ("all", "sheets", "none")),
                         ("simd", ("auto", "portable", "avx2", "avx512"))):  # fmt: skip
-        if s.chance(0.5):
+        if s.likely(0.5):
             more[name] = s.name(names)
-    if s.chance(0.2):
+    if s.likely(0.2):
         more["half_width"] = s.number(0.3)
-    if s.chance(0.3):
+    if s.likely(0.3):
         n = len(triangles) if s.mostly(0.9) else s.whole(5, 1)
         more["ids"] = s.ids(n)
-    if s.chance(0.3):
+    if s.likely(0.3):
         more["attributes"] = attributes(s, len(triangles) if s.mostly(0.95) else 3)
     volume = leapray.voxelize(vertices, triangles, size, **more)
     check(np.isfinite(volume.read()).all(), "samples that are not finite")
     trace_through(s, leapray.build(volume))
-    if s.chance(0.3):
+    if s.likely(0.3):
         ask_points(s, volume)
-    if s.chance(0.2):
+    if s.likely(0.2):
         unpack(s, volume)
 
 
@@ -169,8 +169,8 @@ def tell_layers(s: Source):
 
 def tell_distances(s: Source):
     cells = s.rng.random(s.shape(20)) < s.one((0, 0.01, 0.5, 1))
-    if s.chance(0.1):
-        cells = cells[:, :, 0] if s.chance(0.5) else cells[:0]
+    if s.likely(0.1):
+        cells = cells[:, :, 0] if s.likely(0.5) else cells[:0]
     got = leapray.distance(s.strided(cells), s.name(leapray.METRICS), threads=s.threads())
     check(got.min() >= 0, "a distance below 0")
 
@@ -188,13 +188,13 @@ def read_blocks(s: Source):
 def ask_points(s: Source, volume):
     n = s.one((0, 1, 5, 40))
     points = s.strided(s.numbers((n, 3), 0.5))
-    ids = s.ids(n) if s.chance(0.5) else None
-    if ids is not None and s.chance(0.1):
+    ids = s.ids(n) if s.likely(0.5) else None
+    if ids is not None and s.likely(0.1):
         ids = ids[:-1]
-    value, gradient = volume.sample(points, ids, s.number() if s.chance(0.3) else 0.0)
+    value, gradient = volume.sample(points, ids, s.number() if s.likely(0.3) else 0.0)
     check(value.shape == (n,) and gradient.shape == (n, 3), "shapes")
     check(np.isfinite(value).all(), "a value that is not finite")
-    volume.attributes(points, ids, abs(s.number()) if s.chance(0.5) else 0.0)
+    volume.attributes(points, ids, abs(s.number()) if s.likely(0.5) else 0.0)
     volume.exact_at(points)
 
 
@@ -204,19 +204,19 @@ def ask_known(s: Source):
 
 def unpack(s: Source, volume=None):
     data = (volume or s.one(known_volumes())).pack()
-    way = s.rng.integers(4, 6) if s.calm else s.rng.integers(5)
-    if way == 0:
+    kind = s.rng.integers(4, 6) if s.calm else s.rng.integers(5)
+    if kind == 0:
         data = data[: s.rng.integers(data.size)]
-    elif way == 1:
+    elif kind == 1:
         spots = s.rng.integers(0, data.size, s.one((1, 2, 20)))
         data[spots] = s.rng.integers(0, 256, len(spots))
-    elif way == 2:
+    elif kind == 2:
         at = 4 * int(s.rng.integers(max(1, min(data.size, s.one((300, data.size))) // 4)))
         data[at : at + 4] = np.frombuffer(np.int32(s.one(WHOLES[:-1])).tobytes(), np.uint8)
-    elif way == 3:
+    elif kind == 3:
         data = np.concatenate([data, data[:7]])
     again = leapray.Volume.unpack(data.tobytes())
-    if s.chance(0.5):
+    if s.likely(0.5):
         again.bind(tuple(s.one(known_textures()) for _ in range(s.rng.integers(3))))
     trace_through(s, leapray.build(again))
     ask_points(s, again)
@@ -254,26 +254,26 @@ def run_program(s: Source):
 
 
 def look_up(s: Source):
-    by = program(s) if s.chance(0.3) else None
+    by = program(s) if s.likely(0.3) else None
     channels = s.one((3, 4) if by is not None else (3,)) if s.mostly(0.95) else s.whole(5)
     pixels = s.numbers((*s.shape(9)[:2], abs(channels) % 9), 0.7)
     pixels = pixels.astype(s.one(("f4", "f8", "u1", "i4")))
     texture = leapray.Texture(
-        None if by is not None and s.chance(0.2) else s.strided(pixels),
+        None if by is not None and s.likely(0.2) else s.strided(pixels),
         s.name(("linear", "closest", "cubic")),
         s.name(("repeat", "extend", "clip", "mirror")),
         program=by,
-        points_only=s.chance(0.3),
+        points_only=s.likely(0.3),
     )
     n = s.one((0, 1, 9))
     uvs = s.numbers((n, 2), 0.5)
-    got = texture.sample(uvs, np.abs(s.numbers((n, 3), 0.5)) if s.chance(0.5) else None)
+    got = texture.sample(uvs, np.abs(s.numbers((n, 3), 0.5)) if s.likely(0.5) else None)
     check(by is not None or np.isfinite(got).all(), "a colour that is not finite")
 
 
 def find_first_cells(s: Source):
-    even = [v for v in known_volumes() if v.info.planes is None]
-    volume = s.one(even) if s.mostly(0.95) else s.one(known_volumes())
+    uniform = [v for v in known_volumes() if v.info.planes is None]
+    volume = s.one(uniform) if s.mostly(0.95) else s.one(known_volumes())
     clearance = leapray.Clearance(volume, s.name(leapray.METRICS))
     width, height = (s.one((1, 5, 16)) if s.mostly(0.95) else s.one((0, -1, 2**31)) for _ in "wh")
     found = leapray.first_cells(
@@ -296,22 +296,22 @@ def camera(s: Source):
                               (0, side / 5, 0))  # fmt: skip
     return leapray.Camera(
         s.name(("perspective", "orthographic")), *(s.vector() for _ in range(5)),
-        clip_start=s.number(), clip_end=s.number() if s.chance(0.3) else np.inf,
+        clip_start=s.number(), clip_end=s.number() if s.likely(0.3) else np.inf,
     )  # fmt: skip
 
 
 def lobe(s: Source):
-    share = (0.0, 1.0, 0.5, 1e-17, 1e-300) if s.mostly(0.97) else NUMBERS
+    units = (0.0, 1.0, 0.5, 1e-17, 1e-300) if s.mostly(0.97) else NUMBERS
 
     def color():
         return np.abs(s.vector(0.97)) * s.one((1, 1, 1e-20, 1e20))
 
     return leapray.Lobe(
-        s.name(rendering.LOBES), color(), weight=s.one((1.0, 0.3, *share)), roughness=s.one(share),
+        s.name(rendering.LOBES), color(), weight=s.one((1.0, 0.3, *units)), roughness=s.one(units),
         ior=s.one((1.5, 1.0, 0.7, 1e-3, 1e3)) if s.mostly(0.97) else s.number(0.5),
-        multiscatter=s.chance(0.5), textured=s.chance(0.3), metallic=s.one(share),
-        specular=s.one(share), specular_tint=color(), transmission=s.one(share),
-        alpha=s.one(share), emission=color(),
+        multiscatter=s.likely(0.5), textured=s.likely(0.3), metallic=s.one(units),
+        specular=s.one(units), specular_tint=color(), transmission=s.one(units),
+        alpha=s.one(units), emission=color(),
     )  # fmt: skip
 
 
@@ -325,7 +325,7 @@ def light(s: Source):
         s.vector(0.97), s.vector(0.97), radius=s.one((0.0, 0.1, 5.0) if s.mostly(0.9) else NUMBERS),
         angle=s.one((0.0, 0.1, 3.0, 3.1415)) if s.mostly(0.97) else s.number(),
         blend=s.one((0.0, 0.5, 1.0)) if s.mostly(0.98) else s.number(),
-        shape=s.name(rendering.SHAPES), casts_shadow=s.chance(0.8), visible_camera=s.chance(0.3),
+        shape=s.name(rendering.SHAPES), casts_shadow=s.likely(0.8), visible_camera=s.likely(0.3),
         plane_margin=abs(s.number(0.9)), max_bounces=s.whole(20),
     )  # fmt: skip
 
@@ -344,18 +344,18 @@ def render(s: Source):
             s.one(known_structures()), s.one((np.eye(4), s.matrix())),
             first_material=s.one((0, 0, 0, 1)) if s.mostly(0.98) else s.one((-1, 2**31)),
             n_materials=s.one((1, 1, 2)) if s.mostly(0.98) else s.one((0, 2**31)),
-            object_index=s.whole(5), holdout=s.chance(0.1),
+            object_index=s.whole(5), holdout=s.likely(0.1),
             visible_shadow=s.mostly(0.9), visible_camera=s.mostly(0.9),
         )
         for _ in range(n)
     ]  # fmt: skip
     image = None
-    if s.chance(0.3):
+    if s.likely(0.3):
         image = np.abs(
             s.numbers((*s.shape(7)[:2], 3 if s.mostly(0.97) else 2), 1 if s.calm else 0.9)
         )
         image = s.strided(image.astype("f4"))
-        if s.chance(0.3):
+        if s.likely(0.3):
             image = s.one(known_textures())
     world = leapray.World(
         np.abs(s.vector(0.97)), image,
@@ -364,15 +364,15 @@ def render(s: Source):
     slots = [s.rng.integers(len(materials)) for _ in range(2)]
     scene = leapray.Scene(
         camera(s), instances, [light(s) for _ in range(s.one((0, 1, 2, 9)))], materials,
-        slots if s.mostly(0.98) else [s.one(WHOLES[:-2])] * 2, world, s.chance(0.3),
-        [1, 2] if s.chance(0.2) else None,
+        slots if s.mostly(0.98) else [s.one(WHOLES[:-2])] * 2, world, s.likely(0.3),
+        [1, 2] if s.likely(0.2) else None,
         (s.number(0.95), abs(s.number(0.95)), s.name(("LINEAR", "QUADRATIC"))),
     )  # fmt: skip
     place = [s.whole(50, 0.97) for _ in range(2)]
     size = [s.one((1, 4, 9)) if s.mostly(0.97) else s.one((0, -1, 70000, 2**31)) for _ in range(2)]
     more = {"samples": s.one((1, 2, 5)) if s.mostly(0.97) else s.one(WHOLES), "seed": s.whole(9)}
     for name, value in leapray.SAMPLING.items():
-        if not s.chance(0.2):
+        if not s.likely(0.2):
             continue
         if name == "pixel_filter":
             more[name] = s.name(leapray.PIXEL_FILTERS)
@@ -383,7 +383,7 @@ def render(s: Source):
     more["passes"] = [s.name(leapray.PASSES) for _ in range(s.rng.integers(5))]
     if not s.mostly(0.9):
         more["workspace"] = np.empty(s.one((0, 1, 100, 5000)), np.uint8)
-    if s.chance(0.1):
+    if s.likely(0.1):
         more["record"] = leapray.Record(s.one((0, 1, 50)))
         size = (1, 1) if s.mostly(0.9) else size
     frame = scene.render_tile(*place, *size, **more)
@@ -406,8 +406,8 @@ def check(holds: bool, what: str) -> None:
 def make(seed: int, index: int) -> str:
     """Make one call; returns how it ended, raises what must not be."""
     s = Source(seed, index)
-    shares = np.array(list(CALLS.values()), float)
-    call = list(CALLS)[s.rng.choice(len(CALLS), p=shares / shares.sum())]
+    fractions = np.array(list(CALLS.values()), float)
+    call = list(CALLS)[s.rng.choice(len(CALLS), p=fractions / fractions.sum())]
     try:
         with np.errstate(all="ignore"):
             call(s)

@@ -122,7 +122,7 @@ def positions(volume):
 
 
 def brute_distance(points, vertices, triangles):
-    """Unsigned distance and nearest triangle of points (n, 3), the slow and plain way.
+    """Unsigned distance and nearest triangle of points (n, 3), by a slow and simple search.
 
     The closest point of a triangle is that of its plane where it falls inside,
     else the closest of the three segments.
@@ -154,12 +154,12 @@ def brute_rays(origins, directions, vertices, triangles):
     with np.errstate(divide="ignore", invalid="ignore"):
         for k, (a, b, c) in enumerate(vertices[triangles]):
             p = np.cross(directions, c - a)
-            share = 1 / (p @ (b - a))
+            fraction = 1 / (p @ (b - a))
             from_a = origins - a
-            u = np.einsum("ij,ij->i", from_a, p) * share
+            u = np.einsum("ij,ij->i", from_a, p) * fraction
             q = np.cross(from_a, b - a)
-            v = np.einsum("ij,ij->i", directions, q) * share
-            t = (q @ (c - a)) * share
+            v = np.einsum("ij,ij->i", directions, q) * fraction
+            t = (q @ (c - a)) * fraction
             hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t < first)
             first, which = np.where(hit, t, first), np.where(hit, k, which)
     return first, which

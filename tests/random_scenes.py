@@ -50,8 +50,8 @@ class Maker:
         self.whole = None  # what all of them hang on
         self.materials = [self.material(k) for k in range(self.rng.randint(1, 4))]
 
-    def chance(self, share: float) -> bool:
-        return self.rng.random() < share
+    def likely(self, probability: float) -> bool:
+        return self.rng.random() < probability
 
     def one(self, *choices):
         return self.rng.choice(choices)
@@ -66,17 +66,17 @@ class Maker:
         """The scene."""
         for _ in range(self.rng.randint(2, 8)):
             self.add(self.object())
-        if self.chance(0.6):
+        if self.likely(0.6):
             bpy.ops.mesh.primitive_plane_add(size=self.one(8, 20, 200), location=(0, 0, -2))
             self.add(bpy.context.object)
         for ob in list(self.objects):
-            if self.chance(0.3) and ob.type in {"MESH", "CURVE", "FONT", "SURFACE"}:
+            if self.likely(0.3) and ob.type in {"MESH", "CURVE", "FONT", "SURFACE"}:
                 self.modifier(ob)
         for ob in self.objects:
-            if self.chance(0.06) and ob.type == "MESH" and len(ob.data.polygons):
+            if self.likely(0.06) and ob.type == "MESH" and len(ob.data.polygons):
                 self.scatter(ob)
         self.relate()
-        if self.chance(0.1):
+        if self.likely(0.1):
             self.move_all()
         for _ in range(self.rng.randint(0, 3)):
             self.light()
@@ -90,31 +90,31 @@ class Maker:
     # ---- objects -------------------------------------------------------------
 
     def add(self, ob) -> None:
-        """Place a new object, dress it, and put it in some collection."""
+        """Place a new object, shade it, and put it in some collection."""
         self.objects.append(ob)
         ob.location = Vector(ob.location) + Vector(self.vector(2.5))
         ob.rotation_mode = self.one("XYZ", "QUATERNION", "ZYX", "AXIS_ANGLE")
         if ob.rotation_mode in {"XYZ", "ZYX"} and ob.name[:5] != "Plane":
             ob.rotation_euler = self.vector(math.pi)
-        if self.chance(0.4):
+        if self.likely(0.4):
             ob.scale = [self.rng.choice((-1, 1, 1, 1)) * self.rng.uniform(0.3, 2) for _ in range(3)]
-        if self.chance(0.02):
+        if self.likely(0.02):
             ob.scale[self.rng.randrange(3)] = 0.0
-        for flag, share in (
+        for flag, probability in (
             ("hide_render", 0.04),
             ("visible_camera", 0.96),
             ("visible_shadow", 0.9),
         ):
-            setattr(ob, flag, self.chance(share))
+            setattr(ob, flag, self.likely(probability))
         if hasattr(ob.data, "materials"):
             for _ in range(self.one(0, 1, 1, 1, 2)):
                 ob.data.materials.append(self.one(None, *self.materials, *self.materials))
-            if ob.material_slots and self.chance(0.2):
+            if ob.material_slots and self.likely(0.2):
                 ob.material_slots[0].link = "OBJECT"
                 ob.material_slots[0].material = self.rng.choice(self.materials)
         if ob.type == "MESH" and ob.data.polygons:
-            self.dress(ob.data)
-        if self.chance(0.15):
+            self.shade(ob.data)
+        if self.likely(0.15):
             self.into_collection(ob)
 
     def into_collection(self, ob) -> None:
@@ -124,7 +124,7 @@ class Maker:
         for owner in ob.users_collection:
             owner.objects.unlink(ob)
         made.objects.link(ob)
-        made.hide_render = self.chance(0.05)
+        made.hide_render = self.likely(0.05)
 
     def object(self):
         """A new object of any kind."""
@@ -183,7 +183,7 @@ class Maker:
         ob.data.bevel_depth = self.one(0, 0.02, 0.1, 0.3)
         ob.data.extrude = self.one(0, 0, 0.2)
         ob.data.bevel_resolution = self.rng.randint(0, 4)
-        ob.data.use_fill_caps = self.chance(0.5)
+        ob.data.use_fill_caps = self.likely(0.5)
         return ob
 
     def surface(self):
@@ -204,7 +204,7 @@ class Maker:
         for _ in range(self.rng.randint(1, 4)):
             element = data.elements.new(type=self.one("BALL", "CAPSULE", "ELLIPSOID", "CUBE"))
             element.co = self.vector(0.7)
-            element.use_negative = self.chance(0.15)
+            element.use_negative = self.likely(0.15)
         return self.linked("Meta", data)
 
     def polygons(self):
@@ -238,24 +238,24 @@ class Maker:
         self.scene.collection.objects.link(ob)
         return ob
 
-    def dress(self, data) -> None:
+    def shade(self, data) -> None:
         """Shading, layers and material slots of a mesh."""
         how = self.one("flat", "smooth", "mixed", "angle")
         smooth = np.full(len(data.polygons), how != "flat")
         if how == "mixed":
-            smooth = np.array([self.chance(0.5) for _ in data.polygons])
+            smooth = np.array([self.likely(0.5) for _ in data.polygons])
         data.polygons.foreach_set("use_smooth", smooth)
         if how == "angle" and hasattr(data, "set_sharp_from_angle"):
             data.set_sharp_from_angle(angle=self.rng.uniform(0.2, 1.5))
-        if self.chance(0.5):
+        if self.likely(0.5):
             slots = [self.rng.randrange(3) for _ in data.polygons]  # beyond what is there, too
             data.polygons.foreach_set("material_index", slots)
-        if self.chance(0.3):
+        if self.likely(0.3):
             kind, domain = self.one("FLOAT_COLOR", "BYTE_COLOR"), self.one("POINT", "CORNER")
             layer = data.color_attributes.new("Col", kind, domain)
             for each in layer.data:
                 each.color = self.color()
-        if self.chance(0.1):
+        if self.likely(0.1):
             bent = [each.vector + Vector(self.vector(0.3)) for each in data.corner_normals]
             data.normals_split_custom_set(bent)
         data.update()
@@ -268,12 +268,12 @@ class Maker:
         made = ob.modifiers.new("Modifier", self.rng.choice(kinds))
         if made is None:
             return
-        made.show_render = self.chance(0.9)
+        made.show_render = self.likely(0.9)
         values = {
             "SUBSURF": {"render_levels": 1, "levels": 0},
             "SOLIDIFY": {"thickness": self.rng.uniform(-0.3, 0.3)},
             "ARRAY": {"count": self.rng.randint(1, 4)},
-            "MIRROR": {"use_axis": (True, self.chance(0.5), False)},
+            "MIRROR": {"use_axis": (True, self.likely(0.5), False)},
             "SIMPLE_DEFORM": {"deform_method": self.one("TWIST", "BEND", "TAPER")},
             "DECIMATE": {"ratio": self.rng.random()},
             "BEVEL": {"width": self.rng.uniform(0, 0.2), "segments": self.rng.randint(1, 3)},
@@ -289,7 +289,7 @@ class Maker:
 
     def scatter(self, ob) -> None:
         """Things on a mesh: particles, or instances by geometry nodes."""
-        if self.chance(0.5):
+        if self.likely(0.5):
             ob.modifiers.new("Particles", "PARTICLE_SYSTEM")
             settings = ob.particle_systems[-1].settings
             settings.count, settings.frame_start, settings.frame_end = 20, -10, 0
@@ -300,8 +300,8 @@ class Maker:
             )
             return
         tree = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
-        for way in ("INPUT", "OUTPUT"):
-            tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+        for in_out in ("INPUT", "OUTPUT"):
+            tree.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
         source, end, place, cube, joined = (
             tree.nodes.new(kind)
             for kind in (
@@ -328,27 +328,27 @@ class Maker:
             above = other
             while above and above != ob:
                 above = above.parent
-            if above is None and self.chance(0.25):
+            if above is None and self.likely(0.25):
                 ob.parent = other
-                if self.chance(0.5):
+                if self.likely(0.5):
                     turned = Matrix.Rotation(self.rng.uniform(0, 3), 4, self.vector(1))
                     ob.matrix_parent_inverse = turned
-                if other.type == "MESH" and self.chance(0.15):
+                if other.type == "MESH" and self.likely(0.15):
                     other.instance_type = self.one("VERTS", "FACES")
-                    other.show_instancer_for_render = self.chance(0.5)
+                    other.show_instancer_for_render = self.likely(0.5)
         for collection in self.scene.collection.children_recursive:
-            if self.chance(0.4):
+            if self.likely(0.4):
                 empty = self.linked("Instances", None)
                 empty.instance_type, empty.instance_collection = "COLLECTION", collection
                 empty.location, empty.scale = self.vector(3), (1, 1, self.one(1, -1, 0.5))
         for ob in list(self.objects):
-            if self.chance(0.1) and ob.data is not None:
+            if self.likely(0.1) and ob.data is not None:
                 twin = ob.copy()  # the same data
                 twin.location = self.vector(3)
                 self.scene.collection.objects.link(twin)
 
     def move_all(self) -> None:
-        """Have all of it far away, or of another size; camera and lamps come later, with it."""
+        """Have all of it far away, or of another size; camera and lights come later, with it."""
         self.whole = self.linked("Whole", None)
         self.whole.location = self.vector(self.one(0, 10, 1000))
         self.whole.scale = [self.one(0.01, 0.1, 1, 30)] * 3
@@ -363,12 +363,12 @@ class Maker:
         tree = nodes_of(made)
         made.pass_index = number + 1
         made.diffuse_color = self.color()
-        if self.chance(0.05):
+        if self.likely(0.05):
             return made  # as it is
         tree.nodes.clear()
         output = tree.nodes.new("ShaderNodeOutputMaterial")
         shader = self.shader(tree)
-        if self.chance(0.2):
+        if self.likely(0.2):
             mix = tree.nodes.new(self.one("ShaderNodeMixShader", "ShaderNodeAddShader"))
             tree.links.new(shader.outputs[0], mix.inputs[-1])
             tree.links.new(self.shader(tree).outputs[0], mix.inputs[-2])
@@ -381,14 +381,14 @@ class Maker:
         kind = self.rng.choice([*kinds, "Translucent", "Toon", "Sheen"])
         made = tree.nodes.new(f"ShaderNodeBsdf{kind}")
         for socket in made.inputs:
-            if socket.name in GRADED and self.chance(0.4):
+            if socket.name in GRADED and self.likely(0.4):
                 if socket.type == "RGBA":
                     socket.default_value = self.color()
-                    if self.chance(0.3):
+                    if self.likely(0.3):
                         tree.links.new(self.colors(tree).outputs[0], socket)
                 elif socket.name not in {"Alpha", "IOR"}:
                     socket.default_value = self.rng.choice((0.0, 1.0, self.rng.random()))
-        if self.chance(0.05) and "Emission Strength" in made.inputs:
+        if self.likely(0.05) and "Emission Strength" in made.inputs:
             made.inputs["Emission Strength"].default_value = self.rng.uniform(0, 5)
         return made
 
@@ -396,24 +396,24 @@ class Maker:
         """A node that gives colours, known or not."""
         kind = self.one("TexImage", "VertexColor", "TexNoise", "TexChecker", "RGB", "Gamma")
         made = tree.nodes.new(f"ShaderNode{kind}")
-        if kind == "TexImage" and self.chance(0.8):
-            image = bpy.data.images.new("Image", 4, 4, float_buffer=self.chance(0.3))
+        if kind == "TexImage" and self.likely(0.8):
+            image = bpy.data.images.new("Image", 4, 4, float_buffer=self.likely(0.3))
             image.generated_type = self.one("BLANK", "UV_GRID", "COLOR_GRID")
             made.image = image
         return made
 
     def light(self) -> None:
-        data = bpy.data.lights.new("Lamp", self.one("POINT", "SUN", "SPOT", "AREA"))
+        data = bpy.data.lights.new("Light", self.one("POINT", "SUN", "SPOT", "AREA"))
         data.energy = self.rng.uniform(0, 5) if data.type == "SUN" else self.rng.uniform(0, 500)
         data.color = self.color()[:3]
         if data.type == "AREA":
             data.shape = self.one("SQUARE", "RECTANGLE", "DISK", "ELLIPSE")
             data.size, data.size_y = self.rng.uniform(0, 2), self.rng.uniform(0, 2)
-        ob = self.linked("Lamp", data)
+        ob = self.linked("Light", data)
         ob.location, ob.rotation_euler = self.vector(4), self.vector(3)
-        if self.chance(0.2):
+        if self.likely(0.2):
             ob.scale = self.vector(2)
-        if self.chance(0.2):
+        if self.likely(0.2):
             ob.parent = self.rng.choice(self.objects)
 
     def camera(self) -> None:
@@ -425,16 +425,16 @@ class Maker:
         seen = [each for each in self.objects if each.type != "EMPTY"] or self.objects
         aim = self.rng.choice(seen).location + Vector(self.vector(0.5))
         ob.rotation_euler = (aim - away).to_track_quat("-Z", "Y").to_euler()
-        if self.chance(0.15):
+        if self.likely(0.15):
             ob.scale = [self.rng.uniform(0.5, 3) for _ in range(3)]
         data.type = self.one("PERSP", "PERSP", "PERSP", "ORTHO")
         data.lens, data.ortho_scale = self.rng.uniform(14, 50), self.rng.uniform(4, 12)
         data.sensor_fit = self.one("AUTO", "AUTO", "HORIZONTAL", "VERTICAL")
-        if self.chance(0.2):
+        if self.likely(0.2):
             data.shift_x, data.shift_y = self.vector(0.3)[:2]
-        if self.chance(0.2):
+        if self.likely(0.2):
             data.clip_start, data.clip_end = self.rng.uniform(0.1, 6), self.rng.uniform(8, 30)
-        data.dof.use_dof = self.chance(0.03)
+        data.dof.use_dof = self.likely(0.03)
         if self.whole is not None:
             ob.parent = self.whole
             data.clip_start *= self.whole.scale[0]
@@ -443,7 +443,7 @@ class Maker:
         self.scene.camera = ob
 
     def world(self) -> None:
-        if self.chance(0.05):
+        if self.likely(0.05):
             self.scene.world = None
             return
         background = nodes_of(self.scene.world).nodes["Background"]
@@ -457,32 +457,32 @@ class Maker:
         render.resolution_x, render.resolution_y = sides
         render.pixel_aspect_x = self.one(1, 1, 1, 1, 1.5)
         render.pixel_aspect_y = self.one(1, 1, 1, 1, 2)
-        render.film_transparent = self.chance(0.3)
-        render.use_persistent_data = self.chance(0.2)
-        render.use_simplify, render.simplify_subdivision_render = self.chance(0.1), 0
-        if self.chance(0.1):
-            render.use_border, render.use_crop_to_border = True, self.chance(0.5)
+        render.film_transparent = self.likely(0.3)
+        render.use_persistent_data = self.likely(0.2)
+        render.use_simplify, render.simplify_subdivision_render = self.likely(0.1), 0
+        if self.likely(0.1):
+            render.use_border, render.use_crop_to_border = True, self.likely(0.5)
             render.border_min_x, render.border_max_x = self.rng.uniform(0, 0.4), 0.9
             render.border_min_y, render.border_max_y = self.rng.uniform(0, 0.4), 0.8
-        if self.chance(0.1):
+        if self.likely(0.1):
             other = scene.view_layers.new("Another")
-            other.use = self.chance(0.5)
+            other.use = self.likely(0.5)
             for child in other.layer_collection.children:
-                child.exclude = self.chance(0.5)
+                child.exclude = self.likely(0.5)
         scene.frame_set(self.one(1, 1, 1, 0, -5, 100))
         own = scene.leapray
         own.samples = self.one(1, 1, 2, 3)
         own.diffuse_bounces, own.max_bounces = self.one(0, 1, 4), self.one(0, 2, 12)
-        if self.chance(0.25):
+        if self.likely(0.25):
             own.traverser = self.rng.choice([e.name for e in leapray.traversers() if e.exact])
-        if self.chance(0.1):
+        if self.likely(0.1):
             own.layout = "scene"
-        if self.chance(0.1):
+        if self.likely(0.1):
             own.sample_type = self.one("u8", "u16", "f32")
-        if self.chance(0.1):
+        if self.likely(0.1):
             own.root = self.rng.choice(list(leapray.ROOTS))
             own.normal = self.rng.choice(list(leapray.NORMALS))
-        if self.chance(0.05):
+        if self.likely(0.05):
             own.noise_threshold = 0.1
 
 

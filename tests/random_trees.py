@@ -55,8 +55,8 @@ class Grower:
         sockets = ("Float", "Color", "Vector", "Shader", "Int", "Bool")
         for k in range(int(self.rng.integers(0, 5))):
             kind = f"NodeSocket{self.rng.choice(sockets)}"
-            way = ("INPUT", "OUTPUT")[int(self.rng.integers(2))]
-            tree.interface.new_socket(f"Socket {k}", in_out=way, socket_type=kind)
+            in_out = ("INPUT", "OUTPUT")[int(self.rng.integers(2))]
+            tree.interface.new_socket(f"Socket {k}", in_out=in_out, socket_type=kind)
         ends = ["NodeGroupInput", "NodeGroupOutput"][: int(self.rng.integers(0, 3))]
         self.grow(tree, int(self.rng.integers(0, 8)), ends)
         return tree

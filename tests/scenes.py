@@ -13,7 +13,7 @@ from addon import model
 def sphere(radius=1.0, n=64, name="Sphere") -> model.Mesh:
     """A closed sphere of 12 n^2 triangles: a cube's faces, subdivided and blown up.
 
-    The grid is even in angle, so chords sink by radius (pi / 4 n)^2 / 2 at most.
+    The grid has equal angles, so chords sink by radius (pi / 4 n)^2 / 2 at most.
     """
     a = np.tan(np.linspace(-np.pi / 4, np.pi / 4, n + 1))
     u, v = np.meshgrid(a, a, indexing="ij")

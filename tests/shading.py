@@ -60,17 +60,17 @@ RAY = np.dtype(
 
 
 @cache
-def door() -> ctypes.CDLL:
+def library() -> ctypes.CDLL:
     """The compiled functions."""
     folder = tempfile.mkdtemp()
-    library = Path(folder, "door.so")
+    compiled = Path(folder, "shading.so")
     sources = [ROOT / "native" / "src" / f"{name}.c" for name in SOURCES]
     sources += [ROOT / "tests" / "c" / "shading.c"]
     flags = ["-std=c17", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno"]
     flags += [f"-I{ROOT / 'native' / part}" for part in ("include", "src")]
     command = [sys.executable, "-m", "ziglang", "cc", *build_core.TARGET, *flags]
-    subprocess.run([*command, *map(str, sources), "-lm", "-o", str(library)], check=True)
-    return ctypes.CDLL(str(library))
+    subprocess.run([*command, *map(str, sources), "-lm", "-o", str(compiled)], check=True)
+    return ctypes.CDLL(str(compiled))
 
 
 def _address(array):
@@ -78,7 +78,7 @@ def _address(array):
 
 
 def _call(name, *args):
-    return getattr(door(), name)(*args)
+    return getattr(library(), name)(*args)
 
 
 class Surface:
@@ -96,19 +96,19 @@ class Surface:
             self._point[name] = value
 
     def flags(self):
-        return _call("door_flags", self._desc)
+        return _call("shading_flags", self._desc)
 
     def look(self):
-        """share (5,), emission (3,), transparency (3,)."""
+        """albedo (5,), emission (3,), transparency (3,)."""
         out = np.zeros(5), np.zeros(3), np.zeros(3)
-        _call("door_look", self._desc, _address(self._point), *map(_address, out))
+        _call("shading_look", self._desc, _address(self._point), *map(_address, out))
         return out
 
     def sample(self, kind, u):
         """Scattered rays for u (n, 3); pdf 0 where the light is lost."""
         u = np.ascontiguousarray(u, float)
         out = np.zeros(len(u), SCATTER)
-        _call("door_sample", self._desc, _address(self._point), KINDS[kind],
+        _call("shading_sample", self._desc, _address(self._point), KINDS[kind],
               ctypes.c_int64(len(u)), _address(u), _address(out))  # fmt: skip
         return out
 
@@ -116,31 +116,31 @@ class Surface:
         """Responses (n, 3 groups) to light from (n, 3)."""
         light = np.ascontiguousarray(light, float)
         out = np.zeros((len(light), 3), RESPONSE)
-        _call("door_eval", self._desc, _address(self._point), ctypes.c_int64(len(light)),
+        _call("shading_eval", self._desc, _address(self._point), ctypes.c_int64(len(light)),
               _address(light), _address(out))  # fmt: skip
         return out
 
 
 def sample_light(light, p, u):
-    """Ways from p (3,) to a leapray.Light for u (n, 2); pdf 0 where there is none."""
-    return _light("door_light_sample", light, p, u)
+    """Rays from p (3,) to a leapray.Light for u (n, 2); pdf 0 where there is none."""
+    return _light("shading_light_sample", light, p, u)
 
 
 def hit_light(light, o, d):
     """What rays from o (3,) along d (n, 3) see of a leapray.Light; pdf 0 where they miss."""
-    return _light("door_light_hit", light, o, d)
+    return _light("shading_light_hit", light, o, d)
 
 
 def choose_lights(lights, p, normal, u, world=0.0):
-    """For u (n,) lights (-1: none) and their chances; and the chance of each, the world's last."""
+    """For u (n,) lights (-1: none), their probabilities, and those of all, the world's last."""
     table = rendering._lights(lights)
     p, normal, u = (np.ascontiguousarray(x, float) for x in (p, normal, u))
-    light_index, chance = np.zeros(len(u), np.int64), np.zeros(len(u))
-    chance_of = np.zeros(len(lights) + (world > 0))
-    assert _call("door_lights", _address(table), ctypes.c_int64(len(lights)),
+    light_index, probability = np.zeros(len(u), np.int64), np.zeros(len(u))
+    probability_of = np.zeros(len(lights) + (world > 0))
+    assert _call("shading_lights", _address(table), ctypes.c_int64(len(lights)),
                  ctypes.c_double(world), _address(p), _address(normal), ctypes.c_int64(len(u)),
-                 *map(_address, (u, light_index, chance, chance_of)))  # fmt: skip
-    return light_index, chance, chance_of
+                 *map(_address, (u, light_index, probability, probability_of)))  # fmt: skip
+    return light_index, probability, probability_of
 
 
 def walk_lights(lights, o, d, t_max=np.inf):
@@ -148,7 +148,7 @@ def walk_lights(lights, o, d, t_max=np.inf):
     table = rendering._lights(lights)
     o, d = np.ascontiguousarray(o, float), np.ascontiguousarray(d, float)
     met = np.zeros((len(d), len(lights)), np.uint8)
-    assert _call("door_light_walk", _address(table), ctypes.c_int64(len(lights)), _address(o),
+    assert _call("shading_light_walk", _address(table), ctypes.c_int64(len(lights)), _address(o),
                  ctypes.c_int64(len(d)), _address(d), ctypes.c_double(t_max),
                  _address(met))  # fmt: skip
     return met
@@ -178,13 +178,13 @@ def look_at_world(world, d):
 def _world(world, u, rays):
     desc, texture = rendering._world(world)
     where = None if u is None else _address(u)
-    assert _call("door_environment", ctypes.byref(desc), ctypes.c_int64(len(rays)), where,
+    assert _call("shading_environment", ctypes.byref(desc), ctypes.c_int64(len(rays)), where,
                  _address(rays))  # fmt: skip
     del texture
     return rays
 
 
-def even(n, dimensions):
+def r_sequence(n, dimensions):
     """n points of the R sequence in the unit cube (Roberts 2018)."""
     root = 2.0
     for _ in range(60):

@@ -91,7 +91,7 @@ def stamped(project: Path) -> set[str]:
 @pytest.fixture(scope="module")
 def project(tmp_path_factory) -> Path:
     """A scratch project whose environment is made."""
-    folder = scratch_project(tmp_path_factory.mktemp("door") / "project")
+    folder = scratch_project(tmp_path_factory.mktemp("build") / "project")
     status, out, err = finish(start(folder, "render", "a.blend"))
     assert (status, out) == (1, f"({THIS.replace('.', ', ')}) render a.blend\n"), err
     assert err.count("\n") == 1 and f"making .venv/{THIS}, once" in err

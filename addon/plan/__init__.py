@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What to model and how finely: the least that keeps the error under a share of a pixel."""
+"""Plans what to model and how finely: the coarsest model within the permitted error."""

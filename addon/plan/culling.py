@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which instances a ray can reach at all: what no ray reaches is not modelled (no bpy).
+"""Which instances a ray may meet: the others are not modelled (no bpy).
 
-Judged by boxes, on the safe side: whatever is left out lies outside the camera's
-view, and between nothing that is seen and a light. Where light arrives from all
-around, everything is reached.
+Decided conservatively by boxes: an instance is left out if it is outside the camera's
+view and not between a visible one and a light. Where light arrives from all directions,
+none is left out.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from .. import model
 from . import objects
 
 FILTER = 8.0  # pixels beyond the image's edges that its pixels may see
-SEVERAL = 512  # boxes of what is seen are taken together beyond that number
+SEVERAL = 512  # if more are visible, their boxes are joined
 SLACK = 1e-9  # of the scene's extent
 STRAIGHT_FLAGS = "visible_camera", "visible_shadow", "visible_diffuse"
 SCATTERED_FLAGS = "visible_glossy", "visible_transmission"
-WIDE = math.radians(160)  # a sun of that angle is taken to shine from everywhere
+WIDE = math.radians(160)  # from this angle on, a sun's light counts as coming from everywhere
 STRAIGHT = ("diffuse", "transparent", "emission")  # lobes that only diffuse bounces take elsewhere
 
 
@@ -108,7 +108,7 @@ def _between(
     """Whether boxes, corners (n, 8, 3), may lie between one of lit (m, 2, 3) and a light: (n,)."""
     if light.kind == "sun" and light.angle > WIDE:
         return np.ones(len(corners), bool)
-    if light.kind == "sun":  # along x the way to the sun, which has no end
+    if light.kind == "sun":  # along x towards the sun, unbounded
         axes = np.linalg.qr(np.column_stack([light.direction, np.eye(3)]))[0].T
         axes[0] = light.direction
         ends = _boxes_in(_spanned(lit), axes)

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a volume is from its mesh, and how much of that a view shows (no bpy).
+"""The error of a volume against its mesh, and how a view shows it (no bpy).
 
 The error at a point of the surface is |f - T| / |grad f|: the distance between
 the point and the field's own surface, to first order. Where a wall is thinner
 than the lattice resolves, the field never reaches T: such points are *lost*.
-At creases the field cuts the corner, and its normal turns within about a voxel
-(*blur*). Triangle cells have none of these errors. Triangles that are finer than the
-voxels lose *color*. Shading normals are compared with the mesh's own, smooth or flat as
-its faces are, wherever hits take them from.
+At creases the field rounds the corner, and its normal turns within about a voxel
+(*blur*). Triangle cells have none of these errors. Triangles finer than the voxels
+lose *color*. Shading normals, of the field or of triangles, are compared with the
+mesh's own, smooth or flat as its faces are.
 
-Each has a bar of its own. Those of edges come from what can be seen: an outline
-that is half a pixel off on the average changes a quarter of the pixels at the
-edge, and a corner that turns within two pixels looks sharp.
+Each has its tolerance. Those of edges follow from what is visible: an outline with a
+mean error of half a pixel changes a quarter of the pixels at the edge, and a corner
+that turns within two pixels looks sharp.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ from .probes import Probes, Weights
 
 STEPS = ONES | {"f32": 1 << 24}  # of a sample's type between 0 and 1
 TURN_OF_U8 = math.radians(0.12)  # mean over faces askew of the lattice, where nothing says better
-SATURATED = 2.5  # voxels: where the ramp ends, more cannot be measured
+SATURATED = 2.5  # voxels: the ramp ends there: larger errors cannot be measured
 LEAST_SLOPE = 0.25  # of the filter's: at creases the gradient can vanish though f is right
 INSIDE = (0.25, 0.5, 1.0, 2.0)  # voxels behind a point that is not lost, f reaches T somewhere
 
 QUANTILE = 0.99  # of the pixels keep the error
 MARGIN = 1.25  # what is measured at probes predicts that quantile within 20 %
 LOST_SHARE = 0.03  # of the pixels: wedges are always lost at their very edge
-MOSTLY = 0.5  # of a body's pixels: a wire beside a ball is so little that no quantile tells of it
-LEAST_BODY = 1 / 1000  # of the pixels: smaller bodies are not looked at by themselves
+MOSTLY = 0.5  # of a body's pixels: a wire beside a ball has too few for the quantile
+LEAST_BODY = 1 / 1000  # of the pixels: smaller bodies are not tested separately
 ROUGH = 0.25  # of a voxel
-THIN = 0.25  # of a footprint: what such voxels do not find may be lost
+THIN = 0.25  # of a footprint: surfaces that such voxels miss may be lost
 CREASE_ERROR = 0.5  # of a footprint, the mean along creases that are outlines
 CROWD = 12.0  # triangles on a triangle cell's list, the mean, while its voxel is above CREASE_VOXEL
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
-CARRIED = 0.5  # of such a voxel counts where the volume carries normals, which turn within one cell
+CARRIED = 0.5  # of such a voxel counts if the volume has normals, which turn within one cell
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
-NOT_GRAZING = 0.8  # square of the largest sine of a ray with the normal that is judged
+NOT_GRAZING = 0.8  # square of the largest sine between a ray and the normal that is tested
 NORMAL_ERROR = math.radians(2.0)  # the quantile; light at 45 degrees changes by 3.5 %
 ROUGHNESS = 3.0  # times that, RMS: what is finer than a pixel keeps its mean light within 0.5 %
 COLOR_ERROR = 0.01  # of the square root of light, the mean: black and white checks need 0.4 pixel
@@ -107,7 +107,7 @@ class Errors:
 
     surface: float  # the quantile, without what is lost
     steps: float  # the part of it that the samples' type explains
-    lost: float  # share of the pixels, or of a body's if that is mostly lost
+    lost: float  # fraction of the pixels, or of a body's if that is mostly lost
     normal: float  # of shading, radians: the quantile, or a third of the RMS if that is more
     voxel: float  # the mean over the surface
     crease: float  # the mean along outlines
@@ -122,11 +122,11 @@ class Errors:
         return max(self.surface, self.body)
 
     def of_surface(self, pixel_error: float) -> float:
-        """Against the bars of the surface itself; at most 1 is good enough."""
+        """Relative to the surface's tolerances; at most 1 is good enough."""
         return max(self.worst / pixel_error, min(self.lost / LOST_SHARE, self.voxel / THIN))
 
     def of_edges(self) -> float:
-        """Against the bars of creases and crowded cells; at most 1 is good enough."""
+        """Relative to the tolerances of creases and crowded cells; at most 1 is good enough."""
         crowded = min(self.crowd / CROWD, self.voxel / CREASE_VOXEL)
         return max(self.crease / CREASE_ERROR, self.blur / CREASE_VOXEL, crowded)
 
@@ -136,21 +136,21 @@ class Errors:
         return max(own) <= 1
 
     def of_normals(self) -> float:
-        """Against the bar of shading normals; at most 1 is good enough."""
+        """Relative to the tolerance of shading normals; at most 1 is good enough."""
         return self.normal / NORMAL_ERROR
 
     def of_color(self) -> float:
-        """Against the bar of colours; at most 1 is good enough."""
+        """Relative to the tolerance of colours; at most 1 is good enough."""
         return self.color / COLOR_ERROR
 
     def progress(self, pixel_error: float) -> float:
-        """What falls with the voxel wherever finer voxels are of any use."""
+        """The errors that finer voxels reduce, if any do."""
         lost = self.voxel if self.lost > LOST_SHARE else 0.0
         others = self.of_normals(), self.of_color(), self.of_edges()
         return max(self.worst / pixel_error, lost, *others)
 
     def levels(self, pixel_error: float) -> int:
-        """How many times the voxel must be halved at least, as far as these errors foretell it.
+        """How many times the voxel must be halved at least, predicted from these errors.
 
         The error of a curved surface falls to a quarter when the voxel is halved,
         that of an edge to half. What is more than ROUGH voxels off is no such
@@ -195,15 +195,15 @@ def measure(
     probes: Probes,
     voxel_size: float,
     color: NDArray[np.float32] | None = None,
-    rise: float | None = None,
+    slope_across: float | None = None,
     gain: float = 0.0,
     normal: NDArray[np.float32] | None = None,
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
-    color: what mesh_colors.color_errors measured there. rise: of occupancy per voxel across a
-    plane, before gain; None: that of the ramp. Where several solids share the volume, each is
-    held against its own field, by the slots of the mesh. gain above 0: as `volume.narrow(gain)`
+    color: what mesh_colors.color_errors measured there. slope_across: occupancy per voxel across
+    a plane, before gain; None: that of the ramp. Where several solids share the volume, each is
+    compared with its own field, by the slots of the mesh. gain above 0: as `volume.narrow(gain)`
     would leave it; then normal is what was measured before. The structure's bytes are the
     caller's to add.
     """
@@ -214,8 +214,8 @@ def measure(
     if info.n_objects:
         assert mesh.slots is not None
         own, beside = mesh.slots[probes.surface_triangles], mesh.slots[probes.crease_triangles]
-    rise = (rise or _rise(volume)) * (gain or 1.0)
-    at = voxel_size, rise
+    slope_across = (slope_across or _slope_across(volume)) * (gain or 1.0)
+    at = voxel_size, slope_across
     surface, lost = measure_surface(volume, probes.surface, normals, *at, own, gain)
     if normal is None:
         normal = normal_errors(volume, mesh, probes, surface, own)
@@ -231,7 +231,7 @@ def measure(
     return Measure(
         voxel_size=voxel_size,
         dtype=dtype,
-        step=0.5 / STEPS[dtype] / rise * voxel_size,
+        step=0.5 / STEPS[dtype] / slope_across * voxel_size,
         turn=TURN_OF_U8 if dtype == "u8" else 0.0,
         surface=surface,
         lost=lost,
@@ -252,7 +252,7 @@ def measure(
     )
 
 
-def _rise(volume: leapray.Volume) -> float:
+def _slope_across(volume: leapray.Volume) -> float:
     """Of occupancy per voxel across a plane, as the ramp has it."""
     return slope("ramp", filter_info("ramp", volume.info.dtype).half_width)
 
@@ -262,7 +262,7 @@ def measure_surface(
     points: NDArray,
     normals: NDArray | None,
     voxel_size: float,
-    rise: float | None = None,
+    slope_across: float | None = None,
     ids: NDArray[np.uint16] | None = None,
     gain: float = 0.0,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
@@ -275,7 +275,7 @@ def measure_surface(
     threshold = volume.info.threshold
     most = SATURATED * voxel_size
     steep = np.linalg.norm(gradient, axis=1)
-    least = LEAST_SLOPE * (rise or _rise(volume)) / voxel_size
+    least = LEAST_SLOPE * (slope_across or _slope_across(volume)) / voxel_size
     error = np.minimum(np.abs(value - threshold) / np.maximum(steep, least), most)
     exact = volume.exact_at(points)
     error[exact] = 0.0
@@ -290,7 +290,7 @@ def measure_surface(
 
 
 def seen(measure: Measure, weights: Weights) -> Errors:
-    """What a view shows of the measured errors."""
+    """The measured errors as a view shows them."""
     m, w = measure, weights
     pixels = w.surface_pixels / w.surface_pixels.sum()
     found = ~m.lost
@@ -316,14 +316,14 @@ def seen(measure: Measure, weights: Weights) -> Errors:
 
 
 def _worst_body(measure: Measure, weights: Weights, pixels: NDArray) -> tuple[float, float]:
-    """The share of a body's pixels that are lost, if most are; the error that most have."""
+    """The fraction of a body's pixels that are lost, if most are; the error that most have."""
     of, error = weights.surface_bodies, measure.surface / weights.surface_footprint
-    share = np.bincount(of, pixels)
+    fraction = np.bincount(of, pixels)
     lost = np.bincount(of, pixels * measure.lost)
     worst, found = 0.0, 0.0
-    for body in np.flatnonzero(share > LEAST_BODY):
-        if lost[body] > MOSTLY * share[body]:
-            worst = max(worst, float(lost[body] / share[body]))
+    for body in np.flatnonzero(fraction > LEAST_BODY):
+        if lost[body] > MOSTLY * fraction[body]:
+            worst = max(worst, float(lost[body] / fraction[body]))
         else:
             own = (of == body) & ~measure.lost
             found = max(found, quantile(error[own], pixels[own], MOSTLY))
@@ -359,7 +359,7 @@ def normal_errors(
 def _askew(normals: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 3): in the planes across the normals, lengths those of the tangents of rays' angles.
 
-    Rays from everywhere have sines of them whose squares are even between 0 and 1; those that
+    Rays from everywhere have sines of them whose squares are uniform between 0 and 1; those that
     graze are left to the rims. Drawn evenly (Roberts 2018, the R2 sequence).
     """
     n = np.arange(1, len(normals) + 1)
@@ -404,10 +404,12 @@ def color_seen(measure: Measure, weights: Weights) -> float:
 
 
 def quantile(values: NDArray, weights: NDArray, q: float) -> float:
-    """The least value that the share q of the weights does not exceed."""
+    """The least value that the fraction q of the weights does not exceed."""
     order = np.argsort(values)
-    reach = np.cumsum(weights[order])
-    return float(values[order[min(np.searchsorted(reach, q * reach[-1]), len(values) - 1)]])
+    cumulative = np.cumsum(weights[order])
+    return float(
+        values[order[min(np.searchsorted(cumulative, q * cumulative[-1]), len(values) - 1)]]
+    )
 
 
 def mean(values: NDArray, weights: NDArray) -> float:

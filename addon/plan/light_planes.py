@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Area lights that lie in a surface, or nearer to it than it is modelled exactly (no bpy).
 
-Whether such a light is before or behind the surface is known from the mesh alone: the
-volume's surface lies on either side of it, here so, there so, and differently at every
-level. So the mesh decides, and the light's rays are told to end behind the surface, or
-before it, by as much as that may be off. A surface in the very plane of a light hides it,
-but for Cycles' rounding.
+Whether such a light is before or behind the surface follows from the mesh alone: the
+volume's surface lies on either side of the light, varying with the place and the level.
+So the light's rays end behind the mesh, or before it, by a margin of the volume's error.
+A surface in the plane of a light hides it, but for Cycles' rounding.
 """
 
 from __future__ import annotations
@@ -72,23 +71,23 @@ def _margin(
     near = (boxes[:, 0] <= hi + tie).all(axis=1) & (boxes[:, 1] >= lo - tie).all(axis=1)
     before = behind = 0.0
     for n in np.flatnonzero(near):
-        reach = placed[n].accuracy + 2 * tie
-        heights = _heights(light, placed[n], reach)
+        margin = placed[n].accuracy + 2 * tie
+        heights = _heights(light, placed[n], margin)
         if (heights >= -tie).any():
-            before = max(before, reach)
+            before = max(before, margin)
             if (np.abs(heights) <= tie).any():
                 warnings.append(
                     f"Area light {light.name!r} lies in the very plane of {placed[n].name!r}, "
                     "which hides what it covers of the light."
                 )
         elif len(heights):
-            behind = max(behind, reach)
+            behind = max(behind, margin)
     return before or -behind
 
 
-def _heights(light: model.Light, surface: Surface, reach: float) -> NDArray[np.float64]:
+def _heights(light: model.Light, surface: Surface, margin: float) -> NDArray[np.float64]:
     """The highest points before the light's plane of the triangles over the light that lie
-    within reach of its plane."""
+    within the margin of its plane."""
     vertices = surface.mesh.vertices.astype(np.float64)
     matrix = np.asarray(surface.world_from_object, np.float64)
     offset = vertices @ matrix[:3, :3].T + (matrix[:3, 3] - light.position)
@@ -101,28 +100,32 @@ def _heights(light: model.Light, surface: Surface, reach: float) -> NDArray[np.f
     for values, low, high in (
         (across[:, 0], -0.5, 0.5),
         (across[:, 1], -0.5, 0.5),
-        (height, -reach, reach),
+        (height, -margin, margin),
     ):
         corners = values[triangles]
         beside |= (corners.max(axis=1) < low) | (corners.min(axis=1) > high)
     chosen = triangles[~beside]
     flat, heights = across[chosen], height[chosen]
     lowest, highest = _range_over_light(flat, heights)
-    parallel = (lowest >= -reach) & (highest <= reach)
+    parallel = (lowest >= -margin) & (highest <= margin)
     return highest[parallel & _overlaps(flat)]
 
 
 def _range_over_light(flat: NDArray, heights: NDArray) -> tuple[NDArray, NDArray]:
     """Bounds of the heights of triangles, (n, 3, 2) in the light's plane, over the square."""
     edges = flat[:, 1:] - flat[:, :1]
-    rise = heights[:, 1:] - heights[:, :1]
+    edge_heights = heights[:, 1:] - heights[:, :1]
     double = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope_x = (rise[:, 0] * edges[:, 1, 1] - rise[:, 1] * edges[:, 0, 1]) / double
-        slope_y = (rise[:, 1] * edges[:, 0, 0] - rise[:, 0] * edges[:, 1, 0]) / double
+        slope_x = (
+            edge_heights[:, 0] * edges[:, 1, 1] - edge_heights[:, 1] * edges[:, 0, 1]
+        ) / double
+        slope_y = (
+            edge_heights[:, 1] * edges[:, 0, 0] - edge_heights[:, 0] * edges[:, 1, 0]
+        ) / double
         middle = heights[:, 0] - slope_x * flat[:, 0, 0] - slope_y * flat[:, 0, 1]
         spread = (np.abs(slope_x) + np.abs(slope_y)) / 2
-        # Not a number where the triangle is seen edge-on: its corners alone tell.
+        # NaN where the triangle is seen edge-on: then only its corners count.
         lowest = np.fmax(heights.min(axis=1), middle - spread)
         highest = np.fmin(heights.max(axis=1), middle + spread)
     return lowest, highest

@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What surfaces carry into their volumes: vertex colours, textures, smooth normals (no bpy).
+"""Attributes that volumes keep of their meshes: vertex colours, textures, smooth normals (no bpy).
 
-A volume keeps the triangles that its samples name, each with one source of its colour,
-so what it carries follows from the materials in the slots of the instance, its
-*colour set*: instances of a mesh whose colour sets differ get volumes of their own, all others
-share one. Colours are carried only for slots whose material asks for them, and a mesh
-none of whose materials do carries none. Images are looked up at the hit, by the
-triangle's own UVs.
+A volume keeps the triangles that its samples refer to, each with one source of its colour.
+So its attributes depend on the materials in the slots of the instance, its *colour set*:
+instances of a mesh with different colour sets have different volumes, all others share one.
+Colours are kept only for slots whose material uses them. Images are looked up at the hit, by
+the triangle's own UVs.
 
-Smooth normals are carried where the plan has measured that those of the field are off, and
-where that is foreseen: where facets are LARGE voxels wide or more, on at least SHOWS of the
-area, and corner normals lean from them by more than LEAN; or where such facets meet in
-creases, beside which central differences would see both sides. Flat-shaded meshes have no
-corner normals, and cells that keep their triangles give those of the triangle that is hit;
-where no triangles are kept, the facets' normals are carried.
+Smooth normals are kept where the plan has measured errors of the field's normals, and where
+these are predicted: where facets are LARGE voxels wide or more, on at least SHOWS of the area,
+and corner normals differ from theirs by more than LEAN; or where such facets meet in creases,
+across which central differences would reach. Flat-shaded meshes have no corner normals, and
+cells that keep triangles give the normal of the triangle that is hit; where no triangles are
+kept, the facets' normals are.
 """
 
 from __future__ import annotations
@@ -144,7 +143,7 @@ class ColorSets:
     def attributes(
         self, mesh: model.Mesh, color_set: ColorSet, smooth: bool, facets: bool = False
     ) -> leapray.Attributes | None:
-        """What a volume of the mesh, or of a part of it, is to carry; None: nothing.
+        """The attributes of a volume of the mesh, or of a part of it; None: none.
 
         smooth: the normals of its corners, if it has some; facets: those of its triangles,
         if it has none.
@@ -157,12 +156,12 @@ class ColorSets:
         sources = slot_sources(mesh, color_set)
         if sources is None and normals is None:
             return None
-        wanted = set() if sources is None else set(np.unique(sources).tolist())
+        used = set() if sources is None else set(np.unique(sources).tolist())
         return leapray.Attributes(
             normals=normals,
             color_sources=sources,
-            colors=mesh.corner_colors if wanted - {WHITE} else None,
-            uvs=mesh.corner_uvs if wanted - {VERTEX, WHITE} else None,
+            colors=mesh.corner_colors if used - {WHITE} else None,
+            uvs=mesh.corner_uvs if used - {VERTEX, WHITE} else None,
             textures=() if sources is None else self.textures(color_set),
         )
 
@@ -172,7 +171,7 @@ def _has_pixels(image: model.Image) -> bool:
 
 
 def digest(mesh: model.Mesh, color_set: ColorSet) -> str:
-    """A name for all that the mesh may carry; "" for nothing."""
+    """A digest of the mesh's attributes; "" for none."""
     used = [mesh.corner_normals]
     used.append(mesh.corner_colors if color_set.sources else None)
     used.append(mesh.corner_uvs if color_set.images else None)
@@ -182,7 +181,7 @@ def digest(mesh: model.Mesh, color_set: ColorSet) -> str:
 
 
 def corners_digest(mesh: model.Mesh) -> str:
-    """A name for all that the mesh's corners hold, whether a colour set takes it or not."""
+    """A digest of all attributes of the mesh's corners, used by a colour set or not."""
     return arrays.digest(getattr(mesh, key) for key in CORNERS)
 
 
@@ -197,7 +196,7 @@ def slot_sources(mesh: model.Mesh, color_set: ColorSet) -> NDArray[np.int32] | N
 
 
 def facet_voxel(mesh: model.Mesh, creased: bool) -> float:
-    """The voxel size below which the mesh's own normals would be missed; 0: never."""
+    """The voxel size below which the mesh's own normals are needed; 0: never."""
     if mesh.corner_normals is None or not len(mesh.triangles):
         return 0.0
     twice = np.empty(len(mesh.triangles))  # the facets' areas
@@ -221,7 +220,7 @@ def facet_normals(mesh: model.Mesh, some: slice = slice(None)) -> NDArray[np.flo
     return np.broadcast_to(np.cross(b - a, c - a)[:, None], (len(a), 3, 3))
 
 
-# ---- what a mesh's corners carry when it changes -------------------------------
+# ---- attributes of corners when a mesh changes ---------------------------------
 
 
 def only(mesh: model.Mesh, chosen: NDArray[np.bool_] | slice) -> dict[str, Any]:
@@ -234,7 +233,7 @@ def only(mesh: model.Mesh, chosen: NDArray[np.bool_] | slice) -> dict[str, Any]:
 
 
 def turned(mesh: model.Mesh) -> model.Mesh:
-    """The mesh wound the other way round."""
+    """The mesh with the opposite winding."""
     corners = {name: getattr(mesh, name) for name in CORNERS}
     corners = {name: array[:, ::-1] for name, array in corners.items() if array is not None}
     if "corner_normals" in corners:
@@ -277,7 +276,7 @@ def _default(mesh: model.Mesh, name: str, n: int) -> NDArray[np.float64]:
     return facet_normals(mesh)
 
 
-# ---- how far a volume's colours are from the mesh's ----------------------------
+# ---- errors of a volume's colours ----------------------------------------------
 
 SHARPER = 7  # widths that textures are averaged over: a voxel, half of one, ...
 ROOT = 0.5  # of linear light: equal steps look about equal
@@ -292,7 +291,7 @@ def color_errors(
     weights: NDArray[np.float64],
     voxel_size: float,
 ) -> NDArray[np.float32]:
-    """(n, SHARPER): what the volume's colours lack at n points of the mesh.
+    """(n, SHARPER): errors of the volume's colours at n points of the mesh.
 
     points (n, 3) lie in triangles (n,) by barycentric weights (n, 3). Column k
     compares with the texture averaged over 2^-k voxels, which is what a pixel of
@@ -303,10 +302,10 @@ def color_errors(
         ids = mesh.slots[triangles]
     columns = []
     for k in range(SHARPER):
-        baked, _ = volume.attributes(points, ids, 1 / 2**k)
-        baked = np.nan_to_num(baked, nan=1.0) ** ROOT
+        stored, _ = volume.attributes(points, ids, 1 / 2**k)
+        stored = np.nan_to_num(stored, nan=1.0) ** ROOT
         true = true_colors(mesh, attributes, triangles, weights, voxel_size / 2**k) ** ROOT
-        columns.append(np.sqrt(np.mean((baked - true) ** 2, axis=1)))
+        columns.append(np.sqrt(np.mean((stored - true) ** 2, axis=1)))
     return np.stack(columns, axis=1).astype(np.float32)
 
 

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes whose parts are close are taken apart, for several volumes (no bpy).
+"""Splits meshes whose parts are close into several volumes (no bpy).
 
-A sample knows one distance, that to the nearest triangle. Where two surfaces
-come closer than two voxels, or cut each other, that of one is lost to the
-other: eyeballs tear their sockets. Within a connected part this asks for finer
-voxels; between parts it need not happen at all, since rays find their way
-through any number of volumes. So the parts are dealt out in layers, such that
-no two boxes in a layer overlap. A closed part of an open mesh becomes a solid
-on the way.
+A sample holds one distance, that to the nearest triangle. Where two surfaces
+come closer than two voxels, or intersect, the farther one is lost: eyeballs
+tear their sockets. Within a connected part only finer voxels help; separate
+parts can have separate volumes. So the parts are assigned to layers, such that
+no two boxes in a layer overlap. A closed part of an open mesh thereby becomes
+a solid.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ import leapray
 from .. import model
 from . import mesh_colors
 
-MOST_LAYERS = 16  # what needs more is a thicket, in which every ray would meet every volume
+MOST_LAYERS = 16  # beyond that, every ray would meet too many volumes
 NEAR = 1 / 32  # of the mesh's longest side: boxes with a gap less than this overlap
 
 

@@ -19,7 +19,7 @@ FARTHEST = 1e18  # coordinates beyond leave no digits for areas; Blender's infin
 
 
 class SceneError(leapray.LeapRayError):
-    """The scene cannot be modelled, for the reason that the sentence gives."""
+    """The scene cannot be modelled; the sentence says why."""
 
 
 def digest(mesh: model.Mesh) -> str:

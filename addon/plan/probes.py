@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a volume's error is measured, and what a pixel is worth there (no bpy).
+"""Points where a volume's error is measured, and the size of a pixel there (no bpy).
 
 A mesh gets two sets of probes, drawn once from a fixed seed and independent
-of the view, so that what was measured at them stays true when the camera moves:
+of the view, so that measured errors stay valid when the camera moves:
 
-- points of the surface, even by area: the trilinear field rounds what is curved;
-- points of its creases, even by length: there it cuts or fills the corner.
+- points of the surface, uniform by area: the trilinear field flattens curvature;
+- points of its creases, uniform by length: there it rounds the corner.
 
 A view turns an error in object space into pixels: it divides it by the
 footprint, the width of a pixel at the probe's depth, brought into object space.
@@ -27,13 +27,13 @@ from ..memory import pieces
 
 N_SURFACE = 8192
 N_EDGE = 2048
-CREASE_COSINE = np.cos(np.radians(15.0))  # duller edges are taken for smooth surfaces
+CREASE_COSINE = np.cos(np.radians(15.0))  # smaller angles count as smooth surface
 LOOSE = 1e-5  # of the cosine: more than the rounding of f32
 SEED = 1994
-N_INSTANCES = 32  # of one mesh that are looked at: those that ask for most
-UNSEEN = 4.0  # shadows and reflections of what the camera does not see may be this much coarser
+N_INSTANCES = 32  # of one mesh that are tested: the most demanding ones
+UNSEEN = 4.0  # factor for what only shadows and reflections show
 
-NEAREST = 1e-6  # world units: what is nearer to the eye has a footprint all the same
+NEAREST = 1e-6  # world units: least distance from the eye of a footprint
 
 Points = NDArray[np.float64]  # (n, 3)
 
@@ -117,9 +117,11 @@ def _spread(length: NDArray[np.float64], n: int, random: np.random.Generator):
 
     The sizes become their sums.
     """
-    reach = np.cumsum(length, out=length)
-    at = (np.arange(n) + random.random(n)) * (reach[-1] / n)
-    return np.minimum(np.searchsorted(reach, at, side="right"), len(length) - 1), random.random(n)
+    cumulative = np.cumsum(length, out=length)
+    at = (np.arange(n) + random.random(n)) * (cumulative[-1] / n)
+    return np.minimum(
+        np.searchsorted(cumulative, at, side="right"), len(length) - 1
+    ), random.random(n)
 
 
 def draw(
@@ -219,7 +221,7 @@ def turns(
 
 @dataclass(frozen=True)
 class Weights:
-    """What the probes of a mesh count in a view, over all its instances.
+    """Weights of a mesh's probes in a view, over all its instances.
 
     footprint: object-space length of a pixel, as far as a shift along the
     probe's normal can be seen. pixels: how much of the
@@ -240,7 +242,7 @@ def look(camera: model.Camera, points: Points, width: int, height: int):
     Returns ((n,) world units, (n, 3)). Points outside the image count UNSEEN
     pixels, by their distance to the camera whatever the direction.
     """
-    # Where one point fills the film, any model of it will do.
+    # A camera whose film is one point allows any model.
     pixel = min(np.linalg.norm(camera.dx), np.linalg.norm(camera.dy)) or 1.0
     v = points - camera.eye
     depth = v @ camera.forward
@@ -248,17 +250,17 @@ def look(camera: model.Camera, points: Points, width: int, height: int):
     if perspective:
         film = v / np.where(depth > 0, depth, np.nan)[:, None] - camera.corner
         towards = unit(v)
-        reach = np.maximum(np.linalg.norm(v, axis=1), max(camera.clip_start, NEAREST))
+        distance = np.maximum(np.linalg.norm(v, axis=1), max(camera.clip_start, NEAREST))
     else:
         film = v - depth[:, None] * camera.forward - camera.corner
         towards = np.broadcast_to(camera.forward, v.shape)
-        reach = np.ones(len(v))
+        distance = np.ones(len(v))
     x = film @ camera.dx / (camera.dx @ camera.dx or 1.0)
     y = film @ camera.dy / (camera.dy @ camera.dy or 1.0)
     seen = (depth >= camera.clip_start) & (depth <= camera.clip_end)
     seen &= (x >= -1) & (x <= width + 1) & (y >= -1) & (y <= height + 1)
-    scale = np.maximum(depth, NEAREST) if perspective else reach
-    return pixel * np.where(seen, scale, UNSEEN * reach), towards
+    scale = np.maximum(depth, NEAREST) if perspective else distance
+    return pixel * np.where(seen, scale, UNSEEN * distance), towards
 
 
 def _demanding(camera: model.Camera, box: NDArray, matrices: NDArray) -> NDArray[np.int64]:
@@ -283,7 +285,7 @@ def weigh(
     matrices: NDArray[np.float64],
     shown: NDArray[np.bool_] | None = None,
 ) -> Weights:
-    """What the probes count in the scene's view.
+    """The weights of the probes in the scene's view.
 
     matrices: (n, 4, 4), of the mesh's instances. shown: (n,), whether the camera
     sees them at all; None: it does.

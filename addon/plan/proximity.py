@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which volumes lie nearer to each other than their errors (no bpy).
+"""Finds volumes that are nearer to each other than their errors (no bpy).
 
-A plan permits each volume a part of a pixel, so that of two surfaces with a smaller gap
-(a decal, a label, a carpet, a road mark) the farther one may be hit first. Such pairs are
-found in two steps: by the boxes of all instances, widened by a few times the errors, in a
-sweep along one axis; then by short rays from the probes of the one against the volume of
-the other, to either side along the normal. A pair is close where some of these rays hit
-within a few times what both may be off, if the surfaces are about parallel there and both
-can be seen: two solids that stand on each other face each other, so that neither is.
+A plan permits each volume an error of a fraction of a pixel, so that of two surfaces with
+a smaller gap (a decal, a label, a carpet, a road mark) the farther one may be hit first.
+Such pairs are found in two steps: by the boxes of all instances, widened by a few times
+the errors, in a sweep along one axis; then by short rays from the probes of one against
+the volume of the other, to either side along the normal. A pair is close if some of these
+rays hit within a few times both errors, where the surfaces are about parallel and both
+visible: the touching faces of two stacked solids are not.
 
-Surfaces that coincide are close too; which of them is hit there is nobody's choice.
+Surfaces that coincide are close too; which of them is hit is undefined.
 
 Source: Cohen, Lin, Manocha, Ponamgi 1995, I-COLLIDE (sweep and prune). Departures: 1. one
 axis, the others are compared; 2. only so many pairs, the nearest to the camera first.
@@ -30,7 +30,9 @@ from .. import model
 from ..arrays import unit
 from .probes import Probes
 
-REACH = 3.0  # times both errors, which are quantiles, and one of which the rays see: 2 at least
+NEAR_ERRORS = (
+    3.0  # times both errors, which are quantiles, and one of which the rays see: 2 at least
+)
 PARALLEL = 0.9  # cosine: a label on other segments than its bottle's turns by a few degrees
 FEWEST = 1 / 500  # of one's probes: fewer are where something round or tilted touches a plane
 MOSTLY = 0.5  # of a sheet's probes: it is a decal, even on what faces away from the camera
@@ -63,7 +65,7 @@ class Body:
 
 @dataclass(frozen=True)
 class _Boxes:
-    """Of all instances, in the world, widened by REACH errors."""
+    """Of all instances, in the world, widened by NEAR_ERRORS times their errors."""
 
     body: NDArray[np.int64]  # (n,)
     instance: NDArray[np.int64]  # (n,)
@@ -77,7 +79,7 @@ class _Boxes:
 def close_pairs(
     bodies: Sequence[Body], camera: model.Camera, check_cancelled: Callable[[], None] = lambda: None
 ) -> list[tuple[int, int]]:
-    """Pairs of bodies that come nearer to each other than REACH times their errors.
+    """Pairs of bodies that come nearer to each other than NEAR_ERRORS times their errors.
 
     Numbers of bodies, the lower one first; a body is a pair with itself where two of its
     instances are close. A pair is left out if both are in others, or have no error. Not more
@@ -96,8 +98,8 @@ def close_pairs(
         if done.issuperset(pair):
             continue
         check_cancelled()
-        ways = (one, other), (other, one)
-        if any(_touches(bodies, boxes, *way, camera) for way in ways):
+        orders = (one, other), (other, one)
+        if any(_touches(bodies, boxes, *order, camera) for order in orders):
             found.append(pair)
             done.update(pair)
     return found
@@ -114,7 +116,7 @@ def _boxes(bodies: Sequence[Body]) -> _Boxes:
         linear = one.matrices[:, :3, :3]
         middle = linear @ one.box.mean(axis=0) + one.matrices[:, :3, 3]
         half = np.abs(linear) @ (0.5 * np.ptp(one.box, axis=0))
-        widened = half + REACH * one.error * np.linalg.norm(linear, axis=2)
+        widened = half + NEAR_ERRORS * one.error * np.linalg.norm(linear, axis=2)
         low[body == n], high[body == n] = middle - widened, middle + widened
     return _Boxes(body, instance, low, high)
 
@@ -180,7 +182,7 @@ def _candidates(
 def _touches(
     bodies: Sequence[Body], boxes: _Boxes, source: int, target: int, camera: model.Camera
 ) -> bool:
-    """Do rays from the source's probes find the target as near as both may be off?"""
+    """Do rays from the source's probes hit the target within both errors?"""
     a, b = bodies[boxes.body[source]], bodies[boxes.body[target]]
     at_a, at_b = boxes.instance[source], boxes.instance[target]
     from_a, to_a = a.matrices[at_a], a.inverses[at_a]
@@ -189,8 +191,8 @@ def _touches(
     some = slice(None, None, max(1, len(probes.surface) // N_PROBES))
     points = probes.surface[some] @ from_a[:3, :3].T + from_a[:3, 3]
     low, high = boxes.low[target], boxes.high[target]
-    reach = REACH * a.error * np.linalg.norm(from_a[:3, :3], axis=1)
-    inside = np.flatnonzero(((points >= low - reach) & (points <= high + reach)).all(axis=1))
+    margin = NEAR_ERRORS * a.error * np.linalg.norm(from_a[:3, :3], axis=1)
+    inside = np.flatnonzero(((points >= low - margin) & (points <= high + margin)).all(axis=1))
     if len(inside) < FEWEST * len(points):
         return False
     structure = a.structure(), b.structure()
@@ -201,25 +203,25 @@ def _touches(
     if solid == [True, False]:
         seen = _faces(normals, points[inside], camera)
         inside, normals = inside[seen], normals[seen]
-    share = len(inside) / len(points)
-    if share < FEWEST:
+    fraction = len(inside) / len(points)
+    if fraction < FEWEST:
         return False
     every = max(1, len(inside) // N_RAYS)
     points, normals = points[inside[::every]], normals[::every]
     off = a.error * np.linalg.norm(normals @ from_a[:3, :3], axis=1)
     off += b.error * np.linalg.norm(normals @ from_b[:3, :3], axis=1)
     origins = points @ to_b[:3, :3].T + to_b[:3, 3]
-    along = (REACH * off[:, None] * normals) @ to_b[:3, :3].T
+    along = (NEAR_ERRORS * off[:, None] * normals) @ to_b[:3, :3].T
     near = np.zeros(len(points), np.bool_)
-    for way in (along, -along):
-        hits = leapray.trace(structure[1], origins, way, t_max=1.0, count=False)
+    for direction in (along, -along):
+        hits = leapray.trace(structure[1], origins, direction, t_max=1.0, count=False)
         met = np.isfinite(hits.t)
         theirs = unit(np.where(met[:, None], hits.normal, 1.0) @ to_b[:3, :3])
         met &= _parallel(normals, theirs, solid)
-        if solid == [False, True] and share * met.mean() < MOSTLY:
+        if solid == [False, True] and fraction * met.mean() < MOSTLY:
             met &= _faces(theirs, points, camera)
         near |= met
-    return share * near.mean() >= FEWEST
+    return fraction * near.mean() >= FEWEST
 
 
 def _parallel(ours: Array, theirs: Array, solid: list[bool]) -> NDArray[np.bool_]:

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the steps of samples cost: u8 where nobody sees it, f32 where even u16's are seen (no bpy).
+"""Chooses sample types: u8 where its steps are invisible, f32 where those of u16 show (no bpy).
 
-A sample of u8 is off by up to 1/140 of a voxel, one of u16 by 1/26000. Against errors of
-the surface that is little, but steps also turn normals, by a tenth of a degree where faces
-lie askew of the lattice: diffuse light does not show it, a mirror does. Along the lattice
-all samples of a face are equal and nothing turns. So a finished level becomes u8 where its
-error, measured as if it were, still is what was asked for, and normals stay within what
-its materials show.
+A step of u8 moves the surface by up to 1/140 of a voxel, one of u16 by 1/26000. That is
+little, but steps also turn normals, by a tenth of a degree on faces oblique to the lattice:
+diffuse light does not show it, a mirror does. On faces along the lattice all samples are
+equal, and normals do not turn. So a finished level becomes u8 if its error, measured with
+such steps, is still permitted, and normals turn by less than its materials show.
 
-On the other hand a flat floor needs so few voxels, each of them so large, that steps are
-all of its error: there f32 costs a few bricks.
+A flat floor has so few and large voxels that steps are all of its error: there f32 is used,
+which costs a few bricks.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from ..arrays import unit
 
 TURN = math.radians(0.15)  # of normals, the mean: diffuse light changes by a quarter of a per cent
 LOBE_SHARE = 1 / 60  # likewise, of the width of a glossy lobe
-STRAIGHT = ("diffuse", "emission", "transparent")  # lobes that do not send light elsewhere
+STRAIGHT = ("diffuse", "emission", "transparent")  # lobes that do not scatter light
 ROUNDING = 1e-6  # of normals, radians: less is no turn
 PART = 0.5  # of the error: then steps are what it is made of
 
@@ -39,12 +38,12 @@ def permitted_turn(materials: Iterable[model.Material]) -> float:
         lobe.roughness**2
         for material in materials
         for lobe in material.lobes
-        if lobe.kind not in STRAIGHT and _shines(lobe)
+        if lobe.kind not in STRAIGHT and _emits(lobe)
     ]
     return min([TURN, *(LOBE_SHARE * width for width in widths)])
 
 
-def _shines(lobe: model.Lobe) -> bool:
+def _emits(lobe: model.Lobe) -> bool:
     return lobe.kind != "principled" or max(lobe.metallic, lobe.transmission, lobe.specular) > 0
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes get rid of their errors where these show through others (no bpy).
+"""Lets volumes keep all triangles where their errors would be visible through others (no bpy).
 
-So they do where they lie nearer to each other than their errors, and in glass whose smooth
-shading runs across creases: near a rim normals turn so fast that light goes elsewhere.
+That is where volumes are nearer to each other than their errors, and in smooth-shaded glass
+with creases: near a rim normals turn so fast that refraction changes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ TRIANGLE_NBYTES = 128  # then so much for each
 
 
 class Separation(Levels):
-    """What a plan does for decals, labels, carpets: for small gaps between volumes."""
+    """The step of a plan for small gaps between volumes: decals, labels, carpets."""
 
     def clear_rims(self) -> None:
         """Let solids of smooth glass with creases keep all triangles, if they fit."""
@@ -60,7 +60,7 @@ class Separation(Levels):
                 )
 
     def _some_structure(self, work: Work) -> leapray.Structure:
-        """Of the work's level, or one known to have no errors: to see what is near."""
+        """A structure of the work's level, or of one without errors, to measure gaps."""
         perfect = dataclasses.replace(work, exact="every", own_normals=True)
         for n in range(MOST_FINER if work.structure is None else -1, -1, -1):
             size = work.measured.voxel_size / 2**n

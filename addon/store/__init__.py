@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What frames and runs keep: in memory and in files."""
+"""Caches between frames, in memory, and between runs, in files."""

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A folder of volumes and of what was measured on them, kept from render to render (no bpy).
+"""A folder of volumes and of measurements on them, kept from render to render (no bpy).
 
-Every file has a name made of all that shaped what it holds, this version included, so
-nothing there is ever out of date; files may be deleted at any time. A volume is a .vdb:
-its grid is the occupancy, for Blender and other programs. Behind the grid, where OpenVDB
-does not look, lies all that the volume holds as the core packs it (a grid has no words
-for the triangles of cells, colours, normals, second objects), then a line of JSON and a
-seal: its length and a hash. Only what the seal covers is read back, and not by OpenVDB,
-which trusts its files: what is cut off, damaged, or another file's is made anew.
+A file's name is a digest of all inputs of its contents, this version included, so files
+are never out of date; they may be deleted at any time. A volume is a .vdb: its grid is
+the occupancy, for Blender and other programs. Behind the grid, where OpenVDB does not
+read, lies the whole volume as the core serializes it (a grid cannot hold triangles of
+cells, colours, normals, second objects), then a line of JSON and a seal: its length and
+a hash. Only what the seal covers is read back, and not by OpenVDB, which does not check
+its files: files that are truncated, damaged or misplaced are made anew.
 
-Any number of processes may share the folder: files are written beside and renamed.
-Where it cannot be written, nothing is kept, and one sentence says so.
+Any number of processes may share the folder: files are written under a temporary name
+and renamed. If the folder cannot be written, nothing is kept, and a warning says so.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from leapray._abi import LR_ABI
 
 from . import volume_files
 
-FORMAT = 1  # raised whenever what is kept, or its meaning, changes
+FORMAT = 1  # raised whenever the contents or their meaning change
 SEAL = struct.Struct("<8sQ32s")  # magic, bytes of the head and what follows it, their hash
 MAGIC = b"LEAPRAY\n"
-FORGOTTEN = 86400.0  # seconds after which what a killed process has left half written goes
+FORGOTTEN = 86400.0  # seconds after which temporary files of killed processes are removed
 SCALARS = {float: (float, int), int: (int,), str: (str,), bool: (bool,)}
 ARRAYS = {"<f4", "|b1"}  # what records hold
 
@@ -47,7 +47,7 @@ T = typing.TypeVar("T")
 
 
 class Shelf:
-    """The folder; "": none, from which nothing comes and to which nothing goes."""
+    """The folder; "": none, so that nothing is read or written."""
 
     def __init__(self, folder: str) -> None:
         self.folder = folder
@@ -55,7 +55,7 @@ class Shelf:
         self._ready = False
 
     def path(self, key: Hashable, suffix: str = ".vdb") -> Path:
-        """Where what has that key lies."""
+        """The path of the file for that key."""
         return Path(self.folder) / f"{_name(key)}{suffix}"
 
     # -- volumes
@@ -138,7 +138,7 @@ class Shelf:
     # -- the folder
 
     def _read(self, key: Hashable, suffix: str) -> tuple[dict, bytes] | None:
-        """The head and what follows it, if the seal is whole."""
+        """The head and what follows it, if the seal is valid."""
         if not self.folder:
             return None
         try:
@@ -164,12 +164,12 @@ class Shelf:
         return None
 
     def _remove(self, key: Hashable, suffix: str) -> None:
-        """So that it is made anew; where that may not be, it stays unread."""
+        """Remove a file, so that it is made anew; one that cannot be removed stays unread."""
         with contextlib.suppress(OSError):
             self.path(key, suffix).unlink(missing_ok=True)
 
     def _open(self) -> bool:
-        """Whether things can be put there, as far as is known."""
+        """Whether files can be written there, as far as is known."""
         if not self.folder or self.trouble:
             return False
         if not self._ready:
@@ -238,7 +238,7 @@ def _made(kind: type[T], values: dict) -> T:
     if set(values) != set(hints):
         raise ValueError("other members")
     for name, value in values.items():
-        wanted = SCALARS.get(hints[name])
-        if wanted and type(value) not in wanted:
+        types = SCALARS.get(hints[name])
+        if types and type(value) not in types:
             raise ValueError(f"{name} is of another type")
     return kind(**{n: tuple(x) if isinstance(x, list) else x for n, x in values.items()})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Paths as users write them, files that are there whole or not at all, and JSON (no bpy)."""
+"""Paths as users write them, files that are written whole or not at all, and JSON (no bpy)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FRAME_DIGITS = 4  # of a frame's number in a file name, as Blender appends it
 
 
 def resolved(path: Path, scene: Path | None = None) -> Path:
-    """The path that is meant: `//` is the folder of the scene's file, `~` the user's own.
+    """The absolute path: `//` is the folder of the scene's file, `~` the user's own.
 
     Raises LeapRayError for `//` without a scene, and for the home folder of a user unknown here.
     """
@@ -74,10 +74,10 @@ def check_folder(path: Path) -> None:
 
 @contextlib.contextmanager
 def part_folder(output: Path) -> Iterator[Path]:
-    """A folder beside output for what is not complete; gone afterwards.
+    """A temporary folder beside output for incomplete files.
 
-    All that a killed process leaves lies in such folders. One is locked while in
-    use, so that those of killed processes can be told and cleared away.
+    A killed process leaves files in such folders only. They are locked while in
+    use, so that those of killed processes can be identified and removed.
     """
     parent, name = output.absolute().parent, f".{output.name}."
     for old in parent.glob(f"{glob.escape(name)}*.part"):
@@ -111,7 +111,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def finite(data):
-    """The same data with None for every NaN and infinity, which JSON does not know."""
+    """The same data with None for every NaN and infinity, which JSON does not have."""
     if isinstance(data, dict):
         return {key: finite(value) for key, value in data.items()}
     if isinstance(data, (list, tuple)):
@@ -127,7 +127,7 @@ def write_json(path: Path, data) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def check_replaceable(path: Path, is_ours: Callable[[dict], bool], way_out: str) -> None:
+def check_replaceable(path: Path, is_ours: Callable[[dict], bool], remedy: str) -> None:
     """Raise LeapRayError where a file is there that is not a JSON file of ours."""
     if not path.exists():
         return
@@ -136,4 +136,4 @@ def check_replaceable(path: Path, is_ours: Callable[[dict], bool], way_out: str)
     except (OSError, ValueError, RecursionError):
         data = None
     if not (isinstance(data, dict) and is_ours(data)):
-        raise LeapRayError(f"{path} was not written by LeapRay, so it is not replaced; {way_out}")
+        raise LeapRayError(f"{path} was not written by LeapRay, so it is not replaced; {remedy}")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What frames share: volumes by their contents, and what was measured on them (no bpy).
+"""Values that frames share: volumes by their contents, and measurements on them (no bpy).
 
-The least recently used volumes go first when the budget needs their room.
+The least recently used volumes are dropped first when the budget needs their memory.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 @dataclass
 class _Entry:
     value: Any
-    nbytes: int  # 0: too little to be counted
+    nbytes: int  # 0: not counted
     frame: int  # that used it last
 
 
@@ -45,7 +45,7 @@ class Cache:
     def put(self, key: tuple, value: Any, nbytes: int = 0, spare: bool = False) -> Any:
         """Keep the value, and return it. nbytes: what it takes, where that is much.
 
-        spare: this frame does not use it, so it goes where room is needed.
+        spare: this frame does not use it, so it is dropped first.
         """
         self._entries[key] = _Entry(value, nbytes, self._frame - spare)
         return value
@@ -54,11 +54,11 @@ class Cache:
         self._entries.pop(key, None)
 
     def unused(self) -> int:
-        """Bytes of what this frame has not used."""
+        """Bytes of the values that this frame has not used."""
         return sum(e.nbytes for e in self._entries.values() if e.frame < self._frame)
 
     def trim(self, room: int) -> None:
-        """Drop the oldest of what this frame has not used, until that takes no more than room."""
+        """Drop the oldest values that this frame has not used, until these take `room` bytes."""
         excess = self.unused() - max(room, 0)
         for key, entry in list(self._entries.items()):
             if excess <= 0:
@@ -68,7 +68,7 @@ class Cache:
                 excess -= entry.nbytes
 
     def end(self) -> None:
-        """Drop what was measured on meshes of which neither this frame nor a volume is left."""
+        """Drop measurements on meshes that neither this frame nor a kept volume uses."""
         alive = {
             _contents(key)
             for key, entry in self._entries.items()

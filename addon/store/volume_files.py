@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Volumes as OpenVDB files, and measured volumes from them (OpenVDB comes with Blender).
 
-A file written here holds a float grid "density" of the occupancies 0..1, where
-wanted a float grid "id", for sheets a bool grid "surface", all placed by the
+A file written here holds a float grid "density" of the occupancies 0..1, a float grid
+"id" if the volume has ids, and for sheets a bool grid "surface", all placed by the
 grid's transform, so that Blender shows them where LeapRay does. What OpenVDB
-has no word for is JSON in the grid's metadata "leapray". Float and bool are the
-grids that every Blender can read. What a volume's cells hold beside samples, their
-triangles, colours and normals, is not in the grids: see shelf.py.
+cannot represent is JSON in the grid's metadata "leapray". Float and bool are the
+grids that every Blender can read. Triangles of cells, colours and normals are not in
+the grids: see disk_cache.py.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ def write(
     """Write a volume as .vdb; `read` gives an equal one, placed by world_from_object if given.
 
     The file holds the field alone: not the triangles of triangle cells, nor colours and normals.
-    behind: what follows the grids, unseen by OpenVDB; then there is only the grid that
-    others look at, and `read` takes the file no more.
+    behind: bytes that follow the grids, not read by OpenVDB; then only the density grid is
+    written, and `read` refuses the file.
     The file is written beside its place and renamed, so it is whole or absent.
     Raises LeapRayError where there is no OpenVDB or the place cannot be written.
     """
@@ -109,7 +109,7 @@ def read(path: str | Path) -> Volume:
         mesh_info = MeshInfo(**meta["mesh"]) if meta.get("mesh") else None
     except (ValueError, KeyError, TypeError) as error:
         raise LeapRayError(f"{path}: the metadata {META!r} cannot be understood: {error}") from None
-    # indexToWorld rounds; the matrix that was told is exact as long as it is still meant.
+    # indexToWorld rounds; the stored matrix is exact, if the grid has not been moved.
     placed = _matrix(density.transform)
     rounding = 1e-12 * (np.abs(told[:3, :3]).max() + np.abs(told[:3, 3]).max())
     matrix = told if told.shape == (4, 4) and np.abs(placed - told).max() <= rounding else placed

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Studies: LeapRay beside Cycles, and its traversers beside each other."""
+"""Studies: LeapRay compared with Cycles, and traversers with each other."""

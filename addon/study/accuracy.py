@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Speed against accuracy: what each setting costs, and what it leaves in error.
+"""Speed against accuracy: the time and the error of each setting.
 
 Shapes whose surface is known (sphere, torus, thin rods, a turned box) are sampled, a knot's mesh
 is voxelized, and rays from all around are traced with many settings. Truth is marching by the
@@ -31,7 +31,7 @@ STUDY = True
 
 SEED = 1994
 SIDE = 2.2  # of the lattice's cube
-LEAST = 1e-5  # what a chart on a logarithmic scale shows for nothing
+LEAST = 1e-5  # stands for 0 on a logarithmic scale
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,7 +66,7 @@ def main(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class Scene:
-    """Rays with unit directions, and where and how they truly hit."""
+    """Rays with unit directions, and their true hits."""
 
     name: str
     shape: shapes.Shape | None  # None: the knot's mesh
@@ -213,7 +213,7 @@ def judge(scene: Scene, structure: leapray.Structure, setting: Setting, rounds: 
         off = np.abs(scene.shape.distance(points))
     turned = np.clip((hits.normal[both] * scene.normal[both]).sum(axis=1), -1, 1)
     angle = np.degrees(np.arccos(turned))
-    share = np.count_nonzero(real != got) / max(np.count_nonzero(real), 1)
+    fraction = np.count_nonzero(real != got) / max(np.count_nonzero(real), 1)
     off, angle = (part if len(part) else np.zeros(1) for part in (off, angle))
     return Row(
         scene.name,
@@ -223,7 +223,7 @@ def judge(scene: Scene, structure: leapray.Structure, setting: Setting, rounds: 
         hit_99=1e3 * float(np.percentile(off, 99)) / SIDE,
         normal_mean=float(angle.mean()),
         normal_99=float(np.percentile(angle, 99)),
-        silhouette=share,
+        silhouette=fraction,
         structure_bytes=structure.nbytes,
     )
 
@@ -389,7 +389,7 @@ def told_setting(s: Setting) -> str:
 
 
 def sentences(points: list[Point]) -> list[str]:
-    """What the figures say, computed from them."""
+    """Sentences computed from the figures."""
     found = {point.setting: point for point in points}
     sizes = sorted({setting.size for setting in found})
     first, last = (found[default(size)] for size in (sizes[0], sizes[-1]))

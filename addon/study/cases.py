@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes with rays that are hard in one way each (no bpy)."""
+"""Volumes with difficult rays, of one kind each (no bpy)."""
 
 from __future__ import annotations
 

@@ -113,8 +113,8 @@ def machine() -> str:
 
 def picture(values: NDArray, low: float, high: float, colors: str = "inferno") -> NDArray[np.uint8]:
     """Values (height, width) in false colours between low and high; what is not finite is grey."""
-    share = (np.asarray(values, np.float64) - low) / ((high - low) or 1.0)
-    rgb = colormaps[colors](np.nan_to_num(np.clip(share, 0, 1)))[..., :3]
+    fraction = (np.asarray(values, np.float64) - low) / ((high - low) or 1.0)
+    rgb = colormaps[colors](np.nan_to_num(np.clip(fraction, 0, 1)))[..., :3]
     rgb[~np.isfinite(values)] = 0.82
     return as_bytes(rgb)
 

@@ -4,8 +4,8 @@
 Geometry: Cycles with one sample, which goes through the pixel's centre, under a black world; its
 Combined tells what is lit; light does not bounce then, and shadows are sharp. LeapRay's geometry
 passes go through the same points. Light: linear RGB at equal samples, filter and limits of
-bounces, both measured against a Cycles render of its own at many more samples and with another
-seed. What the scene is changed to for that, `frames.prepare` says and the report repeats.
+bounces, both measured against another Cycles render with many more samples and another seed.
+`frames.prepare` describes how the scene is changed for that; the report lists the changes.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
         "world": "black" if black or is_black(own_world) else "of the scene",
         "white": subject.white,
         "notes": subject.notes,
-        "objects": geometry.shares(),
+        "objects": geometry.fractions(),
         "cycles": {
             "seconds_geometry": want.seconds,
             "seconds_reference": reference.seconds,
@@ -258,8 +258,8 @@ class Geometry:
             }
         return told
 
-    def shares(self) -> dict[str, float]:
-        """Each object's share of the image, as Cycles sees it."""
+    def fractions(self) -> dict[str, float]:
+        """Each object's fraction of the image, as Cycles sees it."""
         index, count = np.unique(self.index, return_counts=True)
         return {
             self.subject.names.get(int(k), f"index {k}"): float(n / self.index.size)
@@ -277,7 +277,7 @@ class Geometry:
             ),
             "normal_angle_degrees": metrics.per_object(self.index, self.agree, self.angle, names),
             "normals_turned": {
-                names.get(int(k), f"index {int(k)}"): metrics.turned_share(
+                names.get(int(k), f"index {int(k)}"): metrics.turned_fraction(
                     self.angle, clear & (self.index == k)
                 )
                 for k in np.unique(self.index[self.agree])
@@ -347,13 +347,13 @@ def mean(values: NDArray[np.floating]) -> float | None:
 
 
 def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
-    """What the project asks of a default render, beside what was found, for the first traverser."""
+    """The project's requirements of a default render, and the figures of the first traverser."""
     run = next(iter(told["runs"].values()))
     shape, light = run["geometry"], run["light"]
     seen = {
         name
-        for name, share in told["objects"].items()
-        if share * told["width"] * told["height"] >= LEAST_PIXELS
+        for name, fraction in told["objects"].items()
+        if fraction * told["width"] * told["height"] >= LEAST_PIXELS
     }
 
     def worst(of: str, which: str) -> tuple[str, float | None]:
@@ -374,7 +374,7 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
 
     mismatch = shape["index"]["but_sheet_rims"]
     geometry_bars = [
-        bar("index mismatch, share of edge pixels", mismatch["share_of_edges"], 0.10),
+        bar("index mismatch, fraction of edge pixels", mismatch["share_of_edges"], 0.10),
         bar("index mismatch, worst distance in pixels", mismatch["worst_steps"], 1),
     ]
     for what, of, which, limit in (
@@ -384,9 +384,9 @@ def bars(told: Json, geometry: Geometry) -> dict[str, list[Json]]:
     ):
         where, value = worst(of, which)
         geometry_bars.append(bar(what, value, limit, where))
-    turned = {name: share for name, share in shape["normals_turned"].items() if name in seen}
+    turned = {name: fraction for name, fraction in shape["normals_turned"].items() if name in seen}
     where = max(turned, key=turned.__getitem__, default="nothing")
-    what = f"normals more than {metrics.TURNED:g} degrees off, share of pixels but edges"
+    what = f"normals more than {metrics.TURNED:g} degrees off, fraction of pixels but edges"
     geometry_bars.append(bar(what, turned.get(where), 0.01, where))
     light_bars = [
         bar(

@@ -23,12 +23,12 @@ from .methods import seconds
 from .phantom import phantom
 
 SEED = 256
-SPARSE = 0.0005  # share of marked cells
+SPARSE = 0.0005  # fraction of marked cells
 
 
 @dataclass(frozen=True)
 class Distance:
-    """A way of finding the distances of a field, on one thread."""
+    """A method of finding the distances of a field, on one thread."""
 
     field: str
     size: int  # cells a side
@@ -78,14 +78,14 @@ def measure(size: int, rounds: int) -> list[Distance]:
     for field, cells in fields(size).items():
         for metric in leapray.METRICS:
             peers = {by: peer(cells, metric) for by, peer in PEERS.items()}
-            ways = {by: run for by, run in peers.items() if run}
-            own, *others = (run() for run in ways.values())
-            for by, other in zip(list(ways)[1:], others, strict=True):
+            methods = {by: run for by, run in peers.items() if run}
+            own, *others = (run() for run in methods.values())
+            for by, other in zip(list(methods)[1:], others, strict=True):
                 capped = other if metric == "euclid" else np.minimum(other, 255)
                 if not np.allclose(own, capped, rtol=1e-6):
                     raise ValueError(f"{by} finds other distances, by {metric}")
-            taken = seconds(list(ways.values()), rounds)
-            for by, each in zip(ways, taken.T, strict=True):
+            taken = seconds(list(methods.values()), rounds)
+            for by, each in zip(methods, taken.T, strict=True):
                 low, middle, high = each.min(), np.median(each), each.max()
                 rows.append(Distance(field, size, metric, by, middle, low, high))
     return rows

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What rays truly hit of a mesh, by Embree, which works in f32 (no bpy)."""
+"""The true hits of rays on a mesh, by Embree, which works in f32 (no bpy)."""
 
 from __future__ import annotations
 

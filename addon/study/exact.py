@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What must be exact, counted in full: first cells, walks, roots, skipped pixels, closed surfaces.
+"""Exactness, by counting faults: first cells, walks, roots, skipped pixels, closed surfaces.
 
-First cells: every traverser that promises exactness, with all its options, against the integer
+First cells: every exact traverser, with all its options, against the integer
 oracle on volumes of all shapes and on a large one; ties at edges and corners are no faults. No walk
 may take more steps than there are planes between cells. Roots: one random cell per ray, against the
 first root in f64. Skipped pixels: those around a ray that misses must miss, too. Closed surfaces: a
 sphere and a torus seen from all around through every pixel that must hit; the hit must lie between
-the entries into the solid grown and shrunk by a margin, so that neither a hole nor a wall seen
-through another one can hide.
+the entries into the solid grown and shrunk by a margin, so that holes, and walls hit through
+another one, are found.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ class Tally:
         self.pierced += int(pierced.sum())
         self.missed += int(number[oracle.VERDICTS.index("missed")])
         self.late += int(number[oracle.VERDICTS.index("late")])
-        self.wrong += int(number[oracle.VERDICTS.index("not wanted") :].sum())
+        self.wrong += int(number[oracle.VERDICTS.index("no object") :].sum())
         # The first cell takes no step.
         steps = max(counters["most_cells"] - 1, 0)
         self.long += steps > planes
@@ -168,12 +168,12 @@ class Tally:
 
 def judge_volume(exact, tallies, samples, rng, count: int) -> None:
     volume = leapray.Volume(samples)
-    wanted = oracle.object_cells(samples, 127.5)
+    objects = oracle.object_cells(samples, 127.5)
     size = samples.shape[::-1]
     few = max(count // 5, 1)
     for make, n in ((oracle.generic_rays, count), (oracle.lattice_rays, few)):
         rays = make(rng, n, size)
-        bench = oracle.Bench(wanted, *rays)
+        bench = oracle.Bench(objects, *rays)
         for entry, tally in zip(exact, tallies, strict=True):
             structure = leapray.build(volume, entry)
             began = time.perf_counter()
@@ -228,7 +228,7 @@ class Solid:
     minor: float
 
     @property
-    def reach(self) -> float:
+    def radius(self) -> float:
         return self.major + self.minor
 
 
@@ -276,7 +276,7 @@ def closed(solid: Solid, views: int, image: int) -> Closed:
 
     def rows_of(job: tuple[NDArray, int]) -> NDArray[np.int64]:
         forward, first = job
-        o, d = film(forward, solid.reach, image, first, min(first + ROWS, image))
+        o, d = film(forward, solid.radius, image, first, min(first + ROWS, image))
         early, late = entries(solid, o, d, margin)
         must = np.flatnonzero(np.isfinite(late))
         t = leapray.trace(structure, o[must], d[must], count=False).t
@@ -293,10 +293,10 @@ def closed(solid: Solid, views: int, image: int) -> Closed:
     return Closed(solid.name, views, views * image**2, int(must), int(gone), int(off), took)
 
 
-def film(forward: NDArray, reach: float, image: int, first: int, last: int):
+def film(forward: NDArray, radius: float, image: int, first: int, last: int):
     """Parallel rays through the centres of some rows' pixels; the film just holds the solid."""
     right, up = frame(forward) if abs(forward[1]) < 1 else (np.eye(3)[0], np.eye(3)[2])
-    line = ((np.arange(image) + 0.5) / image * 2 - 1) * reach
+    line = ((np.arange(image) + 0.5) / image * 2 - 1) * radius
     x, y = (part.reshape(-1, 1) for part in np.meshgrid(line, line[first:last]))
     origins = x * right + y * up - 2.0 * forward
     return origins, np.broadcast_to(forward, origins.shape).copy()
@@ -417,7 +417,7 @@ def write_page(folder: Path, told: dict, claims: list[Claim], roots, skipped, so
 
 
 def sentences(claims: list[Claim], roots: list[Crossing], skipped, solids) -> list[str]:
-    """What the tables say, computed from them."""
+    """Sentences computed from the tables."""
     faults, long = sum(row.faults for row in claims), sum(row.long for row in claims)
     rays = sum(row.rays + row.lattice_rays for row in claims)
     names = len({row.traverser for row in claims})
@@ -434,9 +434,9 @@ def sentences(claims: list[Claim], roots: list[Crossing], skipped, solids) -> li
         )
     for skip in dict.fromkeys(row.skip for row in skipped):
         rows = [row for row in skipped if row.skip == skip]
-        share = sum(row.skipped for row in rows) / sum(row.pixels for row in rows)
+        fraction = sum(row.skipped for row in rows) / sum(row.pixels for row in rows)
         said.append(
-            f"The {skip} skip leaves out {share:.0%} of the pixels around {len(rows)} phantoms "
+            f"The {skip} skip leaves out {fraction:.0%} of the pixels around {len(rows)} phantoms "
             f"from {rows[0].views} views, {sum(row.wrong for row in rows)} of them wrongly."
         )
     for row in solids:

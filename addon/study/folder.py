@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a study's files go, and what all of them hold (no bpy)."""
+"""The result folder of a study, and its files (no bpy)."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 """A scene made comparable, and its frame rendered by one engine or the other, as arrays.
 
 Blender cannot read its render result back, so each frame goes through a 32-bit multilayer EXR,
-which OpenImageIO reads. Blender's own builds and wheels bring that module; Debian's does not, and
-there LeapRayError says so.
+which OpenImageIO reads. Blender's own builds and wheels have that module; Debian's has not, and
+LeapRayError is raised.
 """
 
 from __future__ import annotations
@@ -264,8 +264,8 @@ def view(scene: bpy.types.Scene, depsgraph) -> View:
 def size(scene: bpy.types.Scene) -> tuple[int, int]:
     """Width and height of the rendered image in pixels."""
     render = scene.render
-    share = render.resolution_percentage / 100
-    return int(render.resolution_x * share), int(render.resolution_y * share)
+    fraction = render.resolution_percentage / 100
+    return int(render.resolution_x * fraction), int(render.resolution_y * fraction)
 
 
 def border_edges(depsgraph) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -305,7 +305,7 @@ def mesh_borders(thing) -> NDArray[np.float64]:
 
 
 def render_cycles(scene: bpy.types.Scene, path: Path, samples: int, seed: int = 0) -> Frame:
-    """The frame by Cycles, which hears no Ctrl-C: a process of the command line ends at once."""
+    """The frame by Cycles, which ignores Ctrl-C: a process of the command line ends at once."""
     scene.render.engine = "CYCLES"
     scene.cycles.samples, scene.cycles.seed = samples, seed
     write_to(scene, path)

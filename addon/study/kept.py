@@ -2,7 +2,7 @@
 """Cycles' reference frames, kept in a folder from one comparison to the next.
 
 A reference takes longer than all else and LeapRay has no part in it. The file's name holds a digest
-of what the frame depends on: the scene's file, Blender, the way a scene is made comparable, and
+of what the frame depends on: the scene's file, Blender, how a scene is made comparable, and
 what was asked for. Images and libraries that the scene's file only links to are not looked at.
 """
 

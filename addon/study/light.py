@@ -136,8 +136,8 @@ def seconds_to(rows: list[Row], error: float) -> float | None:
     if k == 0:
         return rows[0].seconds
     x = np.log([row.seconds for row in rows])
-    share = (ys[k - 1] - np.log(error)) / (ys[k - 1] - ys[k])
-    return float(np.exp(x[k - 1] + share * (x[k] - x[k - 1])))
+    fraction = (ys[k - 1] - np.log(error)) / (ys[k - 1] - ys[k])
+    return float(np.exp(x[k - 1] + fraction * (x[k] - x[k - 1])))
 
 
 # ---- telling -------------------------------------------------------------

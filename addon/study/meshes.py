@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a picture lies from the meshes it was made of, at default settings.
+"""Errors of a picture against its meshes, at default settings.
 
 Every scene is planned, voxelized and traced as for a render, one ray through the middle of each
 pixel; truth is Embree on the triangles themselves. The error of a point is perpendicular to the
@@ -81,7 +81,7 @@ class Row:
     worst: str  # the object that errs most at 99 %
     worst_99: float
     normal_99: float  # degrees between shading normals
-    turned: float  # share of pixels, but for edges, whose normals are 5 degrees off
+    turned: float  # fraction of pixels, but for edges, whose normals are 5 degrees off
     agreeing: int  # pixels that see the same object
     edges: int  # pixels with another object beside them
     mismatch: int  # pixels that see another object
@@ -203,7 +203,7 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
 
 
 def sentences(rows: list[Row]) -> list[str]:
-    """What the figures say, computed from them."""
+    """Sentences computed from the figures."""
     said = []
     for row in rows:
         holds = row.error_99 <= BAR_ERROR and row.mismatch_share <= BAR_MISMATCH and not row.far

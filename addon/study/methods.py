@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What there is to be compared, as the core lists it, and how it is timed (no bpy)."""
+"""The methods to be compared, as the core lists them, and timing (no bpy)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def hit_tests() -> list[tuple[str, str]]:
 
 
 def walks_cells(hit_test: str) -> bool:
-    """Whether a hit test looks at each cell by itself, so that every root finder goes with it."""
+    """Whether a hit test tests each cell by itself, so that it works with every root finder."""
     return {root for test, root in hit_tests() if test == hit_test} == set(leapray.ROOTS)
 
 

@@ -17,12 +17,12 @@ from ..arrays import unit
 
 Mask = NDArray[np.bool_]
 PERCENTILES = {"median": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
-TURNED = 5.0  # degrees: a normal that is farther off is another one to the eye
+TURNED = 5.0  # degrees: larger errors of normals are visible
 
 
 @dataclass(frozen=True)
 class View:
-    """What the metrics must know of a camera."""
+    """A camera, for the metrics."""
 
     perspective: bool
     eye: NDArray[np.float64]  # (3,) world space
@@ -38,7 +38,7 @@ class View:
     def rays(
         self, position: NDArray[np.floating]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Through points (..., 3): unit directions, and the way along the ray per unit of depth."""
+        """Through points (..., 3): unit directions, and the length of a ray per unit of depth."""
         if not self.perspective:
             return np.broadcast_to(self.forward, position.shape), np.ones(position.shape[:-1])
         away = np.asarray(position, np.float64) - self.eye
@@ -171,8 +171,8 @@ def per_object(
     }
 
 
-def turned_share(angle: NDArray[np.floating], mask: Mask) -> float:
-    """The share of the mask's pixels whose normals are off by more than TURNED degrees."""
+def turned_fraction(angle: NDArray[np.floating], mask: Mask) -> float:
+    """The fraction of the mask's pixels whose normals are off by more than TURNED degrees."""
     return float((angle[mask] > TURNED).mean()) if mask.any() else 0.0
 
 
@@ -195,8 +195,8 @@ def on_lines(view: View, starts: NDArray, ends: NDArray, shape: tuple[int, ...])
     count = np.minimum(np.ceil(2 * length), 4 * max(shape)).astype(int) + 1
     which = np.repeat(np.arange(len(count)), count)
     place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    share = (place / np.maximum(count[which] - 1, 1))[:, None]
-    film, depth = view.film(starts[which] * (1 - share) + ends[which] * share)
+    fraction = (place / np.maximum(count[which] - 1, 1))[:, None]
+    film, depth = view.film(starts[which] * (1 - fraction) + ends[which] * fraction)
     points = np.column_stack([film, depth])
     height, width = shape
     inside = (film >= 0).all(axis=1) & (film[:, 0] < width) & (film[:, 1] < height)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the studies can be asked for beyond `--quick` (no bpy)."""
+"""Options of the studies beside `--quick` (no bpy)."""
 
 from __future__ import annotations
 

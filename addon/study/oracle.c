@@ -4,7 +4,7 @@
  * parameters are fractions of integers and are compared by cross multiplication
  * in 128 bits. Nothing is rounded, and no code is shared with the core.
  *
- * What counts as sound: the cell that is claimed is wanted and the ray touches
+ * What counts as sound: the claimed cell is an object cell and the ray touches
  * it (its closed cube), and no surface cell whose open interior the ray pierces is
  * entered earlier; a miss is sound where no surface cell is pierced. At ties, on
  * faces, edges and corners, any such cell will do.
@@ -14,7 +14,7 @@
 
 typedef __int128 big;
 
-enum { SOUND = 0, MISSED = 1, LATE = 2, NOT_WANTED = 3, NOT_TOUCHED = 4 };
+enum { SOUND = 0, MISSED = 1, LATE = 2, NO_OBJECT = 3, NOT_TOUCHED = 4 };
 
 typedef struct {
     big n, d;
@@ -116,7 +116,7 @@ static fraction step(const planes *p, const int64_t O[3], const int64_t D[3], in
 }
 
 /* The first surface cell whose open interior is pierced; cells start at -1. */
-static int first_pierced(const uint8_t *wanted, const planes *p, const int64_t n[3],
+static int first_pierced(const uint8_t *objects, const planes *p, const int64_t n[3],
                          const int64_t O[3], const int64_t D[3], int64_t cell[3], fraction *from)
 {
     int64_t lo[3], hi[3];
@@ -134,7 +134,7 @@ static int first_pierced(const uint8_t *wanted, const planes *p, const int64_t n
         cell[a] = cell_after(p, O, D, a, t, lo[a], hi[a]);
     while (within(cell, lo, hi)) {
         int64_t at = ((cell[2] + 1) * n[1] + cell[1] + 1) * n[0] + cell[0] + 1;
-        if (wanted[at]) {
+        if (objects[at]) {
             *from = t;
             return 1;
         }
@@ -143,11 +143,11 @@ static int first_pierced(const uint8_t *wanted, const planes *p, const int64_t n
     return 0;
 }
 
-/* wanted[nz][ny][nx], n = x, y, z; the first is cell (-1, -1, -1). cells[rays][3]
+/* objects[nz][ny][nx], n = x, y, z; the first is cell (-1, -1, -1). cells[rays][3]
  * are the claims, read where hit[ray]; x, y, z: the planes -1..n-1 of a rectilinear
  * volume in units of 2^-shift, or NULL; verdict[ray] is one of the above, and
  * exact[ray] tells whether a surface cell is pierced. */
-void oracle_judge(const uint8_t *wanted, const int64_t n[3], const int64_t *O, const int64_t *D,
+void oracle_judge(const uint8_t *objects, const int64_t n[3], const int64_t *O, const int64_t *D,
                   int64_t rays, int shift, const int64_t *x, const int64_t *y, const int64_t *z,
                   const uint8_t *hit, const int32_t *cells, uint8_t *verdict, uint8_t *exact)
 {
@@ -155,7 +155,7 @@ void oracle_judge(const uint8_t *wanted, const int64_t n[3], const int64_t *O, c
     for (int64_t i = 0; i < rays; i++) {
         int64_t size[3] = {n[0], n[1], n[2]}, first[3], claim[3], above[3];
         fraction pierced, touched;
-        exact[i] = (uint8_t)first_pierced(wanted, &p, size, O + 3 * i, D + 3 * i, first, &pierced);
+        exact[i] = (uint8_t)first_pierced(objects, &p, size, O + 3 * i, D + 3 * i, first, &pierced);
         verdict[i] = SOUND;
         if (!hit[i]) {
             verdict[i] = exact[i] ? MISSED : SOUND;
@@ -167,8 +167,8 @@ void oracle_judge(const uint8_t *wanted, const int64_t n[3], const int64_t *O, c
             above[a] = claim[a] + 1;
             inside = inside && claim[a] >= -1 && claim[a] < n[a] - 1;
         }
-        if (!inside || !wanted[((claim[2] + 1) * n[1] + claim[1] + 1) * n[0] + claim[0] + 1])
-            verdict[i] = NOT_WANTED;
+        if (!inside || !objects[((claim[2] + 1) * n[1] + claim[1] + 1) * n[0] + claim[0] + 1])
+            verdict[i] = NO_OBJECT;
         else if (!touch(&p, O + 3 * i, D + 3 * i, claim, above, &touched))
             verdict[i] = NOT_TOUCHED;
         else if (exact[i] && less(pierced, touched))
@@ -181,7 +181,7 @@ void oracle_judge(const uint8_t *wanted, const int64_t n[3], const int64_t *O, c
 int64_t oracle_path(const int64_t O[3], const int64_t D[3], int shift, const int64_t lo[3],
                     const int64_t hi[3], int32_t *cells, int64_t room)
 {
-    const planes even = {{0}, shift}, *p = &even;
+    const planes uniform = {{0}, shift}, *p = &uniform;
     fraction t, next[3];
     int64_t cell[3];
     if (!touch(p, O, D, lo, hi, &t))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The integer oracle (oracle.c), compiled on first use, and the rays it can judge (no bpy)."""
+"""The integer oracle (oracle.c), compiled on first use, and rays for it (no bpy)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from .compiled import in_parts, library, pointer
 
 SHIFT = 16  # origins are multiples of 2^-16
-VERDICTS = ("sound", "missed", "late", "not wanted", "not touched")
+VERDICTS = ("sound", "missed", "late", "no object", "not touched")
 
 
 def object_cells(samples, threshold):
@@ -22,13 +22,13 @@ def object_cells(samples, threshold):
     return cells
 
 
-def judge(wanted, origins, directions, hit, cells, planes=None):
+def judge(objects, origins, directions, hit, cells, planes=None):
     """Verdict (n,) on every claim, an index into VERDICTS, and whether a surface cell is pierced.
 
     origins: multiples of 2^-16; directions: whole numbers. planes: x, y and z of the planes
     -1..n of a rectilinear volume, multiples of 2^-16.
     """
-    grid = np.ascontiguousarray(wanted, np.uint8)
+    grid = np.ascontiguousarray(objects, np.uint8)
     size = np.array(grid.shape[::-1], np.int64)
     scaled = np.asarray(origins) * 2.0**SHIFT
     o, d = scaled.astype(np.int64), np.asarray(directions).astype(np.int64)
@@ -76,16 +76,16 @@ def _whole(axis):
 
 
 class Bench:
-    """Rays in a volume that several traversers make claims on; equal claims are judged once."""
+    """Rays in a volume, for claims of several traversers; equal claims are judged once."""
 
-    def __init__(self, wanted, origins, directions):
-        self.wanted, self.rays = wanted, (origins, directions)
+    def __init__(self, objects, origins, directions):
+        self.objects, self.rays = objects, (origins, directions)
         self.hit = None
 
     def judge(self, hit, cells):
         """As judge()."""
         if self.hit is None:
-            self.verdict, self.pierced = judge(self.wanted, *self.rays, hit, cells)
+            self.verdict, self.pierced = judge(self.objects, *self.rays, hit, cells)
             self.hit, self.cells = hit.copy(), cells.copy()
             return self.verdict, self.pierced
         same = (hit == self.hit) & (~hit | (cells == self.cells).all(axis=1))
@@ -93,7 +93,7 @@ class Bench:
         other = np.flatnonzero(~same)
         if len(other):
             origins, directions = (part[other] for part in self.rays)
-            verdict[other], _ = judge(self.wanted, origins, directions, hit[other], cells[other])
+            verdict[other], _ = judge(self.objects, origins, directions, hit[other], cells[other])
         return verdict, self.pierced
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The same work by LeapRay and by others, interleaved in one run on one machine.
+"""LeapRay and other programs at the same work, interleaved in one run on one machine.
 
 One function per peer. So far: a closed mesh to samples around its surface, end to end from numpy
 arrays, by every set of vector instructions and number of threads, and by OpenVDB's Python; and
@@ -60,7 +60,7 @@ def main(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class Row:
-    """A way of doing a piece of work."""
+    """A method for a piece of work."""
 
     work: str
     size: int  # samples across
@@ -79,16 +79,16 @@ def samples_of_meshes(
 ) -> list[Row]:
     """Rows of one resolution; vertices (n, 3), triangles (m, 3) of a closed mesh."""
     voxel = float(np.ptp(vertices, axis=0).max()) / size
-    ways: dict[tuple[str, int], Callable] = {}
+    methods: dict[tuple[str, int], Callable] = {}
     for simd in offered(SIMD):
-        ways[f"LeapRay {simd}", 1] = by_leapray(vertices, triangles, voxel, simd, 1)
+        methods[f"LeapRay {simd}", 1] = by_leapray(vertices, triangles, voxel, simd, 1)
     for threads in (2, 0):
-        ways["LeapRay", threads] = by_leapray(vertices, triangles, voxel, "auto", threads)
-    ways["OpenVDB", 0] = by_openvdb(vertices, triangles, voxel)
-    taken = seconds(list(ways.values()), rounds, time.perf_counter)  # several threads
+        methods["LeapRay", threads] = by_leapray(vertices, triangles, voxel, "auto", threads)
+    methods["OpenVDB", 0] = by_openvdb(vertices, triangles, voxel)
+    taken = seconds(list(methods.values()), rounds, time.perf_counter)  # several threads
     return [
         Row("mesh to samples", size, by, threads, float(np.median(s)), s.min(), s.max())
-        for (by, threads), s in zip(ways, taken.T, strict=True)
+        for (by, threads), s in zip(methods, taken.T, strict=True)
     ]
 
 
@@ -114,7 +114,7 @@ def by_leapray(vertices, triangles, voxel: float, simd: str, threads: int) -> Ca
 def by_openvdb(vertices, triangles, voxel: float) -> Callable:
     """createLevelSetFromPolygons, which uses all cores; raises LeapRayError without OpenVDB."""
     with contextlib.suppress(ImportError):
-        import bpy  # noqa: F401  brings OpenVDB along
+        import bpy  # noqa: F401  has OpenVDB
     openvdb = volume_files._openvdb()
     corners = triangles.astype(np.uint32)
     return lambda: openvdb.FloatGrid.createLevelSetFromPolygons(
@@ -134,7 +134,7 @@ def name_of(row: Row) -> str:
 
 
 def draw(folder: Path, rows: list[Row]) -> None:
-    """Seconds of all ways, a group per size."""
+    """Seconds of all methods, a group per size."""
     sizes = sorted({row.size for row in rows})
     with charts.chart(folder / "peers", columns=len(sizes), width=5.2, height=3.4) as (_, axes):
         for axis, size in zip(axes[0], sizes, strict=True):
@@ -177,7 +177,7 @@ def write_page(folder: Path, told: dict, rows: list[Row], more: list[str]) -> No
 
 
 def sentences(rows: list[Row]) -> list[str]:
-    """What the figures say, computed from them."""
+    """Sentences computed from the figures."""
     said = []
     for size in sorted({row.size for row in rows}):
         taken = {(row.by, row.threads): row.seconds for row in rows if row.size == size}

@@ -344,7 +344,7 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
 
 
 def sentences(rows: list[Row]) -> list[str]:
-    """What the times say, computed from them."""
+    """Sentences computed from the times."""
     said = []
     for camera in dict.fromkeys(row.camera for row in rows):
         found = [row for row in rows if row.camera == camera]
@@ -362,7 +362,7 @@ def sentences(rows: list[Row]) -> list[str]:
 
 
 def findings(rows: list[Row]) -> list[str]:
-    """What the survey found, beside the figures of this run."""
+    """The survey's findings, and the figures of this run."""
 
     def pick(author: str, *chosen: str) -> str:
         found = [e for e in leapray.variants() if e.source.startswith(author)]
@@ -380,7 +380,7 @@ def findings(rows: list[Row]) -> list[str]:
             def value(spec: str, n: int, key=key, scale=scale, at=at) -> float:
                 return scale * getattr(at[spec, n], key)
 
-            def way(spec: str, value=value) -> str:
+            def trend(spec: str, value=value) -> str:
                 first, last = value(spec, ends[0]), value(spec, ends[1])
                 return f"{'fall' if last < first else 'rise'} from {first:.2f} to {last:.2f}"
 
@@ -389,10 +389,10 @@ def findings(rows: list[Row]) -> list[str]:
             worst = max((tree, cubes, chessboard), key=last.__getitem__)
             said.append(
                 f"{camera.capitalize()} camera, {unit}, N = {ends[0]} to {ends[1]}: single steps "
-                f"{way(single)}; the octree's {way(tree)}; cubes' {way(cubes)}; spheres' by "
-                f"chessboard distance {way(chessboard)}, by chamfer {way(chamfer)}. The survey: "
-                "single steps fall and all others rise; the octree is worst of those that leap "
-                f"({'so' if worst == tree else 'not so'} here at N = {ends[1]}); cubes beat "
+                f"{trend(single)}; the octree's {trend(tree)}; cubes' {trend(cubes)}; spheres' by "
+                f"chessboard distance {trend(chessboard)}, by chamfer {trend(chamfer)}. The "
+                "survey: single steps fall and all others rise; the octree is worst of those that "
+                f"leap ({'so' if worst == tree else 'not so'} here at N = {ends[1]}); cubes beat "
                 f"spheres by chessboard ({'so' if last[cubes] < last[chessboard] else 'not so'}) "
                 f"and come close to spheres by chamfer (here at {close:.2f} of them)."
             )

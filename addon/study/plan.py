@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the plan saves: one voxel size for a whole scene against voxels where they are needed.
+"""What the plan saves: one voxel size for a whole scene against planned voxel sizes.
 
 The same scene is modelled with one size of voxels in the world, from coarse to as fine as memory
 allows, and by the plan at several permitted errors; store, traverser and kinds of volumes are the
@@ -197,9 +197,9 @@ def write_page(folder: Path, told: dict, rows: list[Row]) -> None:
         ),
         "<h2>What this is, and what it is not</h2>",
         "<p>With one voxel size, an object is modelled where its largest instance asks for it, as "
-        "instances share volumes; what no ray can reach is left out in both. Uniform sizes are "
+        "instances share volumes; both leave out instances that no ray can meet. Uniform sizes are "
         f"halved until a model would take more than {told['memory_mb']} MB. A small error of "
-        "points is no praise where silhouettes are wrong: what a coarse model loses altogether "
+        "points counts little where silhouettes are wrong: what a coarse model loses altogether "
         "has no error of points. Seconds of the plan hold the levels that it tried and left.</p>",
     ]  # fmt: skip
     (folder / "plan.html").write_text(page.whole("What the plan saves", body), "utf-8")
@@ -211,7 +211,7 @@ def named(row: Row) -> str:
 
 
 def sentences(rows: list[Row]) -> list[str]:
-    """What the figures say, computed from them."""
+    """Sentences computed from the figures."""
     said = []
     for of, words in (("error_99", "of points at 99 %"), ("mismatch_share", "of silhouettes")):
         finest, planned = best(rows, of)

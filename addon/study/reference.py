@@ -66,7 +66,7 @@ class Crossing:
         return self.missed + self.false + self.off
 
     @property
-    def share(self) -> float:
+    def fraction(self) -> float:
         return self.faults / (self.crossing or self.rays or 1)
 
 
@@ -112,8 +112,8 @@ def _part(field, mixed, size, o, d, threshold):
     cell = np.floor(o[ray] + (0.5 * (begin + end))[:, None] * d[ray]).astype(np.int64)
     inside = ((cell >= 0) & (cell < size - 1)).all(axis=1)
     ray, begin, end, cell = ray[inside], begin[inside], end[inside], cell[inside]
-    wanted = mixed[cell[:, 2], cell[:, 1], cell[:, 0]]
-    ray, begin, end, cell = ray[wanted], begin[wanted], end[wanted], cell[wanted]
+    crossing = mixed[cell[:, 2], cell[:, 1], cell[:, 0]]
+    ray, begin, end, cell = ray[crossing], begin[crossing], end[crossing], cell[crossing]
     above = _side_at_start(field, size, o, threshold)[ray]
     points = [o[ray] + (begin + x * (end - begin))[:, None] * d[ray] for x in (0, 1 / 3, 2 / 3, 1)]
     c = cubic(*(trilinear(field, cell, p - cell) - threshold for p in points))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a comparison found, as pictures, charts and one page that needs no network (no bpy)."""
+"""The report of a comparison: pictures, charts and one page that needs no network (no bpy)."""
 
 from __future__ import annotations
 
@@ -312,7 +312,9 @@ def light_table(told: dict) -> str:
             ]
         )
     head = ["", "mean", "RMSE*", "PSNR* dB", "FLIP*", "RMSE", "PSNR dB", "FLIP", "rims"]
-    return table(head, rows) + '<p class="soft">* without rims, whose share is the last column.</p>'
+    return (
+        table(head, rows) + '<p class="soft">* without rims, whose fraction is the last column.</p>'
+    )
 
 
 def index_table(told: dict) -> str:
@@ -322,10 +324,10 @@ def index_table(told: dict) -> str:
         cells = [esc(run["label"]), number(found["n_edge_pixels"])]
         for which in ("but_sheet_rims", "sheet_rims"):
             part = found[which]
-            share = part["share_of_edges"]
+            fraction = part["share_of_edges"]
             cells += [
                 number(part["n"]),
-                NONE if share is None else f"{100 * share:.2f} %",
+                NONE if fraction is None else f"{100 * fraction:.2f} %",
                 number(part["worst_steps"]),
             ]
         rows.append(cells)

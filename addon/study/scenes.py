@@ -48,8 +48,8 @@ def read(path: Path, percentage: int = 100) -> model.Scene:
             if hasattr(modifier, "render_levels"):
                 modifier.levels = modifier.render_levels
     render = scene.render
-    share = render.resolution_percentage * percentage / 10_000
-    width, height = (int(n * share) for n in (render.resolution_x, render.resolution_y))
+    fraction = render.resolution_percentage * percentage / 10_000
+    width, height = (int(n * fraction) for n in (render.resolution_x, render.resolution_y))
     read = reader.read(bpy.context.evaluated_depsgraph_get(), width, height)
     return numbered(read)
 
@@ -112,17 +112,17 @@ def scan(n: int = 300) -> model.Mesh:
         np.rint(points * n).astype(np.int64), axis=0, return_index=True, return_inverse=True
     )
     points, triangles = points[first], inverse.reshape(-1)[triangles]
-    ways = unit(points)
+    directions = unit(points)
     rng = np.random.default_rng(1994)
-    radius = np.ones(len(ways))
+    radius = np.ones(len(directions))
     for octave, height in ((2.0, 0.16), (5.0, 0.06), (12.0, 0.02), (40.0, 0.004)):
         for _ in range(4):
             towards = rng.normal(size=3)
             towards *= octave / np.linalg.norm(towards)
-            radius += height / 2 * np.sin(ways @ towards + rng.uniform(0, 2 * np.pi))
-    radius += rng.normal(scale=2e-4, size=len(ways))
+            radius += height / 2 * np.sin(directions @ towards + rng.uniform(0, 2 * np.pi))
+    radius += rng.normal(scale=2e-4, size=len(directions))
     return model.Mesh(
-        "Scan", (ways * radius[:, None]).astype(np.float32), triangles.astype(np.int32)
+        "Scan", (directions * radius[:, None]).astype(np.float32), triangles.astype(np.int32)
     )
 
 
@@ -203,11 +203,11 @@ def shading_normals(
 ) -> NDArray[np.float64]:
     """(n, 3): the corners' normals (n, 3, 3) at points (n, 3) of triangles (n, 3, 3), turned to
     the side that the triangles' own (n, 3) show; these where the corners have none."""
-    sides, reach = corners[:, 1:] - corners[:, :1], points - corners[:, 0]
+    sides, offset = corners[:, 1:] - corners[:, :1], points - corners[:, 0]
     metric = np.einsum("nka,nla->nkl", sides, sides)
     flat = ~(np.linalg.det(metric) > 0)
     metric[flat] = np.eye(2)
-    places = np.linalg.solve(metric, np.einsum("nka,na->nk", sides, reach)[..., None])[..., 0]
+    places = np.linalg.solve(metric, np.einsum("nka,na->nk", sides, offset)[..., None])[..., 0]
     weights = np.clip(np.column_stack([1 - places.sum(axis=1), places]), 0, 1)
     made = unit(np.einsum("nk,nka->na", weights, normals))
     winding = np.einsum("na,na->n", np.cross(sides[:, 0], sides[:, 1]), facing)
@@ -230,7 +230,7 @@ class Difference:
     worst: str  # the object of LEAST_PIXELS or more that errs most at 99 %
     worst_99: float
     normal_99: float  # degrees between shading normals
-    turned: float  # share of pixels, but for edges, whose normals are metrics.TURNED degrees off
+    turned: float  # fraction of pixels, but for edges, whose normals are metrics.TURNED degrees off
     agreeing: int  # pixels
     edges: int  # pixels with another object beside them
     mismatch: int  # pixels that see another object
@@ -271,7 +271,7 @@ def difference(scene: model.Scene, want: Truth, passes: dict[str, NDArray]) -> D
         names.get(worst, ""),
         by_object.get(worst, 0.0),
         normal_99,
-        metrics.turned_share(angle, agree & ~metrics.mixed(want.index)),
+        metrics.turned_fraction(angle, agree & ~metrics.mixed(want.index)),
         int(agree.sum()),
         told["n_edge_pixels"],
         told["all"]["n"],

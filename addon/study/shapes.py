@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shapes whose every point, normal and first hit is known, for studies of errors (no bpy)."""
+"""Shapes with known points, normals and first hits, for studies of errors (no bpy)."""
 
 from __future__ import annotations
 
@@ -68,14 +68,14 @@ class Shape:
         made = np.empty((n, BLOCK, n, BLOCK, n, BLOCK), kind)
         blocks = made.transpose(0, 2, 4, 1, 3, 5)
         blocks[...] = np.where(away < 0, top, 0)[..., None, None, None]
-        reach = (np.sqrt(3) * (BLOCK - 1) / 2 + half_width) * voxel
-        near = np.argwhere(np.abs(away) <= reach)
+        distance = (np.sqrt(3) * (BLOCK - 1) / 2 + half_width) * voxel
+        near = np.argwhere(np.abs(away) <= distance)
         inside = grid(np.arange(BLOCK) * voxel)
         for part in np.array_split(near, -(-len(near) // PART) or 1):
             points = part[:, None, None, None, ::-1] * (BLOCK * voxel) - 1.1 + inside
             ramp = 0.5 - self.distance(points.reshape(-1, 3)) / (2 * half_width * voxel)
-            share = np.clip(ramp, 0.0, 1.0).reshape(-1, BLOCK, BLOCK, BLOCK) * top
-            blocks[tuple(part.T)] = share if dtype == "f32" else np.rint(share)
+            fraction = np.clip(ramp, 0.0, 1.0).reshape(-1, BLOCK, BLOCK, BLOCK) * top
+            blocks[tuple(part.T)] = fraction if dtype == "f32" else np.rint(fraction)
         matrix = np.diag([voxel, voxel, voxel, 1.0])
         matrix[:3, 3] = -1.1
         made = made.reshape((n * BLOCK,) * 3)[:size, :size, :size]

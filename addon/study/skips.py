@@ -24,7 +24,7 @@ MARGIN = 1.02  # of the film around the cube
 
 @dataclass(frozen=True)
 class Skip:
-    """A way of skipping on a phantom from all views."""
+    """A skip on a phantom from all views."""
 
     n: int  # of the phantom: n^3 spheres
     skip: str
@@ -46,7 +46,7 @@ def camera(forward: NDArray[np.float64], size: int, image: int) -> leapray.Camer
 
 
 def measure(counts, directions: NDArray, size: int, image: int) -> list[Skip]:
-    """Rows per phantom and way of skipping."""
+    """Rows per phantom and skip."""
     found = []
     for n in counts:
         volume = leapray.Volume(phantom(size, n))

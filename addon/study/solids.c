@@ -23,7 +23,7 @@ static double distance(const double o[3], const double d[3], double t, double ma
     return sqrt(across * across + z * z) - minor;
 }
 
-/* From t on; infinity where the ray has left the ball of radius reach, or creeps. */
+/* From t on; infinity where the ray has left the ball, or creeps. */
 static double march(const double o[3], const double d[3], double t, double major, double minor,
                     double end)
 {
@@ -41,12 +41,12 @@ static double march(const double o[3], const double d[3], double t, double major
 void solid_entries(const double *o, const double *d, int64_t n, double major, double minor,
                    double margin, double *early, double *late)
 {
-    const double reach = major + minor + 2 * margin;
+    const double radius = major + minor + 2 * margin;
     for (int64_t i = 0; i < n; i++) {
         const double *p = o + 3 * i, *q = d + 3 * i;
         const double middle = -(p[0] * q[0] + p[1] * q[1] + p[2] * q[2]);
-        const double end = middle + reach;
-        const double begin = middle - reach > 0 ? middle - reach : 0;
+        const double end = middle + radius;
+        const double begin = middle - radius > 0 ? middle - radius : 0;
         early[i] = march(p, q, begin, major, minor + margin, end);
         late[i] = isinf(early[i]) ? INFINITY : march(p, q, early[i], major, minor - margin, end);
     }

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where methods fail: traversers against the integer oracle, hit tests against the field's roots.
 
-Every case is a volume with rays that are hard in one way. A traverser's claim, the first object
+Every case is a volume with difficult rays of one kind. A traverser's claim, the first object
 cell in binary mode, is judged by exact arithmetic (oracle.c); a hit test's claim, the first
 crossing in surface mode with the default traverser, by a slow reference in f64 (reference.py).
-Rays whose verdict hangs on rounding, because the field all but touches the threshold, are left
-out and counted. What promises exactness shows zeros.
+Rays whose verdict depends on rounding, because the field nearly touches the threshold, are left
+out and counted. Exact methods show zeros.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Claim:
     planes: int  # nx + ny + nz, which no walk need exceed
 
     @property
-    def share(self) -> float:
+    def fraction(self) -> float:
         """Faults per ray that has a first cell, or per ray where none has."""
         return (self.missed + self.late + self.wrong) / (self.pierced or self.rays)
 
@@ -92,14 +92,14 @@ def judge_cells(case: Case, count: int) -> list[Claim]:
         faults = (
             int(number[oracle.VERDICTS.index("missed")]),
             int(number[oracle.VERDICTS.index("late")]),
-            int(number[oracle.VERDICTS.index("not wanted") :].sum()),
+            int(number[oracle.VERDICTS.index("no object") :].sum()),
         )
         rows.append(claim(case.name, entry, hits, int(pierced.sum()), faults, samples.shape))
     return rows
 
 
 def judge_tunnels(side: int) -> list[Claim]:
-    """A row per variant: who comes to the ends of tunnels as wide as the ray?"""
+    """A row per variant: which rays reach the ends of tunnels as wide as themselves."""
     dug = tunnels.dig(side, SEED)
     rays, rows = (dug.origins, dug.directions), []
     for entry in leapray.variants():
@@ -159,14 +159,14 @@ def draw(folder: Path, cells: list[Claim], fields: list[reference.Crossing], siz
         folder / "traversers",
         "First cells at fault, per cent of the rays that have one",
         names,
-        {(row.label, row.case): row.share for row in cells},
+        {(row.label, row.case): row.fraction for row in cells},
     )
     pairs = list(dict.fromkeys(f"{row.hit_test}, {row.root}" for row in fields))
     table_chart(
         folder / "hit-tests",
         f"Crossings missed, false, or more than {reference.OFF:g} voxels from the first, per cent",
         pairs,
-        {(f"{row.hit_test}, {row.root}", row.case): row.share for row in fields},
+        {(f"{row.hit_test}, {row.root}", row.case): row.fraction for row in fields},
     )
     with charts.chart(folder / "pictures", columns=4, width=3.3, height=3.5) as (_, axes):
         for axis, (title, image) in zip(axes[0], pictures(cells, size), strict=False):
@@ -175,10 +175,10 @@ def draw(folder: Path, cells: list[Claim], fields: list[reference.Crossing], siz
             axis.set_axis_off()
 
 
-def table_chart(path: Path, title: str, methods_: list[str], shares: dict) -> None:
+def table_chart(path: Path, title: str, methods_: list[str], fractions: dict) -> None:
     """A row per method, a column per case; what is 0 stays white."""
-    cases = list(dict.fromkeys(case for _, case in shares))
-    table = np.array([[100 * shares[name, case] for case in cases] for name in methods_])
+    cases = list(dict.fromkeys(case for _, case in fractions))
+    table = np.array([[100 * fractions[name, case] for case in cases] for name in methods_])
     size: dict[str, Any] = {"width": 13.5, "height": 2.4 + 0.26 * len(methods_)}
     with charts.chart(path, **size) as (_, axes):
         axis = axes[0, 0]
@@ -199,10 +199,10 @@ def pictures(cells: list[Claim], size: int) -> list[tuple[str, NDArray]]:
     """Wires seen through the default traverser and the worst ones, faults in red."""
     worst: dict[str, float] = {}
     for row in cells:
-        worst[row.traverser] = max(worst.get(row.traverser, 0.0), row.share)
+        worst[row.traverser] = max(worst.get(row.traverser, 0.0), row.fraction)
     chosen = sorted(leapray.variants(), key=lambda one: (not one.default, -worst[one.spec]))[:4]
     volume, samples, _, _ = made(next(c for c in CASES if c.samples is wires), 1)
-    wanted = oracle.object_cells(samples, 0.5)
+    objects = oracle.object_cells(samples, 0.5)
     forward, right, up = (np.array(v, float) for v in ((5, 3, -2), (3, -5, 0), (10, 6, 34)))
     right, up = right / np.linalg.norm(right), up / np.linalg.norm(up)
     line = (np.arange(size) + 0.5) / size * 44 - 22
@@ -212,7 +212,7 @@ def pictures(cells: list[Claim], size: int) -> list[tuple[str, NDArray]]:
     found = []
     for entry in chosen:
         hits = leapray.trace(leapray.build(volume, entry), *rays, mode="binary")
-        verdict, _ = oracle.judge(wanted, *rays, np.isfinite(hits.t), hits.cell)
+        verdict, _ = oracle.judge(objects, *rays, np.isfinite(hits.t), hits.cell)
         image = np.full((len(verdict), 3), 255, np.uint8)
         depth = np.where(np.isfinite(hits.t), hits.t, 20) - 14
         image[np.isfinite(hits.t)] = np.clip(60 + 12 * depth, 40, 215)[np.isfinite(hits.t), None]
@@ -244,7 +244,7 @@ def write_page(
         "<p>At ties, through edges and corners, any object cell that the ray touches will do. "
         f"A tunnel consists of the cells that its ray pierces by exact arithmetic, up to "
         f"{max(row.longest for row in cells if row.exact)} of them, and its walls are objects: "
-        "one wrong cell on the way is a fault. "
+        "one wrong cell along the ray is a fault. "
         "Stretched and sheared voxels use matrices of powers of two, so that exact rays stay "
         "exact. What takes several samples in a cell walks longer by its nature. Doubtful "
         f"rays, where the field comes within {reference.NEAR:g} of the threshold, are left out "
@@ -264,7 +264,7 @@ def total_line(cells: list[Claim], label: str) -> list[str]:
 
 
 def sentences(cells: list[Claim], fields: list[reference.Crossing]) -> list[str]:
-    """What the tables say, computed from them."""
+    """Sentences computed from the tables."""
     exact = [row for row in cells if row.exact]
     faults = sum(row.missed + row.late + row.wrong for row in exact)
     stalls = sum(row.longest > row.planes for row in exact)
@@ -275,10 +275,10 @@ def sentences(cells: list[Claim], fields: list[reference.Crossing]) -> list[str]
     ]
     loose = [row for row in cells if not row.exact]
     for label in dict.fromkeys(row.label for row in loose):
-        worst = max((row for row in loose if row.label == label), key=lambda row: row.share)
+        worst = max((row for row in loose if row.label == label), key=lambda row: row.fraction)
         said.append(
-            f"{label} fails most in “{worst.case}”: {worst.share:.2%}."
-            if worst.share
+            f"{label} fails most in “{worst.case}”: {worst.fraction:.2%}."
+            if worst.fraction
             else f"{label} promises nothing, but no case here shows a fault."
         )
     for pair in dict.fromkeys((row.hit_test, row.root) for row in fields):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The survey's second experiment: what the way to the surface, the hit test and the root cost.
+"""The survey's second experiment: the cost of traversal, hit test and root.
 
 A voxelized sphere is magnified so that all rays hit it. Times are differences of runs: binary mode
 walks to the first object cell and no further (traversal); a whole run adds hit test, root and
-normal. The normal's share is what is saved where t_max ends a little before the crossing, so that
+normal. The normal's time is what is saved where t_max ends a little before the crossing, so that
 the root is found but no hit is kept; of the rest, the linear root, one division, counts as hit
 test, and what other roots take beyond it is the root's. Then errors of point and normal against
 the sphere by angle of incidence, and against the field's own crossing.
@@ -81,7 +81,7 @@ def parallel_rays(image: int):
 
 
 def rays_of_all_angles(count: int):
-    """Rays (count, 3) from everywhere whose angles of incidence are even between 0 and 90."""
+    """Rays (count, 3) from everywhere whose angles of incidence are uniform between 0 and 90."""
     random = np.random.default_rng(1994)
     outward = unit(random.normal(size=(count, 3)))
     across = unit(np.cross(outward, random.normal(size=(count, 3))))
@@ -121,8 +121,8 @@ def measure(volume: leapray.Volume, image: int, rounds: int) -> list[Cost]:
     others = [entry for entry in leapray.variants() if entry not in chosen]
     found = []
     for entry in chosen + others:
-        wanted = pairs if entry in chosen else few
-        found += cost_of(volume, entry, wanted, origins, directions, rounds)
+        tested = pairs if entry in chosen else few
+        found += cost_of(volume, entry, tested, origins, directions, rounds)
     best = min(sum_of(row) for row in found if row.default and is_iterative(row))
     return [Cost(**{**asdict(row), "relative": sum_of(row) / best}) for row in found]
 
@@ -410,11 +410,11 @@ def write_page(folder: Path, told: dict, costs: list[Cost], errors: list[Error])
 
 
 def sentences(costs: list[Cost], errors: list[Error]) -> list[str]:
-    """What the figures say, computed from them."""
+    """Sentences computed from the figures."""
     rows = sorted((row for row in costs if row.default), key=lambda row: row.relative)
     best = next(row for row in rows if is_iterative(row))
     said = [
-        f"The best iterative way is {best.hit_test} with {best.root}: {sum_of(best):.0f} ns per "
+        f"The best iterative method is {best.hit_test} with {best.root}: {sum_of(best):.0f} ns per "
         f"ray, of which traversal takes {best.traversal / sum_of(best):.0%}, the hit test "
         f"{best.testing / sum_of(best):.0%} and the root {best.rooting / sum_of(best):.0%}."
     ]

@@ -2,7 +2,7 @@
 """Long rays through tunnels just as wide as themselves (no bpy).
 
 In a large, sparse volume every ray has a tunnel whose cells are those that it pierces by exact
-arithmetic, and whose walls are objects: the first cell that a traverser gets wrong on the way is
+arithmetic, and whose walls are objects: the first cell that a traverser gets wrong along the ray is
 an object cell, and it stops there. Only who makes no mistake in thousands of steps comes to the
 tunnel's end.
 """
@@ -38,14 +38,14 @@ class Tunnels:
 def dig(side: int, seed: int) -> Tunnels:
     """Tunnels from x = 0 to near the far side, in a volume of side^3 samples."""
     rng = np.random.default_rng(seed)
-    reach = 0.42 * side  # sideways
-    last = int(side - reach - 60)
+    offset = 0.42 * side  # sideways
+    last = int(side - offset - 60)
     mouths = np.array(
         list(itertools.product(range(30, last, max(side // ACROSS, LEAST)), repeat=2)), float
     )
     n = len(mouths)
     starts = np.column_stack([np.full(n, -3.0), mouths + rng.random((n, 2))])
-    aside = reach + rng.uniform(-25, 25, (n, 2))
+    aside = offset + rng.uniform(-25, 25, (n, 2))
     ends = np.column_stack([np.full(n, side + 3.0), starts[:, 1:] + aside])
     origins = np.round(starts * 2.0**oracle.SHIFT) / 2.0**oracle.SHIFT
     directions = np.round((ends - origins) * 2.0**12)
@@ -53,7 +53,7 @@ def dig(side: int, seed: int) -> Tunnels:
     for o, d in zip(origins, directions, strict=True):
         whole = oracle.path(o, d, (-1, -1, -1), (side, side, side))
         paths.append(whole[: np.argmax(whole[:, 0] >= side - 4) + 1])
-    # Through an edge or a corner there are several ways, and all are right.
+    # Through an edge or a corner there are several walks, and all are right.
     plain = [bool((np.abs(np.diff(path, axis=0)).sum(axis=1) == 1).all()) for path in paths]
     origins, directions = origins[plain], directions[plain]
     paths = list(itertools.compress(paths, plain))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lights and worlds in the core's units, as Cycles shines."""
+"""Lights and worlds in the core's units, against Cycles."""
 
 import math
 
@@ -60,9 +60,9 @@ def test_light_units_are_those_of_cycles(scene, kind, attributes):
     (got,) = read().lights
     facing = np.array(got.color)
     if kind == "AREA":
-        round_share = math.pi / 4 if attributes["shape"] in ("DISK", "ELLIPSE") else 1
-        assert got.shape == ("ellipse" if round_share < 1 else "rectangle")
-        facing *= round_share * np.linalg.norm(np.cross(got.axis_u, got.axis_v))
+        round_fraction = math.pi / 4 if attributes["shape"] in ("DISK", "ELLIPSE") else 1
+        assert got.shape == ("ellipse" if round_fraction < 1 else "rectangle")
+        facing *= round_fraction * np.linalg.norm(np.cross(got.axis_u, got.axis_v))
     facing /= 1.0 if kind == "SUN" else AT**2
     assert_allclose(facing / math.pi, cycles_radiance(scene), rtol=2e-3)
 
@@ -71,7 +71,7 @@ def test_lights_have_a_place_a_direction_a_size_and_nodes(scene):
     put("Cube", mesh())
     turned = {"rotation_euler": (0.3, 0.4, 0.5)}
     sun = put("Sun", light("SUN", energy=2.0, use_shadow=False, angle=0.3), **turned)
-    put("Lamp", light("POINT", energy=4 * math.pi), location=(1, 2, 3), scale=(5, 5, 5))
+    put("Light", light("POINT", energy=4 * math.pi), location=(1, 2, 3), scale=(5, 5, 5))
     put("Soft", light("POINT", use_soft_falloff=True, shadow_soft_size=0.7))
     put("Spot", light("SPOT", spot_size=1.2, spot_blend=0.3, use_soft_falloff=False), **turned)
     area = put("Area", light("AREA", shape="RECTANGLE", size=2.0, size_y=3.0, spread=1.0), **turned)
@@ -88,10 +88,10 @@ def test_lights_have_a_place_a_direction_a_size_and_nodes(scene):
     bpy.context.view_layer.update()
 
     got = {each.name: each for each in read().lights}
-    assert set(got) == {"Sun", "Lamp", "Soft", "Spot", "Area"}
-    assert_allclose(got["Lamp"].position, (1, 2, 3))
-    assert_allclose(got["Lamp"].color, 1.0, rtol=1e-6)
-    assert got["Lamp"].casts_shadow and not got["Sun"].casts_shadow
+    assert set(got) == {"Sun", "Light", "Soft", "Spot", "Area"}
+    assert_allclose(got["Light"].position, (1, 2, 3))
+    assert_allclose(got["Light"].color, 1.0, rtol=1e-6)
+    assert got["Light"].casts_shadow and not got["Sun"].casts_shadow
     up = sun.matrix_world.to_3x3() @ Vector((0, 0, 1))
     assert_allclose(got["Sun"].direction, up, atol=1e-6)
     assert_allclose(got["Sun"].color, (3.0, 6.0, 0.0), rtol=1e-6)
@@ -108,27 +108,27 @@ def test_lights_have_a_place_a_direction_a_size_and_nodes(scene):
 
 def test_lights_are_seen_by_the_rays_that_may_see_them(scene):
     put("Cube", mesh())
-    put("Lamp", light("POINT"), visible_glossy=False)
+    put("Light", light("POINT"), visible_glossy=False)
     put("Bulb", light("POINT"), visible_camera=True, visible_transmission=False)
     got = {each.name: each for each in read().lights}
     flags = ("visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission")
-    assert [getattr(got["Lamp"], flag) for flag in flags] == [False, True, False, True]
+    assert [getattr(got["Light"], flag) for flag in flags] == [False, True, False, True]
     assert [getattr(got["Bulb"], flag) for flag in flags] == [True, True, True, False]
 
 
 def test_black_bodies_are_those_of_blender():
-    lamp = light("POINT", use_temperature=True)
+    data = light("POINT", use_temperature=True)
     for kelvin in (900.0, 1000.0, 1300.0, 1700.0, 2500.0, 5000.0, 6500.0, 11000.0):
-        lamp.temperature = kelvin
-        want = np.array(lamp.temperature_color)
+        data.temperature = kelvin
+        want = np.array(data.temperature_color)
         assert_allclose(np.maximum(colors.blackbody(kelvin), 0), want, atol=0.02 * want.max())
 
 
 def test_a_lights_nodes_may_be_a_black_body_with_falloff(scene):
     put("Cube", mesh())
-    lamp = light("POINT", energy=4 * math.pi)
-    put("Lamp", lamp)
-    tree = nodes_of(lamp)
+    data = light("POINT", energy=4 * math.pi)
+    put("Light", data)
+    tree = nodes_of(data)
     emission = tree.nodes["Emission"]
     body, falloff = (
         tree.nodes.new(kind) for kind in ("ShaderNodeBlackbody", "ShaderNodeLightFalloff")
@@ -142,7 +142,7 @@ def test_a_lights_nodes_may_be_a_black_body_with_falloff(scene):
     assert got.warnings == ()
     tree.links.new(falloff.outputs["Constant"], emission.inputs["Strength"])
     (warning,) = read().warnings
-    assert "Light Falloff (Constant) in 'Lamp'" in warning
+    assert "Light Falloff (Constant) in 'Light'" in warning
 
 
 # ---- world -------------------------------------------------------------------

@@ -11,7 +11,7 @@ from addon import model, pipeline
 from addon.plan import culling
 
 SUN = model.Light("sun", (3.0, 3.0, 3.0), name="Sun", direction=(0.0, 0.0, 1.0))
-LAMP = model.Light("point", (40.0, 40.0, 40.0), name="Lamp", position=(3.0, -3.0, 5.0))
+POINT = model.Light("point", (40.0, 40.0, 40.0), name="Point", position=(3.0, -3.0, 5.0))
 
 
 def dark(*places, lights=(SUN,), **more):
@@ -25,14 +25,14 @@ def reached(scene):
     return culling.reached(scene, list(scene.instances)).tolist()
 
 
-def test_what_is_behind_the_camera_and_off_the_ways_of_light_is_left_out():
+def test_what_is_behind_the_camera_and_off_the_paths_of_light_is_left_out():
     scene = dark((0, 0, 0), (0, -20, 0), (50, 0, 0), (0, 0, 30), (0, 0, -30))
     assert reached(scene) == [True, False, False, True, False]  # the fourth shades the first
 
 
-def test_a_lamp_is_shaded_only_from_between():
-    between, beyond = np.array(LAMP.position) / 2, 3 * np.array(LAMP.position)
-    scene = dark((0, 0, 0), between, beyond, lights=(LAMP,), view=scenes.camera(fov=0.2))
+def test_a_point_light_is_shaded_only_from_between():
+    between, beyond = np.array(POINT.position) / 2, 3 * np.array(POINT.position)
+    scene = dark((0, 0, 0), between, beyond, lights=(POINT,), view=scenes.camera(fov=0.2))
     assert reached(scene) == [True, True, False]
 
 
@@ -66,8 +66,8 @@ def test_lights_with_extent_are_shaded_from_beside_too():
         assert reached(dark((0, 0, 0), above, beside, lights=(sun,)))[1:] == [True, found]
     narrow = scenes.camera(fov=0.2)
     for radius, found in ((0.0, False), (3.0, True)):
-        lamp = dataclasses.replace(LAMP, radius=radius)
-        scene = dark((0, 0, 0), (3, -5.5, 4.5), lights=(lamp,), view=narrow)
+        point = dataclasses.replace(POINT, radius=radius)
+        scene = dark((0, 0, 0), (3, -5.5, 4.5), lights=(point,), view=narrow)
         assert reached(scene) == [True, found]
 
 
@@ -86,12 +86,12 @@ def test_diffuse_bounces_and_ambient_occlusion_reach_everything():
     assert reached(ambient) == [True, True]
 
 
-def test_a_shining_thing_behind_the_camera_lights_what_is_seen():
+def test_an_emitting_object_behind_the_camera_lights_what_is_seen():
     scene = dark((0, 0, 0), (0, -20, 0), diffuse_bounces=1, samples=16)
-    ball, lamp = scene.instances[0], scenes.place(at=(0, -20, 0), scale=4.0, materials=(2,))
-    shines = model.Material("Shines", (model.Lobe("emission", (50.0, 50.0, 50.0)),))
-    materials = *scene.materials, shines
-    scene = dataclasses.replace(scene, materials=materials, instances=(ball, lamp), lights=())
+    ball, emitter = scene.instances[0], scenes.place(at=(0, -20, 0), scale=4.0, materials=(2,))
+    emission = model.Material("Emitter", (model.Lobe("emission", (50.0, 50.0, 50.0)),))
+    materials = *scene.materials, emission
+    scene = dataclasses.replace(scene, materials=materials, instances=(ball, emitter), lights=())
     alone = dataclasses.replace(scene, instances=(ball,))
     lit, unlit = (pipeline.render(s).passes["Combined"][..., :3].max() for s in (scene, alone))
     assert unlit == 0 and lit > 0.1
@@ -117,7 +117,7 @@ def test_thousands_of_instances_are_judged_together():
     assert 0.02 < got.mean() < 0.9
 
 
-@pytest.mark.parametrize("lights", [(SUN,), (LAMP,), (SUN, LAMP)])
+@pytest.mark.parametrize("lights", [(SUN,), (POINT,), (SUN, POINT)])
 @pytest.mark.parametrize("scale", [None, 4.0])
 def test_pictures_do_not_depend_on_what_is_left_out(monkeypatch, lights, scale):
     rng = np.random.default_rng(7)

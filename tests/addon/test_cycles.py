@@ -64,7 +64,7 @@ def agree(scene, diffuse_bounces=1, blocks=0.1):
     assert np.abs(means[1] - means[0]).max() < blocks * means[0].mean()
 
 
-LAMPS = [
+LIGHTS = [
     ("SUN", {"energy": 3.0, "angle": 0.2}),
     ("POINT", {"energy": 300.0, "shadow_soft_size": 0.4, "use_soft_falloff": False}),
     ("SPOT", {"energy": 800.0, "shadow_soft_size": 0.2, "spot_size": 1.2, "spot_blend": 0.4}),
@@ -73,10 +73,10 @@ LAMPS = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "attributes"), LAMPS)
-def test_lamps(scene, kind, attributes):
-    lamp = put("Lamp", light(kind, **attributes), location=(2.5, -2, 4))
-    lamp.rotation_euler = (0.5, 0.4, 0.3)
+@pytest.mark.parametrize(("kind", "attributes"), LIGHTS)
+def test_lights(scene, kind, attributes):
+    ob = put("Light", light(kind, **attributes), location=(2.5, -2, 4))
+    ob.rotation_euler = (0.5, 0.4, 0.3)
     agree(scene)
 
 
@@ -124,8 +124,8 @@ def test_materials(scene):
     mix = node(made, "MixShader", Fac=0.5, Shader=shaders[0], Shader_001=shaders[1])
     surface(made, output, mix)
     ball(made, 2.3, -0.6)
-    put("Lamp", light("AREA", energy=250.0, size=1.0), location=(2.5, -3, 4))
-    # Caustics are too noisy, and a lamp's reflection may lie half a pixel beside Cycles'.
+    put("Light", light("AREA", energy=250.0, size=1.0), location=(2.5, -3, 4))
+    # Caustics are too noisy, and a light's reflection may lie half a pixel beside Cycles'.
     agree(scene, diffuse_bounces=0, blocks=0.25)
 
 

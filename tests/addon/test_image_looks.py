@@ -53,7 +53,7 @@ def generated(is_float):
 
 
 def look(image, use="color", after=None, **settings):
-    """A material that shines as an image's colour or alpha, with its alpha used or not."""
+    """A material that emits an image's colour or alpha, with its alpha used or not."""
 
     def build(tree):
         texture = node(tree, "TexImage")
@@ -190,10 +190,12 @@ def test_nodes_after_an_image_work_on_what_is_looked_up(is_float):
     fresh()
     image = generated(is_float)
     afters = (None, ramp, steep, curves, hue)
-    ways = ("Linear", "Closest", "Cubic", "Smart")
-    names = list(itertools.product(afters, ways, ("color", "alpha")))
-    made = [look(image, use, after, interpolation=way) for after, way, use in names]
-    names = [(after.__name__ if after else "", way, use) for after, way, use in names]
+    interpolations = ("Linear", "Closest", "Cubic", "Smart")
+    names = list(itertools.product(afters, interpolations, ("color", "alpha")))
+    made = [
+        look(image, use, after, interpolation=interpolation) for after, interpolation, use in names
+    ]
+    names = [(after.__name__ if after else "", kind, use) for after, kind, use in names]
     agree(made, names)
 
 

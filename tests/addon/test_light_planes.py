@@ -33,8 +33,8 @@ def square(size=1.0, z=0.0, x=0.0, hole=0.0):
     return model.Mesh("square", np.float32(corners), np.int32(triangles))
 
 
-def lamp(**changes):
-    """An area light at the origin that shines down."""
+def area_light(**changes):
+    """An area light at the origin that points down."""
     light = model.Light("area", (5.0, 5.0, 5.0), direction=(0, 0, -1), name="Area",
                         axis_u=(0.6, 0, 0), axis_v=(0, 0.4, 0), angle=math.pi,
                         shape="rectangle")  # fmt: skip
@@ -87,7 +87,7 @@ def test_the_mesh_tells_on_which_side_of_a_light_it_lies(name):
     for matrix in (np.eye(4), turned(2.0, 7.0) @ np.diag([3.0, 3, 3, 1])):
         warnings: list[str] = []
         turn = matrix[:3, :3] / 3 if matrix[2, 3] else matrix[:3, :3]
-        light = lamp(
+        light = area_light(
             position=tuple(matrix[:3, 3]),
             direction=tuple(turn @ (0, 0, -1)),
             axis_u=tuple(matrix[:3, :3] @ (0.6, 0, 0)),
@@ -107,7 +107,7 @@ def test_the_mesh_tells_on_which_side_of_a_light_it_lies(name):
 
 
 def test_lights_that_nothing_stops_and_other_lights_stay():
-    lights = [lamp(casts_shadow=False), lamp(kind="point", shape="sphere", radius=0.5)]
+    lights = [area_light(casts_shadow=False), area_light(kind="point", shape="sphere", radius=0.5)]
     assert light_planes.with_margins(lights, [placed(square())], []) == tuple(lights)
 
 
@@ -116,7 +116,7 @@ def picture(distance, size, shape, solid):
     panel = scenes.box((0.5, 0.5, 0.5)) if solid else square(0.8)
     z = 1.37 + distance + (0.25 if solid else 0)
     view = scenes.camera(eye=(2.2, -3, 1.0), target=(0, 0, 0.3), width=size, height=size)
-    light = lamp(position=(0, 0, 1.37), axis_u=(0.3, 0, 0), axis_v=(0, 0.3, 0), shape=shape)
+    light = area_light(position=(0, 0, 1.37), axis_u=(0.3, 0, 0), axis_v=(0, 0.3, 0), shape=shape)
     made = scenes.scene(
         [square(3.0), panel],
         [scenes.place(0, object_index=1), scenes.place(1, at=(0.03, 0.02, z), object_index=2)],

@@ -71,7 +71,7 @@ def test_the_tree_chooses_negative_lights_by_their_magnitude():
     put("Sun", light("SUN", energy=2.0, angle=0.0))
     for k in range(25):
         sign = -1 if k % 2 else 1
-        put(f"Lamp {k}", light("POINT", energy=sign * (20.0 + 10 * k), shadow_soft_size=0.1),
+        put(f"Light {k}", light("POINT", energy=sign * (20.0 + 10 * k), shadow_soft_size=0.1),
             location=(2.4 * (k % 5) - 4.8, 2.4 * (k // 5) - 4.8, 1.5))  # fmt: skip
     assert_same_light(both(scene, 128), rtol=0.04)
 
@@ -126,9 +126,9 @@ SPREADS = [  # degrees, shape, sides, height
 def test_narrow_spreads_are_as_even_as_in_cycles(degrees, shape, sides, height):
     scene = floor(size=1.6)
     scene.render.resolution_x = scene.render.resolution_y = 12
-    lamp = light("AREA", energy=300.0, shape=shape, spread=math.radians(degrees))
-    lamp.size, lamp.size_y = sides
-    put("Area", lamp, location=(0.4, 0.0, height))
+    data = light("AREA", energy=300.0, shape=shape, spread=math.radians(degrees))
+    data.size, data.size_y = sides
+    put("Area", data, location=(0.4, 0.0, height))
     seen = [each["Combined"][..., 0] for each in both(scene, 64)]
     truth = render(scene, "CYCLES", 2048)["Combined"][..., 0]
     off, ours_off = (np.sqrt(((each - truth) ** 2).mean()) for each in seen)
@@ -136,9 +136,13 @@ def test_narrow_spreads_are_as_even_as_in_cycles(degrees, shape, sides, height):
     assert seen[1].mean() == pytest.approx(truth.mean(), rel=0.01)
 
 
-def test_a_spread_of_0_is_a_beam():
+def test_a_spread_of_0_collimates():
     scene = floor(size=4.0)
-    put("Beam", light("AREA", energy=30.0, shape="DISK", size=2.0, spread=0.0), location=(0, 0, 5))
+    put(
+        "Collimated",
+        light("AREA", energy=30.0, shape="DISK", size=2.0, spread=0.0),
+        location=(0, 0, 5),
+    )
     pair = both(scene, 64)
     assert_same_light(pair, side=4)
     assert pair[1]["Combined"][12, 12, 0] == pytest.approx(30 / math.pi / math.pi, rel=1e-4)
@@ -155,11 +159,11 @@ SHEARS = {
 
 @pytest.mark.parametrize("shape", ["RECTANGLE", "ELLIPSE"])
 @pytest.mark.parametrize("shear", SHEARS)
-def test_sheared_area_lights_shine_as_in_cycles(shear, shape):
+def test_sheared_area_lights_emit_as_in_cycles(shear, shape):
     scene = floor()
-    lamp = light("AREA", energy=300.0, shape=shape, size=1.0, size_y=1.5)
+    data = light("AREA", energy=300.0, shape=shape, size=1.0, size_y=1.5)
     frame = put("Frame", None)  # whose inverse is what shears its child
-    child = put("Area", lamp, parent=frame)
+    child = put("Area", data, parent=frame)
     child.matrix_parent_inverse = Matrix.Translation((0, 0, 4)) @ Matrix(SHEARS[shear]).to_4x4()
     assert_same_light(both(scene, 128), rtol=0.02)
 
@@ -200,13 +204,13 @@ def test_a_light_has_its_own_limit_of_bounces(name, limit):
         return
     scene = room()
     kind, values = LIMITED[name]
-    lamp = light(kind, **values)
-    lamp.cycles.max_bounces = limit
-    put("Lamp", lamp, location=(0, 0, 1))
+    data = light(kind, **values)
+    data.cycles.max_bounces = limit
+    put("Light", data, location=(0, 0, 1))
     cycles, ours = both(scene, 96, bounces=3)
     means = [each["Combined"][..., :3].mean() for each in (cycles, ours)]
     assert means[1] == pytest.approx(means[0], rel=0.015)
-    lamp.cycles.max_bounces = 1024
+    data.cycles.max_bounces = 1024
     assert render(scene, "LEAPRAY", 32, bounces=3)["Combined"][..., :3].mean() > 1.03 * means[1]
 
 

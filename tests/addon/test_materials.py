@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Materials read from shader nodes, and what they bake from meshes and images."""
+"""Materials read from shader nodes, and the textures they evaluate on meshes and images."""
 
 import math
 
@@ -147,9 +147,9 @@ def test_a_principled_shader_is_one_lobe(scene):
 def test_mix_and_add_become_weights(scene):
     made, output = tree()
     shaders = [node(made, "BsdfDiffuse", Color=(c, 0, 0)) for c in (0.25, 0.5, 1.0)]
-    share = node(made, "Math", Value=0.5, Value_001=0.5)
-    share.operation = "MULTIPLY"
-    inner = node(made, "MixShader", Fac=share, Shader=shaders[0], Shader_001=shaders[1])
+    fraction = node(made, "Math", Value=0.5, Value_001=0.5)
+    fraction.operation = "MULTIPLY"
+    inner = node(made, "MixShader", Fac=fraction, Shader=shaders[0], Shader_001=shaders[1])
     outer = node(made, "AddShader", Shader=inner, Shader_001=shaders[2])
     surface(made, output, outer)
     got = understood(made).lobes
@@ -290,7 +290,7 @@ def test_vertex_colors_come_with_the_corners(scene):
         surface(made, output, node(made, "BsdfDiffuse", Color=halved))
         ob.data.materials.append(made)
         got = read()
-        material, baked = got.materials[-1], got.meshes[-1]
+        material, colored = got.materials[-1], got.meshes[-1]
         assert (material.color_source, material.attribute) == ("vertex", "Paint")
         assert material.lobes == (model.Lobe("diffuse", (1, 1, 1), textured=True),)
         ob.data.calc_loop_triangles()
@@ -298,10 +298,10 @@ def test_vertex_colors_come_with_the_corners(scene):
                    for t in ob.data.loop_triangles]  # fmt: skip
         layer = ob.data.color_attributes["Paint"]
         want = [[layer.data[c].color[:] for c in three] for three in corners]
-        assert_allclose(baked.corner_colors, np.array(want)[..., :3], rtol=1e-5)
+        assert_allclose(colored.corner_colors, np.array(want)[..., :3], rtol=1e-5)
         assert material.image.pixels is None  # what the nodes make of them where they are hit
         assert_allclose(material.image.program.paint(want), np.square(want)[..., :3], rtol=1e-5)
-        assert baked.corner_colors.dtype == np.float32 and baked.corner_uvs is None
+        assert colored.corner_colors.dtype == np.float32 and colored.corner_uvs is None
         assert got.warnings == ()
         color.layer_name = "Nothing"
         got = read()

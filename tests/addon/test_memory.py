@@ -208,8 +208,8 @@ def flat_quads():
 def test_edges_are_those_of_a_sort(make, cosine, weld):
     vertices, triangles = make()
     pairs, n_border = leapray.mesh_edges(vertices, triangles, cosine, weld=weld)
-    wanted, border = edges_of(vertices, triangles, cosine, weld)
-    np.testing.assert_array_equal(np.sort(pairs.view("u8").ravel()), pack(wanted))
+    expected, border = edges_of(vertices, triangles, cosine, weld)
+    np.testing.assert_array_equal(np.sort(pairs.view("u8").ravel()), pack(expected))
     assert n_border == border
 
 
@@ -221,10 +221,10 @@ def test_a_large_mesh_has_the_edges_of_a_sort():
     vertices[order] = mesh.vertices
     triangles = order[mesh.triangles].astype(np.int32)
     pairs, n_border = leapray.mesh_edges(vertices, triangles, 0.9, weld=False)
-    wanted, border = edges_of(vertices, triangles, 0.9, weld=False)
+    expected, border = edges_of(vertices, triangles, 0.9, weld=False)
     assert len(pairs) > 1 << 16
     # in f32 and in f64 they may differ on the very angle
-    assert len(np.setxor1d(pack(pairs), pack(wanted))) < 1e-4 * len(pairs)
+    assert len(np.setxor1d(pack(pairs), pack(expected))) < 1e-4 * len(pairs)
     assert n_border == border == 0
 
 

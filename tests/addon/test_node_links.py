@@ -22,8 +22,8 @@ ORANGE = (0.9, 0.4, 0.1, 1.0)
 def group(name, sockets, inside):
     """A group: sockets are (name, "INPUT" or "OUTPUT", kind, default)."""
     made = bpy.data.node_groups.new(name, "ShaderNodeTree")
-    for label, way, kind, default in sockets:
-        socket = made.interface.new_socket(label, in_out=way, socket_type=f"NodeSocket{kind}")
+    for label, in_out, kind, default in sockets:
+        socket = made.interface.new_socket(label, in_out=in_out, socket_type=f"NodeSocket{kind}")
         if default is not None:
             socket.default_value = default
     enter, leave = made.nodes.new("NodeGroupInput"), made.nodes.new("NodeGroupOutput")
@@ -205,7 +205,7 @@ def test_links_are_those_of_cycles():
 
 
 def shaders():
-    """Materials that shine, by name."""
+    """Emitting materials, by name."""
     for name, build in {
         "colour": rgb(), "number": number(0.7), "gray": muted("RGBToBW", rgb(), mute=False),
         "combined": lambda into: node(into, "CombineXYZ", X=0.5, Y=0.25, Z=0.125).outputs[0],
@@ -216,7 +216,7 @@ def shaders():
     made, output = tree("shared")
     glow = node(made, "Emission", Color=ORANGE[:3], Strength=0.01)
     last = glow
-    for _ in range(6):  # 64 ways to one shader
+    for _ in range(6):  # 64 paths to one shader
         last = node(made, "AddShader", Shader=last, Shader_001=last)
     surface(made, output, last)
     yield made
@@ -247,7 +247,7 @@ def glow_of(made):
     return node(made, "Emission", Color=(0.25, 0.5, 1.0), Strength=0.5)
 
 
-def test_shaders_shine_as_in_cycles():
+def test_shaders_emit_as_in_cycles():
     fresh()
     made = list(shaders())
     got = []
@@ -274,7 +274,7 @@ def mean(scene, engine):
 
 
 @pytest.mark.parametrize("without", ["world", "sun", "material"])
-def test_without_an_output_nothing_shines(without):
+def test_without_an_output_nothing_emits(without):
     scene = fresh()
     nodes_of(scene.world).nodes["Background"].inputs["Color"].default_value = (0.1, 0.2, 0.3, 1)
     sun = light("SUN", energy=3.0)
@@ -339,7 +339,7 @@ def test_branches_that_meet_again_are_walked_once():
     fresh()
     made, output = tree("Diamonds")
     last = node(made, "Emission", Color=(1.0, 1.0, 1.0))
-    for _ in range(100):  # 2^100 ways, whose sum is no number of f32's
+    for _ in range(100):  # 2^100 paths, whose sum is no number of f32's
         last = node(made, "AddShader", Shader=last, Shader_001=last)
     surface(made, output, last)
     color = node(made, "RGB")

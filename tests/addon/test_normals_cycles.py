@@ -180,7 +180,7 @@ def judge(scene, things, tmp_path):
     for thing, number in things.items():
         seen = inner & (index == number)
         assert seen.sum() > 300, thing
-        turned = metrics.turned_share(angle, seen)
+        turned = metrics.turned_fraction(angle, seen)
         assert turned <= 0.01, f"{thing}: {turned:.1%} of the normals"
         assert np.percentile(angle[seen], 90) < 2, thing
         assert (light_off[seen] > 0.03).mean() < 0.02, thing

@@ -131,16 +131,16 @@ def test_tiles_arrive_on_the_calling_thread_and_make_up_the_image():
         threads.add(threading.current_thread())
         tiles.paste(seen, tiles.Tile(x, y, width, height), passes, (HEIGHT, WIDTH))
 
-    def progress(share, phase):
+    def progress(fraction, phase):
         threads.add(threading.current_thread())
-        phases.append((share, phase))
+        phases.append((fraction, phase))
 
     frame = pipeline.render(small(threads=2), on_tile=on_tile, progress=progress)
     assert threads == {threading.current_thread()}
     for name, image in frame.passes.items():
         np.testing.assert_array_equal(seen[name], image, err_msg=name)
-    shares = [share for share, _ in phases]
-    assert shares == sorted(shares) and shares[-1] == 1.0
+    fractions = [fraction for fraction, _ in phases]
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
     assert phases[0] == (0.0, "Voxelizing") and phases[-1] == (1.0, "Rendered 24/24 Tiles")
 
 
@@ -275,7 +275,7 @@ def test_cancelling_at_any_moment_ends_soon_and_leaves_nothing():
             pipeline.render(
                 scene,
                 stop=until(time.monotonic() + moments.uniform(0.0, 1.2)),
-                progress=lambda share, phase: phases.add(phase),
+                progress=lambda fraction, phase: phases.add(phase),
             )
         assert time.monotonic() - ended[0] < 0.5
         assert threading.active_count() == threads

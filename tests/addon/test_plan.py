@@ -55,9 +55,9 @@ def test_probes_lie_on_the_surface_evenly():
     r = np.linalg.norm(p.surface, axis=1)
     assert r.max() < 1 + 1e-6 and r.min() > 1 - 5e-4
     assert p.area == pytest.approx(4 * np.pi, rel=1e-3)
-    # Archimedes: even by area is even along any axis; 8192 even draws stay within 1 %
-    share = [(p.surface[:, axis] < 0.5).mean() for axis in range(3)]
-    np.testing.assert_allclose(share, 0.75, atol=0.01)
+    # Archimedes: uniform by area is uniform along any axis; 8192 draws stay within 1 %
+    fraction = [(p.surface[:, axis] < 0.5).mean() for axis in range(3)]
+    np.testing.assert_allclose(fraction, 0.75, atol=0.01)
     outward = np.einsum("nc,nc->n", p.surface, p.surface_normals)
     assert outward.min() > 0.999
     assert len(p.creases) == 0
@@ -544,9 +544,9 @@ def test_paper_with_a_thickness_keeps_its_triangles(thickness):
     t = ((corners[0] - eye) @ normal) / (film @ normal)
     at = eye + t[:, None] * film - corners[:4].mean(axis=0)
     sides = [corners[1] - corners[0], corners[2] - corners[0]]
-    reach = np.max([np.abs(at @ s) / (s @ s) for s in sides], axis=0).reshape(height, width)
-    assert hit[reach < 0.4999].all() and (reach < 0.49).sum() > 5000
-    assert not hit[reach > 0.5001 + thickness].any()
+    farthest = np.max([np.abs(at @ s) / (s @ s) for s in sides], axis=0).reshape(height, width)
+    assert hit[farthest < 0.4999].all() and (farthest < 0.49).sum() > 5000
+    assert not hit[farthest > 0.5001 + thickness].any()
 
 
 def test_a_thin_needle_is_found():

@@ -177,10 +177,10 @@ WAYS = {  # in which the main thread does not hear
 }
 
 
-@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
-def test_a_signal_ends_what_does_not_hear_it(tmp_path, way):
+@pytest.mark.parametrize("how", WAYS.values(), ids=WAYS)
+def test_a_signal_ends_what_does_not_hear_it(tmp_path, how):
     running = subprocess.Popen(
-        [sys.executable, "-c", DEAF.format(way)],
+        [sys.executable, "-c", DEAF.format(how)],
         cwd=tmp_path,
         env=VARIABLES,
         stdout=subprocess.PIPE,

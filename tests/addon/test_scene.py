@@ -93,16 +93,16 @@ def test_a_border_cuts_the_film(scene):
 
 
 @pytest.mark.parametrize("last", [(0, 0, 0, 1 - 2**-24), (0, 0, 0, 1 + 2**-23), (1e-7, 0, 0, 1)])
-@pytest.mark.parametrize("way", ["parent", "instance", "world"])
-def test_a_last_row_that_is_not_quite_affine_is_no_fault_of_the_object(scene, last, way):
+@pytest.mark.parametrize("how", ["parent", "instance", "world"])
+def test_a_last_row_that_is_not_quite_affine_is_no_fault_of_the_object(scene, last, how):
     """Products of float32 leave it behind parents of parents."""
     odd = Matrix.Identity(4)
     odd[3] = last
     cube = put("Cube", mesh())
-    if way == "parent":
+    if how == "parent":
         cube.parent = put("Above", None)
         cube.matrix_parent_inverse = odd
-    elif way == "world":
+    elif how == "world":
         cube.matrix_world = odd
     else:
         group = bpy.data.collections.new("Group")

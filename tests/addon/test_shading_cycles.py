@@ -201,7 +201,7 @@ AT, TURN = np.array([0.6, -0.4, 1.5]), (0.5, -0.35, 0.3)
 WATTS = 200.0
 
 
-def lamps():
+def kinds_of_light():
     """(name, Blender's type and settings, our light)."""
     import mathutils
 
@@ -228,10 +228,10 @@ def lamps():
                                  **sides))  # fmt: skip
 
 
-def test_lights_bring_what_they_do_in_cycles(tmp_path):
+def test_lights_give_what_they_do_in_cycles(tmp_path):
     side = 5
     places = (np.arange(side) + 0.5) / side * 4 - 2
-    for name, kind, settings, light in lamps():
+    for name, kind, settings, light in kinds_of_light():
         scene = empty(samples=1024)
         scene.cycles.max_bounces = 0
         scene.cycles.pixel_filter_type = "BLACKMAN_HARRIS"
@@ -243,9 +243,9 @@ def test_lights_bring_what_they_do_in_cycles(tmp_path):
         data = bpy.data.lights.new("light", kind)
         for key, value in settings.items():
             setattr(data, key, value)
-        lamp = bpy.data.objects.new("light", data)
-        lamp.location, lamp.rotation_euler = AT, TURN
-        scene.collection.objects.link(lamp)
+        ob = bpy.data.objects.new("light", data)
+        ob.location, ob.rotation_euler = AT, TURN
+        scene.collection.objects.link(ob)
         got = np.pi * picture(scene, tmp_path)[..., 0]
         want = np.empty_like(got)
         for j, i in np.ndindex(side, side):

@@ -206,10 +206,10 @@ def test_what_is_held_out_is_seen_in_mirrors_and_lights_its_surroundings():
 
 def test_lights_of_indirect_only_collections_are_not_seen():
     stage = Stage(transparent=False)
-    lamp = put("Bulb", light("POINT", energy=50.0, shadow_soft_size=0.8), location=(2, 0, 3))
-    lamp.visible_camera = True
+    bulb = put("Bulb", light("POINT", energy=50.0, shadow_soft_size=0.8), location=(2, 0, 3))
+    bulb.visible_camera = True
     stage.compare(samples=32)
-    stage.move(lamp, stage.collection)
+    stage.move(bulb, stage.collection)
     stage.flags.indirect_only = True
     bpy.context.view_layer.update()
     stage.compare(samples=32)
@@ -270,9 +270,9 @@ def test_passes_that_are_not_made_are_named_once():
     layer.use_pass_cryptomatte_object = layer.cycles.pass_debug_sample_count = True
     layer.use_pass_ambient_occlusion = True
     layer.aovs.add().name = "Mask"
-    layer.lightgroups.add().name = "Lamps"
+    layer.lightgroups.add().name = "Lights"
     (sentence,) = read().warnings
-    for name in ("Diffuse Color", "Vector", "Cryptomatte Object", "Sample Count", "Mask", "Lamps"):
+    for name in ("Diffuse Color", "Vector", "Cryptomatte Object", "Sample Count", "Mask", "Lights"):
         assert sentence.count(name) == 1
     assert sentence.startswith("View layer 'ViewLayer'")
     assert "Ambient" not in sentence and " Z" not in sentence

@@ -39,7 +39,7 @@ def test_blender_finds_the_zip_valid(blender, archive):
     assert "Success" in done.stdout or "No warnings" in done.stdout, done.stdout
 
 
-def test_it_is_enabled_and_brings_its_own_core(installed):
+def test_it_is_enabled_and_has_its_own_core(installed):
     done = installed.run(
         *("-b", "--python-exit-code", "3", "--python-expr"),
         "import bpy, leapray\n"

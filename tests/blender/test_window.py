@@ -227,7 +227,7 @@ def test_every_panel_is_drawn_without_a_fault(session):
         "report['warnings'] += [f\"'{thing.name}' is here for the panels\" for things in "
         "(bpy.data.objects, bpy.data.materials, bpy.data.worlds) for thing in things]"
     )
-    session.run(OPEN_PANELS + "wanted = sorted(each.__name__ for each in panels)")
+    session.run(OPEN_PANELS + "expected = sorted(each.__name__ for each in panels)")
     session.run(
         "light = next(o for o in bpy.data.objects if o.type == 'LIGHT')\n"
         "bpy.context.view_layer.objects.active = light"
@@ -243,7 +243,7 @@ def test_every_panel_is_drawn_without_a_fault(session):
         session.run(f"properties[0].spaces[0].context = {tab!r}; properties[0].tag_redraw()")
         time.sleep(1)
     time.sleep(1)
-    assert session.run("result = sorted(drawn)") == session.run("result = wanted")
+    assert session.run("result = sorted(drawn)") == session.run("result = expected")
     assert session.failures() == []
 
 

@@ -1,5 +1,5 @@
-/* A door for tests into the renderer's closures, lights and surroundings: whole
- * arrays at once. Compiled by tests/shading.py together with the core's own files.
+/* Entry points for tests of the renderer's closures, lights and environment, each on
+ * whole arrays. Compiled by tests/shading.py together with the core's own files.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/bsdf/bsdf.h"
@@ -16,7 +16,7 @@ static lr_bsdf seen(const lr_material_desc *desc, const lr_point *point)
     return bsdf;
 }
 
-LR_API uint32_t door_flags(const lr_material_desc *desc)
+LR_API uint32_t shading_flags(const lr_material_desc *desc)
 {
     lr_lobe lobes[LR_LOBES_MAX];
     lr_material material;
@@ -24,17 +24,17 @@ LR_API uint32_t door_flags(const lr_material_desc *desc)
     return material.flags;
 }
 
-LR_API void door_look(const lr_material_desc *desc, const lr_point *point, double share[5],
-                      double emission[3], double transparency[3])
+LR_API void shading_look(const lr_material_desc *desc, const lr_point *point, double albedo[5],
+                         double emission[3], double transparency[3])
 {
     const lr_bsdf bsdf = seen(desc, point);
-    memcpy(share, bsdf.share, sizeof bsdf.share);
+    memcpy(albedo, bsdf.albedo, sizeof bsdf.albedo);
     memcpy(emission, bsdf.emission, sizeof bsdf.emission);
     memcpy(transparency, bsdf.transparency, sizeof bsdf.transparency);
 }
 
-LR_API void door_sample(const lr_material_desc *desc, const lr_point *point, int32_t kind,
-                        int64_t n, const double (*u)[3], lr_scatter *scatter)
+LR_API void shading_sample(const lr_material_desc *desc, const lr_point *point, int32_t kind,
+                           int64_t n, const double (*u)[3], lr_scatter *scatter)
 {
     const lr_bsdf bsdf = seen(desc, point);
     for (int64_t i = 0; i < n; i++)
@@ -42,16 +42,16 @@ LR_API void door_sample(const lr_material_desc *desc, const lr_point *point, int
             scatter[i] = (lr_scatter){.pdf = 0};
 }
 
-LR_API void door_eval(const lr_material_desc *desc, const lr_point *point, int64_t n,
-                      const double (*light)[3], lr_response (*response)[LR_GROUPS])
+LR_API void shading_eval(const lr_material_desc *desc, const lr_point *point, int64_t n,
+                         const double (*light)[3], lr_response (*response)[LR_GROUPS])
 {
     const lr_bsdf bsdf = seen(desc, point);
     for (int64_t i = 0; i < n; i++)
         lr_bsdf_eval(&bsdf, light[i], response[i]);
 }
 
-LR_API void door_light_sample(const lr_light *light, const double p[3], int64_t n,
-                              const double (*u)[2], lr_light_ray *ray)
+LR_API void shading_light_sample(const lr_light *light, const double p[3], int64_t n,
+                                 const double (*u)[2], lr_light_ray *ray)
 {
     for (int64_t i = 0; i < n; i++)
         if (!lr_light_sample(light, p, u[i], &ray[i]))
@@ -59,8 +59,8 @@ LR_API void door_light_sample(const lr_light *light, const double p[3], int64_t 
 }
 
 /* pdf 0 where the light is missed. */
-LR_API void door_light_hit(const lr_light *light, const double o[3], int64_t n,
-                           const double (*d)[3], lr_light_ray *ray)
+LR_API void shading_light_hit(const lr_light *light, const double o[3], int64_t n,
+                              const double (*d)[3], lr_light_ray *ray)
 {
     for (int64_t i = 0; i < n; i++) {
         ray[i] = (lr_light_ray){.pdf = 0};
@@ -72,8 +72,8 @@ LR_API void door_light_hit(const lr_light *light, const double o[3], int64_t n,
 }
 
 /* Sampled directions with u, or the given ones without. */
-LR_API int32_t door_environment(const lr_world *world, int64_t n, const double (*u)[2],
-                                lr_light_ray *ray)
+LR_API int32_t shading_environment(const lr_world *world, int64_t n, const double (*u)[2],
+                                   lr_light_ray *ray)
 {
     lr_environment e;
     if (lr_environment_check(world, NULL) != LR_OK || lr_environment_make(world, &e, NULL) != LR_OK)
@@ -89,27 +89,28 @@ LR_API int32_t door_environment(const lr_world *world, int64_t n, const double (
     return 1;
 }
 
-/* For each u a light, -1 for none, and its chance; then the chance of every light, of the world (if
- * it has any brightness) last. */
-LR_API int32_t door_lights(const lr_light *light, int64_t n_lights, double brightness,
-                           const double p[3], const double normal[3], int64_t n, const double *u,
-                           int64_t *light_index, double *chance, double *chance_of)
+/* For each u a light, -1 for none, and its probability; then the probabilities of all lights,
+ * of the world (if it has any brightness) last. */
+LR_API int32_t shading_lights(const lr_light *light, int64_t n_lights, double brightness,
+                              const double p[3], const double normal[3], int64_t n, const double *u,
+                              int64_t *light_index, double *probability, double *probability_of)
 {
     lr_light_tree light_tree;
     const lr_environment environment = {.width = brightness > 0, .brightness = brightness};
     if (lr_light_tree_make(light, (uint64_t)n_lights, &environment, &light_tree, NULL) != LR_OK)
         return 0;
     for (int64_t i = 0; i < n; i++)
-        light_index[i] = (int64_t)lr_light_tree_choose(&light_tree, p, normal, u[i], &chance[i]);
+        light_index[i] =
+            (int64_t)lr_light_tree_choose(&light_tree, p, normal, u[i], &probability[i]);
     for (uint64_t k = 0; k < light_tree.n; k++)
-        chance_of[k] = lr_light_tree_probability(&light_tree, k, p, normal);
+        probability_of[k] = lr_light_tree_probability(&light_tree, k, p, normal);
     lr_light_tree_free(&light_tree);
     return 1;
 }
 
 /* met[i][k]: how often the walk of ray i from o along d[i] comes to light k. */
-LR_API int32_t door_light_walk(const lr_light *light, int64_t n_lights, const double o[3],
-                               int64_t n, const double (*d)[3], double t_max, uint8_t *met)
+LR_API int32_t shading_light_walk(const lr_light *light, int64_t n_lights, const double o[3],
+                                  int64_t n, const double (*d)[3], double t_max, uint8_t *met)
 {
     lr_light_tree light_tree;
     const lr_environment environment = {.width = 0};

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import leapray
 from leapray import VERTEX, WHITE, Attributes, Texture
 
-HALF_STEP = 0.2 / 255  # of a baked colour, sRGB; see volume/attributes.h
+HALF_STEP = 0.2 / 255  # of a stored colour, sRGB; see grid/attributes/attributes.h
 
 
 def srgb(linear):
@@ -99,7 +99,7 @@ def test_a_triangle_without_a_source_is_white():
 
 
 def lookup(pixels, uv, extension, interpolation):
-    """Texture lookup, the plain way, one uv at a time."""
+    """Texture lookup by a simple reference, one uv at a time."""
     h, w, _ = pixels.shape
 
     def texel(i, n):
@@ -138,7 +138,7 @@ def lookup(pixels, uv, extension, interpolation):
 
 @pytest.mark.parametrize("extension", leapray.attributes.EXTENSIONS)
 @pytest.mark.parametrize("interpolation", leapray.attributes.INTERPOLATIONS)
-def test_lookups_agree_with_the_plain_way(extension, interpolation):
+def test_lookups_agree_with_a_simple_reference(extension, interpolation):
     rng = np.random.default_rng(2)
     pixels = rng.random((5, 7, 3)).astype(np.float32)
     uv = rng.uniform(-2.5, 3.5, (400, 2)).astype(np.float32)
@@ -330,14 +330,19 @@ def test_threads_change_no_attribute():
         (lambda: Texture(np.zeros((4, 4, 4))), r"pixels must have the shape \(h, w, 3\)"),
         (lambda: Texture(np.zeros((4, 4, 3)), extension="wrap"), "unknown extension 'wrap'"),
         (lambda: Texture(np.zeros((4, 4, 3))).sample([[0, 0]], [[0, 0, -1]]), "of a width of 0"),
-        (lambda: bake(normals=np.zeros((3, 3))), r"normals must have the shape \(12, 3, 3\)"),
-        (lambda: bake(color_sources=np.zeros(12, int)), "from texture 0; there are 0"),
-        (lambda: bake(color_sources=np.full(12, VERTEX)), "vertex colours, but there are none"),
+        (lambda: voxelized(normals=np.zeros((3, 3))), r"normals must have the shape \(12, 3, 3\)"),
+        (lambda: voxelized(color_sources=np.zeros(12, int)), "from texture 0; there are 0"),
         (
-            lambda: bake(color_sources=np.zeros(12, int), textures=(Texture(np.ones((1, 1, 3))),)),
+            lambda: voxelized(color_sources=np.full(12, VERTEX)),
+            "vertex colours, but there are none",
+        ),
+        (
+            lambda: voxelized(
+                color_sources=np.zeros(12, int), textures=(Texture(np.ones((1, 1, 3))),)
+            ),
             "takes a texture, but there are no UVs",
         ),
-        (lambda: bake(color_sources=np.zeros(11, int)), "12 whole numbers, one per triangle"),
+        (lambda: voxelized(color_sources=np.zeros(11, int)), "12 whole numbers, one per triangle"),
     ],
 )
 def test_what_is_wrong_is_said(make, words):
@@ -345,7 +350,7 @@ def test_what_is_wrong_is_said(make, words):
         make()
 
 
-def bake(**attributes):
+def voxelized(**attributes):
     return leapray.voxelize(*box(), 0.2, attributes=Attributes(**attributes))
 
 

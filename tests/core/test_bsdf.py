@@ -3,14 +3,14 @@
 
 import numpy as np
 import pytest
-from shading import KINDS, Surface, even, sphere_grid
+from shading import KINDS, Surface, r_sequence, sphere_grid
 
 import leapray
 from leapray import Lobe
 
 ROUGH = (0.1, 0.3, 0.6, 1.0)
 VIEWS = [(0.2, 0.1, 1.0), (1.0, 0.3, 1.0), (-1.0, 0.5, 0.25)]
-U = even(1 << 14, 3)
+U = r_sequence(1 << 14, 3)
 LUCK = np.random.default_rng(7).random((1 << 16, 3))
 
 
@@ -44,22 +44,22 @@ def test_white_facets_give_all_light_back(view, rough):
 
 @pytest.mark.parametrize("view", [*VIEWS, (1.0, 0, 0.1)])
 @pytest.mark.parametrize("rough", (0.0, *ROUGH))
-def test_a_white_matte_surface_gives_all_light_back(view, rough):
+def test_a_white_diffuse_surface_gives_all_light_back(view, rough):
     directions, solid = sphere_grid(1000)
     response = surface(Lobe("diffuse", (1, 1, 1), roughness=rough), view).eval(directions)
     assert response["f_cos"][:, 0, 0].sum() * solid == pytest.approx(1, abs=1e-3)
 
 
-def test_a_matte_surface_sends_more_light_back_to_where_it_came_from():
+def test_a_rough_diffuse_surface_sends_more_light_back_to_where_it_came_from():
     view = np.array([0.8, 0, 0.6])
     light = np.array([view, view * (-1, 1, 1)])
-    smooth, matte = (
+    smooth, rough = (
         surface(Lobe("diffuse", (0.5,) * 3, roughness=r), view).eval(light)["f_cos"][:, 0, 0]
         for r in (0.0, 1.0)
     )
     assert smooth[0] == pytest.approx(smooth[1])
-    assert matte[0] > 1.3 * smooth[0]
-    assert matte[1] < 0.9 * smooth[1]
+    assert rough[0] > 1.3 * smooth[0]
+    assert rough[1] < 0.9 * smooth[1]
 
 
 @pytest.mark.parametrize("view", VIEWS)
@@ -101,11 +101,11 @@ def test_mixes_add_their_weights():
     lobes = (Lobe("diffuse", (1, 0, 0), 0.25), Lobe("transparent", (0, 1, 0), 0.5),
              Lobe("emission", (8, 4, 2), 0.25), Lobe("glossy", (0, 0, 1), 0.25))  # fmt: skip
     at = Surface(leapray.Material(lobes), VIEWS[0])
-    share, emission, transparency = at.look()
+    albedo, emission, transparency = at.look()
     assert emission == pytest.approx([2, 1, 0.5])
     assert transparency == pytest.approx([0, 0.5, 0])
     assert total(at) == pytest.approx([0.25, 0, 0.25], abs=1e-6)
-    assert (share > 0).tolist() == [False, True, True, False, True]
+    assert (albedo > 0).tolist() == [False, True, True, False, True]
     assert at.flags() == 1 | 2 | 4
 
 
@@ -188,7 +188,7 @@ def test_alpha_lets_light_straight_through():
 
 LOBES = {
     "diffuse": Lobe("diffuse", (0.8, 0.8, 0.8)),
-    "matte": Lobe("diffuse", (0.8, 0.8, 0.8), roughness=0.7),
+    "rough": Lobe("diffuse", (0.8, 0.8, 0.8), roughness=0.7),
     "glossy": Lobe("glossy", (0.8, 0.8, 0.8), roughness=0.4),
     "glass": Lobe("glass", (0.8, 0.8, 0.8), roughness=0.5, ior=1.5),
     "refraction": Lobe("refraction", (0.8, 0.8, 0.8), roughness=0.4, ior=1.3),
@@ -206,14 +206,14 @@ def cell_of(d):
 @pytest.mark.parametrize("inside", [False, True])
 @pytest.mark.parametrize("view", VIEWS[:2])
 @pytest.mark.parametrize("name", LOBES)
-def test_rays_bring_what_the_responses_say(name, view, inside):
+def test_samples_agree_with_the_responses(name, view, inside):
     at = surface(LOBES[name], view, inside=inside)
-    share = at.look()[0]
+    albedo = at.look()[0]
     directions, solid = sphere_grid(400)
     responses = at.eval(directions)
     for kind, group in list(KINDS.items())[:3]:
         response = responses[:, group - 1]
-        if not share[group]:
+        if not albedo[group]:
             assert not response["pdf"].any()
             assert not response["f_cos"].any()
             continue
@@ -231,32 +231,32 @@ def test_rays_bring_what_the_responses_say(name, view, inside):
         chi = ((got - want)[full] ** 2 / (spread[full] + (0.02 * want[full]) ** 2)).mean()
         assert chi < 2.0
         # rays are about as dense as is said: where facets of dielectrics are guided by a few of
-        # them, as dense as the weights of two ways to a light want it
+        # them, as dense as multiple importance sampling needs
         density = np.bincount(cell_of(directions), response["pdf"] * solid, 80)
         dense = np.bincount(cell_of(d), None, 80) / len(LUCK)
         off = np.abs(density - dense).sum()
-        assert off < (0.04 if name in ("diffuse", "matte", "glossy", "refraction") else 1.0)
+        assert off < (0.04 if name in ("diffuse", "rough", "glossy", "refraction") else 1.0)
 
 
 def test_no_ray_of_rough_glass_outweighs_the_others():
-    """What a group's ray weighs over the chance that the group has by its share."""
+    """The largest weight of a group's rays, over its probability by the albedo."""
     for rough in (0.1, 0.3, 0.5, 1.0):
         for cosine in np.linspace(0.02, 1, 25):
             view = (np.sqrt(1 - cosine**2), 0, cosine)
             for inside in (False, True):
                 at = surface(Lobe("glass", (1, 1, 1), roughness=rough, ior=1.45), view,
                              inside=inside)  # fmt: skip
-                share = at.look()[0]
+                albedo = at.look()[0]
                 for kind in ("glossy", "transmission"):
                     heaviest = at.sample(kind, LUCK[:2000])["weight"].max()
-                    assert heaviest * share.sum() < 8 * share[KINDS[kind]]
+                    assert heaviest * albedo.sum() < 8 * albedo[KINDS[kind]]
 
 
 def octant(d):
     return ((np.arctan2(d[:, 1], d[:, 0]) / (2 * np.pi) + 0.5) * 8).clip(0, 7.999).astype(int)
 
 
-@pytest.mark.parametrize("name", ["diffuse", "matte", "glossy"])
+@pytest.mark.parametrize("name", ["diffuse", "rough", "glossy"])
 def test_light_and_viewer_may_change_places(name):
     lobe = LOBES[name]
     lobe = Lobe(lobe.kind, lobe.color, roughness=lobe.roughness, multiscatter=False)

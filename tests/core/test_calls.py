@@ -35,7 +35,7 @@ def test_random_calls_end_by_a_result_or_a_sentence():
 
 
 EMPTY = {
-    "even": lambda: leapray.Volume(np.zeros((4, 5, 6), np.float32)),
+    "uniform": lambda: leapray.Volume(np.zeros((4, 5, 6), np.float32)),
     "rectilinear": lambda: leapray.Volume(
         np.zeros((4, 5, 6), np.float32),
         planes=(np.arange(6.0) ** 2, np.arange(5.0), np.arange(4.0)),

@@ -29,10 +29,10 @@ def test_every_metric_has_a_brute_force():
 
 @pytest.mark.parametrize("metric", BRUTE)
 @pytest.mark.parametrize("shape", [(32, 32, 32), (5, 40, 1), (1, 1, 7), (3, 17, 60)])
-@pytest.mark.parametrize("share", [0.0, 0.001, 0.01])
-def test_distances_agree_with_brute_force(metric, shape, share):
+@pytest.mark.parametrize("fraction", [0.0, 0.001, 0.01])
+def test_distances_agree_with_brute_force(metric, shape, fraction):
     rng = np.random.default_rng(12)
-    cells = rng.random(shape) < share
+    cells = rng.random(shape) < fraction
     cells.flat[rng.integers(cells.size)] = True
     want = np.full(shape, np.inf)
     every = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1)

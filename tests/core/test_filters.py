@@ -189,13 +189,15 @@ def test_shares_of_crossing_boxes_are_exact():
     volume = leapray.voxelize(*mesh, h, filter="box", dtype="f32")
     places = positions(volume)
 
-    def share(lo, hi):
+    def fraction(lo, hi):
         sides = np.minimum(places + h / 2, hi) - np.maximum(places - h / 2, lo)
         return np.prod(np.maximum(sides, 0) / h, axis=-1)
 
-    both = share(np.maximum(lo[0], lo[1]), np.minimum(hi[0], hi[1]))
+    both = fraction(np.maximum(lo[0], lo[1]), np.minimum(hi[0], hi[1]))
     assert 0 < both.sum() < 0.2 * volume.read().sum()
-    assert_allclose(volume.read(), share(lo[0], hi[0]) + share(lo[1], hi[1]) - both, atol=1e-6)
+    assert_allclose(
+        volume.read(), fraction(lo[0], hi[0]) + fraction(lo[1], hi[1]) - both, atol=1e-6
+    )
 
 
 def test_many_small_triangles_that_cross_in_a_voxel_are_sampled():
@@ -225,12 +227,12 @@ def test_shares_are_those_of_numeric_integration():
     offsets = (np.arange(n) + 0.5) / n - 0.5
     for (v, t), covers in cases:
         volume = leapray.voxelize(v, t, h, filter="box", dtype="f32")
-        places, share = positions(volume), np.zeros(volume.info.size[::-1])
+        places, fraction = positions(volume), np.zeros(volume.info.size[::-1])
         for a in offsets:
             for b in offsets:
                 for c in offsets:
-                    share += covers(places + h * np.array([a, b, c]))
-        assert np.abs(volume.read() - share / n**3).max() < 0.02
+                    fraction += covers(places + h * np.array([a, b, c]))
+        assert np.abs(volume.read() - fraction / n**3).max() < 0.02
 
 
 def test_threads_change_no_share():

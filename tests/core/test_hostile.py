@@ -24,8 +24,8 @@ BASES = {
 }
 
 
-def some(rng, n, share):
-    return rng.permutation(n)[: max(1, int(share * n))]
+def some(rng, n, fraction):
+    return rng.permutation(n)[: max(1, int(fraction * n))]
 
 
 def open_up(rng, v, t):
@@ -180,9 +180,9 @@ def trace(volume, rng):
         volume.info.object_from_index[:3, 3],
         np.array(volume.info.size) * (volume.info.object_from_index[0, 0]),
     )
-    middle, reach = corners[0] + corners[1] / 2, np.linalg.norm(corners[1])
+    middle, radius = corners[0] + corners[1] / 2, np.linalg.norm(corners[1])
     start = rng.normal(size=(200, 3))
-    start *= reach / np.linalg.norm(start, axis=1, keepdims=True)
+    start *= radius / np.linalg.norm(start, axis=1, keepdims=True)
     aim = rng.uniform(-0.2, 0.2, (200, 3)) * corners[1]
     hits = leapray.trace(leapray.build(volume), middle + start, aim - start)
     hit = np.isfinite(hits.t)

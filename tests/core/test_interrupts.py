@@ -51,23 +51,23 @@ WAYS = {
 }
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_an_interrupt_in_the_start_of_a_thread_waits_for_what_began(way, interrupted):
+@pytest.mark.parametrize("how", WAYS)
+def test_an_interrupt_in_the_start_of_a_thread_waits_for_what_began(how, interrupted):
     watch, began, ended = Watch(), [], []
     interrupted("after")
     with pytest.raises(KeyboardInterrupt):
-        WAYS[way](work_of(watch, began, ended), watch)
+        WAYS[how](work_of(watch, began, ended), watch)
     assert 1 <= len(began) == len(ended)
     time.sleep(0.05)
     assert len(began) == len(ended)  # and nothing begins later
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_an_interrupt_before_the_thread_runs_lets_nothing_begin(way, interrupted):
+@pytest.mark.parametrize("how", WAYS)
+def test_an_interrupt_before_the_thread_runs_lets_nothing_begin(how, interrupted):
     watch, began, ended = Watch(), [], []
     interrupted("before")
     with pytest.raises(KeyboardInterrupt):
-        WAYS[way](work_of(watch, began, ended), watch)
+        WAYS[how](work_of(watch, began, ended), watch)
     time.sleep(0.05)
     assert not began
 

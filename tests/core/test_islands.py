@@ -139,8 +139,8 @@ def test_crossing_sheets_in_layers_are_hit_where_they_are():
     want = np.full(3000, np.inf)
     for axis in (2, 1):
         t = -origins[:, axis] / directions[:, axis]
-        reach = np.abs(origins + t[:, None] * directions).max(axis=1)
-        want = np.where((t > 0) & (reach <= 0.5) & (t < want), t, want)
+        farthest = np.abs(origins + t[:, None] * directions).max(axis=1)
+        want = np.where((t > 0) & (farthest <= 0.5) & (t < want), t, want)
 
     def first_hit(chosen):
         volume = leapray.voxelize(vertices, triangles[chosen], 0.02, dtype="f32")

@@ -3,11 +3,11 @@
 
 import numpy as np
 import pytest
-from shading import even, hit_light, look_at_world, sample_light, sample_world, sphere_grid
+from shading import hit_light, look_at_world, r_sequence, sample_light, sample_world, sphere_grid
 
 from leapray import Light, World
 
-U = even(1 << 15, 2)
+U = r_sequence(1 << 15, 2)
 AT = np.array([0.3, -0.2, 2.0])
 DOWN = np.array([0.1, -0.2, -1.0]) / np.linalg.norm([0.1, -0.2, -1.0])
 SIDE = np.cross(DOWN, (1, 0, 0)) / np.linalg.norm(np.cross(DOWN, (1, 0, 0)))
@@ -63,28 +63,28 @@ def test_what_rays_meet_is_what_samples_bring(name):
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.01, 0.5, 2.0, np.pi])
-def test_a_sun_brings_its_irradiance_whatever_its_angle(angle):
+def test_a_sun_gives_its_irradiance_whatever_its_angle(angle):
     sun = Light("sun", (3, 2, 1), direction=(0, 0, 1), angle=angle)
     np.testing.assert_allclose(irradiance(sun), (3, 2, 1), rtol=1e-3)
     assert sample_light(sun, ORIGIN, U[:1])["delta"][0] == (angle == 0)
 
 
-def test_round_lights_bring_what_the_formulas_say():
+def test_round_lights_give_what_the_formulas_say():
     distance, r = 2.0, 0.7
     for shape, square in (("sphere", distance**2), ("disc", distance**2 + r**2)):
-        lamp = Light("point", (3, 2, 1), (0, 0, distance), radius=r, shape=shape)
-        np.testing.assert_allclose(irradiance(lamp), np.divide((3, 2, 1), square), rtol=1e-3)
+        light = Light("point", (3, 2, 1), (0, 0, distance), radius=r, shape=shape)
+        np.testing.assert_allclose(irradiance(light), np.divide((3, 2, 1), square), rtol=1e-3)
     point = Light("point", (3, 2, 1), (0, 0, distance))
     np.testing.assert_allclose(irradiance(point), np.divide((3, 2, 1), distance**2), rtol=1e-12)
     assert not hit_light(point, ORIGIN, np.array([[0, 0, 1.0]]))["pdf"].any()
 
 
-def test_inside_a_sphere_light_it_shines_from_all_around():
-    lamp = Light("point", (np.pi,) * 3, (0.1, 0.2, 0.1), radius=1.0, shape="sphere")
-    np.testing.assert_allclose(irradiance(lamp), np.pi, rtol=5e-3)  # radiance 1
+def test_inside_a_sphere_light_it_lights_from_all_around():
+    light = Light("point", (np.pi,) * 3, (0.1, 0.2, 0.1), radius=1.0, shape="sphere")
+    np.testing.assert_allclose(irradiance(light), np.pi, rtol=5e-3)  # radiance 1
 
 
-def test_a_rectangle_brings_what_its_edges_say():
+def test_a_rectangle_gives_what_its_edges_say():
     light = Light("area", (1, 1, 1), (0, 0, 1.5), (0, 0, -1), (1.2, 0, 0), (0, 0.6, 0),
                   angle=np.pi, shape="rectangle")  # fmt: skip
     corners = np.array([(-0.6, -0.3, 1.5), (0.6, -0.3, 1.5), (0.6, 0.3, 1.5), (-0.6, 0.3, 1.5)])

@@ -237,7 +237,7 @@ def boxes(**settings):
 
 
 @pytest.mark.parametrize("resolution", [0, 24, 50])
-def test_no_light_from_behind_shines_through_the_seam(resolution):
+def test_no_light_from_behind_passes_the_seam(resolution):
     frame = pipeline.render(boxes(resolution=resolution, samples=4))
     combined, index = frame.passes["Combined"], frame.passes["Object Index"][..., 0]
     covered = index > 0

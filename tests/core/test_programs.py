@@ -73,7 +73,7 @@ def test_long_chains_need_few_registers_and_shared_branches_run_once():
     value = RED
     for _ in range(5000):
         value = operate("multiply_add", value, 0.5, 0.25)
-    for _ in range(200):  # 2^200 ways
+    for _ in range(200):  # 2^200 paths
         value = operate("multiply", operate("add", value, value), 0.5)
     program = compile_program((value, value, value))
     assert_allclose(program.run(inputs()), 0.5, atol=1e-6)
@@ -128,9 +128,9 @@ def test_a_texture_runs_its_program_on_what_is_interpolated():
     texture = leapray.Texture(pixels, "linear", "extend", compile_program((step, GREEN, ALPHA)))
     u = np.linspace(0.25, 0.75, 21)
     got = texture.sample(np.stack([u, np.full(21, 0.5)], 1))
-    share = (u - 0.25) * 2
-    assert_array_equal(got[:, 0], (share > 0.75 + 1e-6) | (np.arange(21) > 15))
-    assert_allclose(got[:, 1:], np.stack([share, share], 1), atol=1e-6)
+    fraction = (u - 0.25) * 2
+    assert_array_equal(got[:, 0], (fraction > 0.75 + 1e-6) | (np.arange(21) > 15))
+    assert_allclose(got[:, 1:], np.stack([fraction, fraction], 1), atol=1e-6)
 
 
 def test_the_mean_of_a_programs_looks_is_that_from_afar():

@@ -163,9 +163,9 @@ def test_glass_bends_the_recorded_ray_and_keeps_what_it_is_in():
     inner = next(e for e in rays.values()
                  if e["parent"] == first["ray"] and e["ray_kind"] == _abi.LR_RAY_TRANSMISSION
                  and e["n_media"])  # fmt: skip
-    n, way = hits[int(first["ray"])]["normal"], unit(*first["direction"])
-    cos = -(way @ n)
-    want = way / 1.5 + (cos / 1.5 - np.sqrt(1 - (1 - cos * cos) / 1.5**2)) * n
+    n, direction = hits[int(first["ray"])]["normal"], unit(*first["direction"])
+    cos = -(direction @ n)
+    want = direction / 1.5 + (cos / 1.5 - np.sqrt(1 - (1 - cos * cos) / 1.5**2)) * n
     np.testing.assert_allclose(inner["direction"], want, atol=1e-6)
     assert first["n_media"] == 0 and inner["n_media"] == 1 and inner["media"][0] == 0
     end = hits[int(inner["ray"])]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rectilinear volumes: planes of samples at uneven distances, up to 1 : 1000."""
+"""Rectilinear volumes: planes of samples at unequal distances, up to 1 : 1000."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def lattice_rays(rng, n, planes):
 
 
 @pytest.mark.parametrize("name", RECTILINEAR)
-def test_first_cells_are_sound_on_uneven_planes(name):
+def test_first_cells_are_sound_on_rectilinear_planes(name):
     rng = np.random.default_rng(31)
     pierced = []
     for index in range(24):
@@ -71,12 +71,12 @@ def test_first_cells_are_sound_on_uneven_planes(name):
         planes = [rational_planes(rng, n, ratio) for n in size[::-1]]
         whole = [with_borders(axis) for axis in planes]
         structure = leapray.build(leapray.Volume(samples, planes=planes), name)
-        wanted = oracle.object_cells(samples, 0.5)
+        objects = oracle.object_cells(samples, 0.5)
         for make in (generic_rays, lattice_rays):
             origins, directions = make(rng, 1000, whole)
             hits = leapray.trace(structure, origins, directions, mode="binary")
             verdict, exact = oracle.judge(
-                wanted, origins, directions, np.isfinite(hits.t), hits.cell, whole
+                objects, origins, directions, np.isfinite(hits.t), hits.cell, whole
             )
             found = {oracle.VERDICTS[v] for v in verdict if v}
             assert not found, (index, size, ratio, make.__name__)
@@ -86,7 +86,7 @@ def test_first_cells_are_sound_on_uneven_planes(name):
 
 
 @pytest.mark.parametrize("name", RECTILINEAR)
-def test_even_planes_give_what_a_matrix_gives(name):
+def test_uniform_planes_give_what_a_matrix_gives(name):
     rng = np.random.default_rng(32)
     spacing, first = np.array([2.0, 0.5, 0.25]), np.array([-3.0, 1.0, 8.0])
     samples = rng.random((14, 19, 17)).astype(np.float32)
@@ -121,7 +121,7 @@ def ball(planes, centre, radius, width):
 
 
 @pytest.mark.parametrize("name", RECTILINEAR)
-def test_a_ball_on_uneven_planes_is_hit_where_it_is(name):
+def test_a_ball_on_rectilinear_planes_is_hit_where_it_is(name):
     rng = np.random.default_rng(33)
     planes = [np.cumsum(rng.uniform(0.3, 1.7, n)) for n in (60, 70, 64)]
     centre = np.array([(axis[0] + axis[-1]) / 2 for axis in planes])
@@ -174,7 +174,7 @@ def test_a_slope_over_cells_of_1_to_1000_has_its_place_and_its_normal(name):
         assert_allclose(hits.normal[found][deep], np.tile(unit, (deep.sum(), 1)), atol=1e-9)
 
 
-def test_what_cannot_take_uneven_planes_says_so():
+def test_what_cannot_take_rectilinear_planes_says_so():
     planes = (np.array([0.0, 1.0, 3.0]), np.array([0.0, 2.0, 3.0]), np.array([0.0, 1.0, 9.0]))
     volume = leapray.Volume(np.eye(3, dtype=np.float32)[None].repeat(3, 0), planes=planes)
     assert_array_equal(volume.info.planes[2], planes[2])

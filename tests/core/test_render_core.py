@@ -386,7 +386,7 @@ def test_what_is_wrong_with_a_scene_is_said_in_a_sentence(sphere):
     cam, nan = camera((0, -4, 0)), float("nan")
     flat, bent = np.diag([1.0, 1, 0, 1]), np.eye(4)
     bent[3, 0] = 0.1
-    lamp = leapray.Light("point", (1, 1, 1))
+    light = leapray.Light("point", (1, 1, 1))
     cases = {
         "instance 0 .* invertible": dict(instances=[one(sphere, flat)]),
         "instance 1 .* finite": dict(instances=[one(sphere), one(sphere, at(nan))]),
@@ -399,16 +399,16 @@ def test_what_is_wrong_with_a_scene_is_said_in_a_sentence(sphere):
         "light 0 .* length 1, it has 2": dict(
             lights=[leapray.Light("sun", (1, 1, 1), direction=(0, 0, 2))]
         ),
-        "light 1 .* position": dict(lights=[lamp, replace(lamp, position=(nan, 0, 0))]),
-        "light 0 .* color": dict(lights=[replace(lamp, color=(np.inf, 0, 0))]),
-        "kind of light 0 .*sun": dict(lights=[replace(lamp, kind="moon")]),
+        "light 1 .* position": dict(lights=[light, replace(light, position=(nan, 0, 0))]),
+        "light 0 .* color": dict(lights=[replace(light, color=(np.inf, 0, 0))]),
+        "kind of light 0 .*sun": dict(lights=[replace(light, kind="moon")]),
         "projection": dict(camera=replace(cam, projection="fisheye")),
         "camera.* finite": dict(camera=replace(cam, eye=(nan, 0, 0))),
         "axis is zero": dict(camera=replace(cam, forward=(0, 0, 0))),
         "clips from 2 to 1": dict(camera=replace(cam, clip_start=2, clip_end=1)),
         "world .* color": dict(world=leapray.World((nan, 0, 0))),
         "world .* limit .* -1": dict(world=leapray.World(max_bounces=-1)),
-        "light 0 .* limit .* -1": dict(lights=[replace(lamp, max_bounces=-1)]),
+        "light 0 .* limit .* -1": dict(lights=[replace(light, max_bounces=-1)]),
         "slot_objects .*shape": dict(slot_objects=[1, 2]),
     }
     for sentence, change in cases.items():

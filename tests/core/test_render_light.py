@@ -45,14 +45,14 @@ def test_a_sphere_under_a_sun_of_irradiance_pi_shows_the_cosine(radius, slack, m
 def test_a_point_light_falls_off_with_the_square_of_the_distance(sphere):
     place = np.array([0.6, -1.5, 0.8])
     cam = camera((0, -4, 0))
-    lamp = leapray.Light("point", (np.pi, 2 * np.pi, 0), position=place)
-    got = render(cam, [one(sphere)], [lamp], materials=[leapray.Material.diffuse((0.5, 0.25, 1))])
+    light = leapray.Light("point", (np.pi, 2 * np.pi, 0), position=place)
+    got = render(cam, [one(sphere)], [light], materials=[leapray.Material.diffuse((0.5, 0.25, 1))])
     o, d = centre_rays(cam, (96, 64))
     inner = clearance(o, d) < 0.95
     point = o + meet_sphere(o, d)[..., None] * d
-    way = place - point
-    distance = np.linalg.norm(way, axis=-1)
-    want = 0.5 * np.maximum((point * way).sum(-1) / distance, 0) / distance**2
+    to_light = place - point
+    distance = np.linalg.norm(to_light, axis=-1)
+    want = 0.5 * np.maximum((point * to_light).sum(-1) / distance, 0) / distance**2
     assert want[inner].max() > 3 * np.median(want[inner])
     for channel in (0, 1):
         np.testing.assert_allclose(
@@ -77,9 +77,9 @@ def test_the_shadow_of_a_sphere_ends_where_the_cone_of_light_says(kind, sphere, 
     assert clear.mean() > 0.99
     assert 0.02 < (gap < 0.8).mean() < 0.4
     np.testing.assert_array_equal(lit[clear], gap[clear] > 0.8)
-    for shines in (replace(light, casts_shadow=False), light):
-        through = replace(body, visible_shadow=shines.casts_shadow is False)
-        free = render(cam, [one(floor), through], [shines], size=(160, 160))
+    for each in (replace(light, casts_shadow=False), light):
+        through = replace(body, visible_shadow=each.casts_shadow is False)
+        free = render(cam, [one(floor), through], [each], size=(160, 160))
         assert (free["Combined"][..., 0] > 0).all()
 
 
@@ -135,9 +135,9 @@ def test_from_inside_a_solid_its_walls_are_lit_by_what_is_inside(sphere):
     got = render(cam, [room, other], [inside, outside], world=(1, 1, 1))
     o, d = centre_rays(cam, (96, 64))
     point = o + meet_sphere(o, d, far=True)[..., None] * d
-    way = place - point
-    distance = np.linalg.norm(way, axis=-1)
-    want = -(point * way).sum(-1) / distance**3
+    to_light = place - point
+    distance = np.linalg.norm(to_light, axis=-1)
+    want = -(point * to_light).sum(-1) / distance**3
     np.testing.assert_allclose(got["Combined"][..., 0], want, rtol=0.01)
     assert ((got["Normal"] * point).sum(-1) < -0.999).all()
     dark = render(cam, [room, other], [outside], world=(1, 1, 1))

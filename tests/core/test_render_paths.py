@@ -104,7 +104,7 @@ def test_what_loses_no_light_vanishes_in_a_uniform_world(name, branches, sphere)
 
 
 @pytest.mark.parametrize("albedo", [0.5, 0.9])
-def test_a_shining_cavity_gathers_the_series_of_its_bounces(albedo, sphere):
+def test_an_emitting_cavity_sums_the_series_of_its_bounces(albedo, sphere):
     wall = Material([Lobe("diffuse", (albedo,) * 3), Lobe("emission", (0.1,) * 3)])
     cam = camera((0, -0.4, 0), (0, 1, 0), width=1.5)
     for limit in (0, 1, 5, 64):
@@ -252,7 +252,7 @@ def test_memory_does_not_depend_on_depth_or_samples(sphere):
 
 @pytest.mark.parametrize("kind", ["transparent", "refraction"])
 @pytest.mark.parametrize("matrix", [IDENTITY, at(scale=0.5)], ids=["plain", "half"])
-def test_a_solid_absorbs_by_the_length_of_the_way_through_it(kind, matrix, sphere):
+def test_a_solid_absorbs_by_the_length_of_the_path_through_it(kind, matrix, sphere):
     sigma = np.array([0.2, 1.0, 3.0])
     cam = camera((0, -4, 0), width=0.6)
     tinted = material(kind, absorption=sigma, ior=1.0)
@@ -283,21 +283,21 @@ def test_shadows_take_on_the_colour_of_what_is_transparent(sphere, floor):
     white = material("diffuse")
     got = render(cam, [(one(floor), white), (body, pane)], [sun], world=(0, 0, 0), size=(64, 64))
     free = render(cam, [(one(floor), white)], [sun], world=(0, 0, 0), size=(64, 64))
-    share = got["Combined"][..., :3] / free["Combined"][..., :3]
+    fraction = got["Combined"][..., :3] / free["Combined"][..., :3]
     gap = np.linalg.norm(got["Position"][..., :2], axis=-1)
     chord = 2 * np.sqrt(np.maximum(0.64 - gap**2, 0))[..., None]
     under, beside = gap < 0.76, gap > 0.81
     assert under.mean() > 0.05
     want = tint**2 * np.exp(-sigma * chord)
-    np.testing.assert_allclose(share[under], want[under], rtol=0.02, atol=1e-6)
-    np.testing.assert_array_equal(share[beside], 1)
+    np.testing.assert_allclose(fraction[under], want[under], rtol=0.02, atol=1e-6)
+    np.testing.assert_array_equal(fraction[beside], 1)
     opaque = render(cam, [(one(floor), white), (body, material("glass"))], [sun],
                     world=(0, 0, 0), size=(64, 64), diffuse_bounces=0)  # fmt: skip
     assert not opaque["Combined"][under][:, :3].any()  # as Cycles: glass casts a full shadow
 
 
 @pytest.mark.parametrize("kind", ["sun", "point"])
-def test_every_pane_in_the_way_of_light_takes_its_share(kind, floor):
+def test_every_pane_before_a_light_attenuates_it(kind, floor):
     """They cover the whole picture, so that every ray of the wave goes on."""
     light = Light(kind, (3, 3, 3), (0, 0, 40), direction=(0, 0, 1))
     cam = camera((0, 0, 1), size=(8, 8), width=1, kind="orthographic")
@@ -324,7 +324,7 @@ def test_beyond_the_limit_of_transparent_surfaces_all_is_black(sphere):
         assert (got["Combined"][32, 48, :3] == (limit >= 5)).all()  # six surfaces
 
 
-# ---- flags, lamps, passes ----------------------------------------------------------------------
+# ---- flags, lights, passes ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("flag", ["diffuse", "glossy", "transmission"])
@@ -343,24 +343,24 @@ def test_an_object_hides_from_the_rays_that_may_not_see_it(flag, sphere, floor):
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.15, 0.5])
-def test_an_area_lamp_brings_the_same_by_asking_and_by_chance(roughness, floor):
-    """A lamp, and a shining thing of its shape that only chance can find."""
-    shine = material("emission", (2, 2, 2))
+def test_an_area_light_and_an_emitter_of_its_shape_light_alike(roughness, floor):
+    """The light is sampled; the emitter only rays of the metal find."""
+    emission = material("emission", (2, 2, 2))
     metal = material("glossy", roughness=roughness)
     cam = camera((0, -4, 2), size=(48, 32))
     plate = np.diag([0.5 / 4.0625, 0.5 / 4.0625, 1e-4, 1])  # cells reach half a voxel beyond 4
     plate[:3, 3] = 0, 1.0, 1.0
     body = one(floor, np.diag([1.0, 1, -1, 1]) @ np.eye(4))
     body = one(floor, plate, visible_camera=False)
-    lamp = Light("area", (2, 2, 2), position=(0, 1.0, 1.0 - 1e-4), direction=(0, 0, -1),
-                 axis_u=(1, 0, 0), axis_v=(0, 1, 0), angle=np.pi, shape="rectangle",
-                 casts_shadow=True)  # fmt: skip
+    light = Light("area", (2, 2, 2), position=(0, 1.0, 1.0 - 1e-4), direction=(0, 0, -1),
+                  axis_u=(1, 0, 0), axis_v=(0, 1, 0), angle=np.pi, shape="rectangle",
+                  casts_shadow=True)  # fmt: skip
     setting = dict(world=(0, 0, 0), size=(48, 32), samples=1024)
-    asked = render(cam, [(one(floor), metal)], [lamp], **setting)["Combined"][..., 0]
-    chance = render(cam, [(one(floor), metal), (body, shine)], **setting)["Combined"][..., 0]
+    sampled = render(cam, [(one(floor), metal)], [light], **setting)["Combined"][..., 0]
+    found = render(cam, [(one(floor), metal), (body, emission)], **setting)["Combined"][..., 0]
     part = (slice(4, 24), slice(12, 36))
-    assert chance[part].mean() > 0.01
-    assert asked[part].mean() == pytest.approx(chance[part].mean(), rel=0.02)
+    assert found[part].mean() > 0.01
+    assert sampled[part].mean() == pytest.approx(found[part].mean(), rel=0.02)
 
 
 def test_what_the_workspace_held_before_does_not_matter():

@@ -21,7 +21,7 @@ from leapray import Lobe, Material, World
 
 SIDE = 20  # pixels
 TINY = (1e-15, 1e-17, 1e-20, 1e-30, 1e-200, 1e-320, 0.0)
-SURFACES = {  # with a group whose share is about e
+SURFACES = {  # with a group of an albedo of about e
     "veil over black": lambda e: [Lobe("principled", (e, e, e), alpha=0.5, specular=0.0)],
     "diffuse and clear": lambda e: [Lobe("diffuse", (e, e, e)), Lobe("transparent", (0.5,) * 3)],
     "diffuse, hardly clear": lambda e: [Lobe("diffuse"), Lobe("transparent", (e, e, e))],
@@ -73,7 +73,7 @@ def all_means():
 
 @pytest.fixture(scope="module")
 def means():
-    """By surface, of every share and number of places; a child, since a hang cannot be stopped."""
+    """By surface, of every albedo and number of slots; a child, since a hang cannot be stopped."""
     done = subprocess.run(
         [sys.executable, __file__], capture_output=True, text=True, timeout=100, check=False
     )

@@ -22,7 +22,7 @@ def of(kind, color=(0.8, 0.6, 0.4), **more):
 
 @pytest.fixture(scope="module")
 def still():
-    """Every kind of ray: glass in glass, rough metal, a pane, lamps with extent, a bright floor."""
+    """Every kind of ray: glass in glass, rough metal, a pane, an area light, a bright floor."""
     structure = leapray.build(ball(10.0))
     sky = np.random.default_rng(1).uniform(0, 1, (16, 32, 3)).astype(np.float32)
     glass = Material([Lobe("glass", ior=1.5, roughness=0.1)], absorption=(0.1, 0.5, 1))
@@ -94,12 +94,12 @@ def test_choosing_among_branches_keeps_the_mean(still):
         assert mean(n, seed) == pytest.approx(all_followed, rel=0.03)
 
 
-def test_clamps_hold_what_one_ray_brings(sphere):
-    mirror, lamp = Lobe("glossy", (1, 1, 1), roughness=0.0), (40.0, 20.0, 0.0)
+def test_clamps_limit_the_contribution_of_a_ray(sphere):
+    mirror, radiance = Lobe("glossy", (1, 1, 1), roughness=0.0), (40.0, 20.0, 0.0)
     cam = camera((0, -4, 0))
     inner = clearance(*centre_rays(cam, (96, 64))) < 0.9
     ball_or_two = [one(sphere), one(leapray.build(ball(10.0)), at(scale=30.0), first_material=1)]
-    materials = [Material([mirror]), Material([Lobe("emission", lamp)])]
+    materials = [Material([mirror]), Material([Lobe("emission", radiance)])]
     scene = leapray.Scene(cam, ball_or_two, (), materials, [0, 1])
     for name, limit, want in (("clamp_direct", 10.0, 0.5), ("clamp_indirect", 10.0, 1.0),
                               ("clamp_direct", 30.0, 1.0)):  # fmt: skip
@@ -133,9 +133,9 @@ def test_an_edge_is_blurred_by_the_pixels_filter(name, width):
     x = np.linspace(0, 1, 100_001)
     a = 2 * np.pi * x
     window = 0.35875 - 0.48829 * np.cos(a) + 0.14128 * np.cos(2 * a) - 0.01168 * np.cos(3 * a)
-    share = np.cumsum(window) / window.sum()
+    fraction = np.cumsum(window) / window.sum()
     place = edge + 0.5 if name == "box" else edge / (2 * width) + 0.5
-    want = 1 - np.interp(place, x, x if name == "box" else share)
+    want = 1 - np.interp(place, x, x if name == "box" else fraction)
     assert ((want > 0.02) & (want < 0.98)).any()
     np.testing.assert_allclose(got["Combined"][..., 0].mean(0), want, atol=0.004)
 
@@ -158,7 +158,7 @@ def test_settled_pixels_take_no_more_samples(still):
 def test_the_samples_of_a_choice_are_even(sphere):
     """The world by a Lambertian ball in the open: every stratum of the hemisphere once."""
     half = np.zeros((8, 16, 3), np.float32)
-    half[:, :8] = 1  # half of the world shines
+    half[:, :8] = 1  # half of the world emits
     cam = camera((0, 0, 4))
     errors = []
     for samples in (16, 64):
@@ -290,9 +290,9 @@ def test_sixteen_samples_tell_what_an_edge_covers(sphere):
 def test_neighbours_errors_cancel(floor):
     """Noise that two by two pixels share falls by more than the 4 of independent ones."""
     cam = camera((0, 0, 9), size=(96, 96), width=3, kind="orthographic")
-    lamp = Light("area", (3, 3, 3), position=(0, 0, 0.6), direction=(0, 0, -1), axis_u=(2, 0, 0),
-                 axis_v=(0, 2, 0), angle=np.pi, shape="ellipse")  # fmt: skip
-    scene = leapray.Scene(cam, [one(floor)], [replace(lamp, visible_camera=False)],
+    light = Light("area", (3, 3, 3), position=(0, 0, 0.6), direction=(0, 0, -1), axis_u=(2, 0, 0),
+                  axis_v=(0, 2, 0), angle=np.pi, shape="ellipse")  # fmt: skip
+    scene = leapray.Scene(cam, [one(floor)], [replace(light, visible_camera=False)],
                           [of("diffuse")], [0])  # fmt: skip
     few, many = (
         scene.render_tile(0, 0, 96, 96, samples=n, seed=3)["Combined"][..., 0] for n in (4, 1024)

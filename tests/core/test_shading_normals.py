@@ -45,11 +45,11 @@ def planned(*meshes, settings=None, at=None):
     return plan.make(what, Cache(), leapray.Watch(), 1)
 
 
-def rays(n=4000, seed=5, reach=0.9):
+def rays(n=4000, seed=5, extent=0.9):
     """From outside towards points near the middle."""
     rng = np.random.default_rng(seed)
     origins = 4.0 * unit(rng.normal(size=(n, 3)))
-    return origins, rng.uniform(-reach, reach, (n, 3)) - origins
+    return origins, rng.uniform(-extent, extent, (n, 3)) - origins
 
 
 def own_normals(mesh, origins, directions):

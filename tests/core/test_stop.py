@@ -59,8 +59,8 @@ def least_of(work) -> float:
 def test_a_build_ends_within_100_ms_of_the_stop_word(name, vast):
     whole = least_of(lambda watch: leapray.build(vast, name, watch=watch))
     late = []
-    for share in (0.1, 0.35, 0.6, 0.85):
-        _, after = end_of(lambda watch: leapray.build(vast, name, watch=watch), share * whole)
+    for fraction in (0.1, 0.35, 0.6, 0.85):
+        _, after = end_of(lambda watch: leapray.build(vast, name, watch=watch), fraction * whole)
         late += [] if after is None else [after]
     assert late or whole < 0.2  # the stop was heard, but where there is next to nothing to do
     assert max(late, default=0.0) < LATEST
@@ -73,9 +73,9 @@ def test_a_distance_ends_within_100_ms_of_the_stop_word(metric):
     cells[1, ::501, ::501] = 1
     whole = least_of(lambda watch: leapray.distance(cells, metric, threads=1, watch=watch))
     late = []
-    for share in (0.1, 0.3, 0.5, 0.7, 0.9):
+    for fraction in (0.1, 0.3, 0.5, 0.7, 0.9):
         _, after = end_of(
-            lambda watch: leapray.distance(cells, metric, threads=1, watch=watch), share * whole
+            lambda watch: leapray.distance(cells, metric, threads=1, watch=watch), fraction * whole
         )
         late += [] if after is None else [after]
     assert late

@@ -247,8 +247,8 @@ def test_newton_bisect_and_cubic_find_the_first_root_in_noise():
     value, _ = structure.volume.sample(origins + t[:, None] * directions)
     np.testing.assert_allclose(value, 0.5, atol=1e-9)
     began, _ = structure.volume.sample(origins)
-    for share in np.linspace(0.02, 0.98, 49):  # nothing crossed before
-        between, _ = structure.volume.sample(origins + (share * t)[:, None] * directions)
+    for fraction in np.linspace(0.02, 0.98, 49):  # nothing crossed before
+        between, _ = structure.volume.sample(origins + (fraction * t)[:, None] * directions)
         assert ((between >= 0.5) == (began >= 0.5)).all()
 
 

@@ -46,8 +46,8 @@ SCENES = (sparse, spheres, checkerboard, one_sample, full)
 
 def judge(samples, structure, origins, directions):
     hits = leapray.trace(structure, origins, directions, mode="binary")
-    wanted = oracle.object_cells(samples, 0.5)
-    verdict, pierced = oracle.judge(wanted, origins, directions, np.isfinite(hits.t), hits.cell)
+    objects = oracle.object_cells(samples, 0.5)
+    verdict, pierced = oracle.judge(objects, origins, directions, np.isfinite(hits.t), hits.cell)
     steps = hits.counters["cells"] / max(hits.counters["rays"], 1)
     assert steps <= sum(samples.shape) + 6
     return verdict, pierced
@@ -87,7 +87,7 @@ def large():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DEFAULTS)
 def test_first_cells_are_sound_at_512(name, large):
-    samples, volume, wanted = large
+    samples, volume, objects = large
     rng = np.random.default_rng(13)
     structure = leapray.build(volume, name)
     for make, n in ((oracle.generic_rays, 100_000), (oracle.lattice_rays, 50_000)):
@@ -95,28 +95,28 @@ def test_first_cells_are_sound_at_512(name, large):
         hits = leapray.trace(structure, origins, directions, mode="binary", threads=0)
         hit = np.isfinite(hits.t)
         assert hit.mean() > 0.1
-        verdict, _ = oracle.judge(wanted, origins, directions, hit, hits.cell)
+        verdict, _ = oracle.judge(objects, origins, directions, hit, hits.cell)
         assert unsound(verdict) == {}
 
 
 def test_the_oracle_objects_to_wrong_claims():
     samples = np.zeros((4, 4, 4), np.float32)
     samples[1, 1, 1] = samples[3, 3, 3] = 1
-    wanted = oracle.object_cells(samples, 0.5)
+    objects = oracle.object_cells(samples, 0.5)
     origins, directions = np.array([[-4.0, 0.25, 0.375]]), np.array([[1.0, 0.0, 0.0]])
     claims = {
         (0, 0, 0): "sound",
         (1, 0, 0): "late",
-        (2, 1, 1): "not wanted",
+        (2, 1, 1): "no object",
         (1, 1, 1): "not touched",
     }
-    wanted[2, 2, 2] = True  # cell (1, 1, 1), which the ray does not touch
+    objects[2, 2, 2] = True  # cell (1, 1, 1), which the ray does not touch
     for cell, name in claims.items():
-        if name == "not wanted":
-            wanted[2, 2, 3] = False
-        verdict, _ = oracle.judge(wanted, origins, directions, [True], [cell])
+        if name == "no object":
+            objects[2, 2, 3] = False
+        verdict, _ = oracle.judge(objects, origins, directions, [True], [cell])
         assert oracle.VERDICTS[verdict[0]] == name
-    verdict, _ = oracle.judge(wanted, origins, directions, [False], [(0, 0, 0)])
+    verdict, _ = oracle.judge(objects, origins, directions, [False], [(0, 0, 0)])
     assert oracle.VERDICTS[verdict[0]] == "missed"
 
 

@@ -42,39 +42,39 @@ def first_cells(phantom, rays, spec):
     return leapray.trace(leapray.build(phantom, spec), *rays, mode="binary")
 
 
-def wrong_share(hits, exact):
+def wrong_fraction(hits, exact):
     """Share of the rays that hit something whose first cell is another one, or none."""
     hit = np.isfinite(exact.t)
     return (hits.cell != exact.cell).any(axis=1)[hit].mean()
 
 
 @pytest.mark.parametrize("spec", INEXACT)
-def test_none_claims_a_cell_that_is_not_wanted(spec):
+def test_none_claims_a_cell_that_is_no_object_cell(spec):
     rng = np.random.default_rng(3)
     for size in ((1, 1, 1), (3, 20, 9), (24, 17, 30), (40, 2, 40)):
         samples = (rng.random(size) < 0.03).astype(np.float32)
         samples.flat[rng.integers(samples.size)] = 1
         structure = leapray.build(leapray.Volume(samples), spec)
-        wanted = oracle.object_cells(samples, 0.5)
+        objects = oracle.object_cells(samples, 0.5)
         for make in (oracle.generic_rays, oracle.lattice_rays):
             origins, directions = make(rng, 2000, size[::-1])
             hits = leapray.trace(structure, origins, directions, mode="binary")
             hit = np.isfinite(hits.t)
             assert hit.any() and np.isfinite(hits.t[hit]).all()
-            verdict, _ = oracle.judge(wanted, origins, directions, hit, hits.cell)
-            assert not (verdict == oracle.VERDICTS.index("not wanted")).any()
+            verdict, _ = oracle.judge(objects, origins, directions, hit, hits.cell)
+            assert not (verdict == oracle.VERDICTS.index("no object")).any()
             if not spec.startswith("lines"):  # a line's cell may lie beside the ray
                 assert not (verdict == oracle.VERDICTS.index("not touched")).any()
 
 
-# the share of cells on a ray that samples at equal distances pass over
+# the fraction of cells on a ray that samples at equal distances pass over
 PASSED_OVER = {"1": 0.376, "0.5": 0.20, "0.25": 0.105, "0.1": 0.043}
 
 
 @pytest.mark.parametrize("step", PASSED_OVER)
 def test_uniform_samples_pass_over_first_cells_at_the_known_rate(step, phantom, rays, exact):
     hits = first_cells(phantom, rays, f"uniform:step={step}")
-    assert wrong_share(hits, exact) == pytest.approx(PASSED_OVER[step], rel=0.3)
+    assert wrong_fraction(hits, exact) == pytest.approx(PASSED_OVER[step], rel=0.3)
     both = np.isfinite(hits.t) & np.isfinite(exact.t)
     assert (hits.t[both] >= exact.t[both]).all()  # later, never earlier
 
@@ -82,7 +82,7 @@ def test_uniform_samples_pass_over_first_cells_at_the_known_rate(step, phantom, 
 @pytest.mark.parametrize("metric", ["chamfer345", "chessboard", "cityblock", "euclid"])
 def test_the_published_steps_of_spheres_overshoot(metric, phantom, rays, exact):
     hits = first_cells(phantom, rays, f"radc:metric={metric},step=paper")
-    assert 0.3 < wrong_share(hits, exact) < 0.65
+    assert 0.3 < wrong_fraction(hits, exact) < 0.65
     lost = np.isinf(hits.t)[np.isfinite(exact.t)].mean()
     assert 0.003 < lost < 0.1
 
@@ -94,7 +94,7 @@ def test_lines_err_by_their_ends_and_the_wide_one_slips_through(phantom, rays, e
     }
     np.testing.assert_array_equal(found["adaptive"].cell, found["6"].cell)
     assert found["adaptive"].counters["cells"] < 0.7 * found["6"].counters["cells"]
-    assert 0.2 < wrong_share(found["6"], exact) < wrong_share(found["26"], exact) < 0.7
+    assert 0.2 < wrong_fraction(found["6"], exact) < wrong_fraction(found["26"], exact) < 0.7
     for hits in found.values():  # within the rounding of both ends, and half a cell
         hit = np.isfinite(hits.t)
         unit = rays[1][hit] / np.linalg.norm(rays[1][hit], axis=1)[:, None]
@@ -104,7 +104,7 @@ def test_lines_err_by_their_ends_and_the_wide_one_slips_through(phantom, rays, e
 
 
 def test_sums_in_f32_drift_and_sums_in_f64_hardly():
-    samples = np.zeros((200, 200, 512), np.uint8)  # a wall at the end of a long way
+    samples = np.zeros((200, 200, 512), np.uint8)  # a wall at the end of a long ray
     samples[:, :, -2:] = 255
     samples[0, 0, 0] = samples[-1, -1, 0] = 255
     volume = leapray.Volume(samples)
@@ -116,7 +116,7 @@ def test_sums_in_f32_drift_and_sums_in_f64_hardly():
     wrong, late = {}, {}
     for spec in ("aw_accumulate:precision=f32", "aw_accumulate", "frt:arithmetic=float"):
         hits = leapray.trace(leapray.build(volume, spec), origins, directions, mode="binary")
-        wrong[spec] = wrong_share(hits, want)
+        wrong[spec] = wrong_fraction(hits, want)
         late[spec] = np.percentile(np.abs(hits.t - want.t), 99)
     for spec in ("aw_accumulate:precision=f32", "frt:arithmetic=float"):
         assert wrong[spec] > 1e-4  # of the last cells alone

@@ -148,9 +148,9 @@ def test_no_ray_slips_between_triangles_or_cells(name):
     n = 200_000
     edges, owners, inside = inner_edges(triangles)
     some = rng.integers(len(edges), size=n)
-    share = rng.uniform(1e-9, 1, (n, 1)) * ((rng.random(n) < 0.9) | ~inside[some])[:, None]
+    fraction = rng.uniform(1e-9, 1, (n, 1)) * ((rng.random(n) < 0.9) | ~inside[some])[:, None]
     ends = vertices[edges[some]]
-    target = ends[:, 0] * (1 - share) + ends[:, 1] * share
+    target = ends[:, 0] * (1 - fraction) + ends[:, 1] * fraction
     away = rng.normal(size=(n, 3))
     away *= rng.choice([0.1, 1, 100], (n, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
     length = np.linalg.norm(away, axis=1)
@@ -160,7 +160,7 @@ def test_no_ray_slips_between_triangles_or_cells(name):
     middle = vertices[triangles[owners[some]]].mean(axis=2) - target[:, None]
     sides = np.sign(np.einsum("nkc,nc->nk", middle, across))
     cosine = np.min([tilt(away, vertices, triangles, owners[some, k]) for k in (0, 1)], axis=0)
-    least = np.where(share[:, 0] > 0, 0.3, 0.7)  # at corners for the other triangles' sake
+    least = np.where(fraction[:, 0] > 0, 0.3, 0.7)  # at corners for the other triangles' sake
     clear = (sides[:, 0] != sides[:, 1]) & (cosine > least * length)
     assert clear.mean() > 0.4
     assert (got.t <= 1 + 0.1 * H / cosine)[clear].all()

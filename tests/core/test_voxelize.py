@@ -228,8 +228,8 @@ def test_stencils_of_a_sheet_are_exact_with_a_narrow_ramp():
     h = 0.117
     volume = voxelize(vertices, triangles, h, dtype="f32", half_width=2.0)
     z, y, x = np.argwhere(volume.read_surface()).T
-    reach = [np.stack([x + a, y + b, z + c]) - 1 for a, b, c in np.ndindex(4, 4, 4)]
-    i, j, k = np.concatenate(reach, axis=1)
+    around = [np.stack([x + a, y + b, z + c]) - 1 for a, b, c in np.ndindex(4, 4, 4)]
+    i, j, k = np.concatenate(around, axis=1)
     points = positions(volume)[k, j, i]
     read = brute_distance(points, vertices, triangles)[0] < np.sqrt(6) * h
     normal = np.array([0, -np.sin(0.6), np.cos(0.6)])

@@ -80,8 +80,8 @@ def test_progress_rises_to_one():
 
 @pytest.mark.slow
 @pytest.mark.alone
-@pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.7, 0.95])
-def test_stopping_ends_within_100_ms(share):
+@pytest.mark.parametrize("fraction", [0.0, 0.05, 0.3, 0.7, 0.95])
+def test_stopping_ends_within_100_ms(fraction):
     vertices, triangles = meshes.icosphere(6)  # 81,920 triangles
     watch = Watch()
     begun = time.perf_counter()
@@ -93,14 +93,14 @@ def test_stopping_ends_within_100_ms(share):
         told.append(time.perf_counter())
         watch.stop()
 
-    timer = threading.Timer(share * whole, stop)
+    timer = threading.Timer(fraction * whole, stop)
     timer.start()
     try:
         voxelize(vertices, triangles, 0.004, watch=watch)
     except Stopped:
         assert time.perf_counter() - told[0] < 0.1
     else:
-        assert share > 0.6  # this time it was quicker than the measured one
+        assert fraction > 0.6  # this time it was quicker than the measured one
     timer.join()
 
 

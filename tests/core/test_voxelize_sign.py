@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from leapray.voxelization import voxelize
 
-MOST_WRONG = 1e-3  # share of the band
+MOST_WRONG = 1e-3  # fraction of the band
 
 
 def blob(holes=0, levels=4):
@@ -113,13 +113,13 @@ def test_a_half_ball_that_is_to_be_solid_ends_where_it_winds_half_around(h, arou
     assert wrong[band].mean() <= 2e-3 and wrong.mean() <= 1e-3
     # What closes it is smooth: the surface between samples lies where the number is 1/2.
     across = (g[:, :, 1:] >= 0.5) != (g[:, :, :-1] >= 0.5)
-    share = (0.5 - g[:, :, :-1][across]) / (g[:, :, 1:] - g[:, :, :-1])[across]
-    at = places[:, :, :-1][across] + share[:, None] * (h, 0, 0)
+    fraction = (0.5 - g[:, :, :-1][across]) / (g[:, :, 1:] - g[:, :, :-1])[across]
+    at = places[:, :, :-1][across] + fraction[:, None] * (h, 0, 0)
     distance, _ = brute_distance(at, vertices, triangles)
-    closing = at[distance > 3 * h]
+    filled = at[distance > 3 * h]
     if around is not None:
-        assert len(closing) > 10
-        assert_allclose(np.abs(winding(closing, vertices, triangles)), 0.5, atol=0.05 * h)
+        assert len(filled) > 10
+        assert_allclose(np.abs(winding(filled, vertices, triangles)), 0.5, atol=0.05 * h)
 
 
 def test_holes_that_nobody_sees_leave_a_solid():

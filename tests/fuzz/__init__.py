@@ -18,22 +18,22 @@ def mutated(rng: np.random.Generator, data: bytes, head: int, other: bytes = b""
         if not made:
             break
         at = int(rng.integers(min(head, len(made)) if rng.random() < 0.5 else len(made)))
-        way = rng.integers(10)
-        if way < 2:
+        kind = rng.integers(10)
+        if kind < 2:
             made[at] ^= 1 << int(rng.integers(8))
-        elif way < 4:
+        elif kind < 4:
             made[at] = int(rng.integers(256))
-        elif way < 7:
+        elif kind < 7:
             at -= at % 4
             word = WORDS[rng.integers(len(WORDS))]
             made[at : at + 4] = word.to_bytes(4, "little")[: len(made) - at]
-        elif way == 7:
+        elif kind == 7:
             at -= at % 4
             word = int.from_bytes(made[at : at + 4], "little") + int(rng.integers(-2, 3))
             made[at : at + 4] = (word % 2**32).to_bytes(4, "little")[: len(made) - at]
-        elif way == 8 and rng.random() < 0.2:
+        elif kind == 8 and rng.random() < 0.2:
             del made[at:]
-        elif way == 9 and other:
+        elif kind == 9 and other:
             start = int(rng.integers(len(other)))
             piece = other[start : start + int(rng.integers(1, 64))]
             made[at : at + len(piece)] = piece[: len(made) - at]

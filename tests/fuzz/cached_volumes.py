@@ -57,16 +57,16 @@ def resealed(rng: np.random.Generator) -> bytes:
     """Another head or other bytes of a volume under a seal that holds."""
     packed = mutated(rng, PACKED, HEAD) if rng.random() < 0.5 else PACKED
     head = {"nbytes": VOLUME.info.nbytes, "packed": len(packed), "mesh": dict(MESH)}
-    way = rng.integers(6)
-    if way == 0:
+    kind = rng.integers(6)
+    if kind == 0:
         head[list(head)[rng.integers(3)]] = VALUES[rng.integers(len(VALUES))]
-    elif way == 1:
+    elif kind == 1:
         head["mesh"][list(MESH)[rng.integers(len(MESH))]] = VALUES[rng.integers(len(VALUES))]
-    elif way == 2:
+    elif kind == 2:
         del head[list(head)[rng.integers(3)]]
     data = zlib.compress(packed, 1)
-    sealed = disk_cache._sealed(KEY, head, mutated(rng, data, 20) if way == 3 else data)
-    if way == 4:
+    sealed = disk_cache._sealed(KEY, head, mutated(rng, data, 20) if kind == 3 else data)
+    if kind == 4:
         line = json.dumps({"name": disk_cache._name(KEY), **head}).encode()
         told = mutated(rng, line, len(line)) + b"\n" + data
         sealed = told + disk_cache.SEAL.pack(disk_cache.MAGIC, len(told), disk_cache._hash(told))

@@ -120,10 +120,10 @@ class Place:
 
 def run_all(words: list[str], sanitize: bool) -> int:
     """Every target in a process of its own, two at a time; returns the number that failed."""
-    waiting, running, failed = list(TARGETS), {}, 0
-    while waiting or running:
-        while waiting and len(running) < 2:
-            name = waiting.pop(0)
+    queue, running, failed = list(TARGETS), {}, 0
+    while queue or running:
+        while queue and len(running) < 2:
+            name = queue.pop(0)
             running[name] = start(name, words, sanitize)
         for name, process in list(running.items()):
             if process.poll() is not None:

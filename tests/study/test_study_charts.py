@@ -30,7 +30,7 @@ def contrast(a, b):
 
 @pytest.mark.parametrize("name", ["OrRd", "Reds", "viridis", "inferno", "Greys", "Blues"])
 def test_figures_are_read_on_every_colour_of_a_map(name):
-    colors = [colormaps[name](share) for share in np.linspace(0, 1, 65)]
+    colors = [colormaps[name](fraction) for fraction in np.linspace(0, 1, 65)]
     inks = [charts.ink_on(color) for color in colors]
     assert len(set(inks)) == 2
     worst = min(contrast(color[:3], ink) for color, ink in zip(colors, inks, strict=True))

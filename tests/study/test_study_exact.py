@@ -92,9 +92,9 @@ def test_skipped_pixels_are_right_but_for_the_published_skip(told):
 
 def test_closed_surfaces_have_no_holes(told):
     assert [row["solid"] for row in told["closed"]] == ["sphere", "torus"]
-    for row, share in zip(told["closed"], (0.7, 0.2), strict=True):
+    for row, fraction in zip(told["closed"], (0.7, 0.2), strict=True):
         assert row["holes"] == row["displaced"] == 0
-        assert row["rays"] > share * row["pixels"]  # the disc fills pi / 4 of its square
+        assert row["rays"] > fraction * row["pixels"]  # the disc fills pi / 4 of its square
 
 
 def test_a_hole_in_a_closed_surface_is_found(monkeypatch):

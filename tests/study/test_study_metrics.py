@@ -63,7 +63,9 @@ def test_a_point_is_drawn_where_its_ray_starts(perspective):
 
 @pytest.mark.parametrize("perspective", [True, False])
 @pytest.mark.parametrize("slope", [0.0, 3.0])
-def test_a_plane_moved_along_its_normal_errs_by_that_way_over_the_footprint(perspective, slope):
+def test_a_plane_moved_along_its_normal_errs_by_that_distance_over_the_footprint(
+    perspective, slope
+):
     camera = view(perspective)
     rays = pixel_rays(camera)
     normal = arrays.unit(np.array([slope, 0.0, 1.0]))
@@ -181,8 +183,8 @@ def test_the_standard_view_knows_srgb():
 @pytest.mark.parametrize("perspective", [True, False])
 def test_a_line_is_drawn_without_gaps_and_cut_to_the_film(perspective):
     camera = view(perspective)
-    reach = 4.0 if perspective else 0.8
-    ends = camera.eye + np.array([[-reach, -0.02, -5.0], [reach, 0.02, -6.0]])
+    half_width = 4.0 if perspective else 0.8
+    ends = camera.eye + np.array([[-half_width, -0.02, -5.0], [half_width, 0.02, -6.0]])
     got = metrics.on_lines(camera, ends[:1], ends[1:], (HEIGHT, WIDTH))
     columns = np.unique(np.floor(got[:, 0]))
     assert_array_equal(columns, np.arange(WIDTH))

@@ -14,11 +14,11 @@ import leapray
 from addon.study import distances, methods, peers
 
 
-def test_ways_are_run_in_turns():
+def test_methods_are_run_in_turns():
     ran = []
-    ways = {name: lambda name=name: ran.append(name) for name in "ab"}
+    runs = {name: lambda name=name: ran.append(name) for name in "ab"}
     taken = dict(
-        zip(ways, methods.seconds(list(ways.values()), 3, time.perf_counter).T, strict=True)
+        zip(runs, methods.seconds(list(runs.values()), 3, time.perf_counter).T, strict=True)
     )
     assert ran == list("ababab")
     assert all(len(seconds) == 3 and min(seconds) >= 0 for seconds in taken.values())

@@ -55,10 +55,10 @@ def test_the_surveys_findings_are_told_with_their_figures():
     rows, *_ = phantom.measure(128, 60, (1, 10), 1)
     told = " ".join(phantom.findings(rows))
     steps = {(row.traverser, row.n): row.steps_per_ray for row in rows if row.camera == "oblique"}
-    for spec, way in (("frt", "fall"), ("smart", "rise"), ("cd", "rise")):
+    for spec, trend in (("frt", "fall"), ("smart", "rise"), ("cd", "rise")):
         first, last = steps[spec, 1], steps[spec, 10]
-        assert (last < first) == (way == "fall")
-        assert f"{way} from {first:.2f} to {last:.2f}" in told
+        assert (last < first) == (trend == "fall")
+        assert f"{trend} from {first:.2f} to {last:.2f}" in told
     assert steps["cd", 10] < steps["radc:metric=chessboard,step=paper", 10]
     assert abs(steps["cd", 10] / steps["radc:step=paper", 10] - 1) < 0.3
 

@@ -90,10 +90,10 @@ def test_tunnels_are_as_wide_as_their_rays_and_end_with_them():
     for k in range(len(dug.ends)):  # the oracle's first pierced cell, near the end, is the end
         low = dug.ends[k] - 20
         samples = dug.volume.read(tuple(low), (30, 30, 30))
-        wanted = oracle.object_cells(samples, 127.5)[1:-1, 1:-1, 1:-1]
+        objects = oracle.object_cells(samples, 127.5)[1:-1, 1:-1, 1:-1]
         origins = dug.origins[k : k + 1] - low - 1
         verdict, pierced = oracle.judge(
-            wanted, origins, dug.directions[k : k + 1], [True], [dug.ends[k] - low - 1]
+            objects, origins, dug.directions[k : k + 1], [True], [dug.ends[k] - low - 1]
         )
         assert pierced.all() and not verdict.any()
 

@@ -49,15 +49,15 @@ int32_t lr_cpu_simd(void)
 }
 #endif
 
-lr_status lr_cpu_choose(int32_t wanted, int32_t *simd, lr_error *error)
+lr_status lr_cpu_choose(int32_t requested, int32_t *simd, lr_error *error)
 {
-    const lr_status known = lr_check_choice("simd", wanted, LR_SIMD_AVX512, error);
+    const lr_status known = lr_check_choice("simd", requested, LR_SIMD_AVX512, error);
     if (known != LR_OK)
         return known;
     int32_t best = lr_cpu_simd();
-    if (wanted > best)
+    if (requested > best)
         return lr_fail(error, LR_E_ARGUMENT, "simd %s is not offered by this processor",
-                       wanted == LR_SIMD_AVX2 ? "avx2" : "avx512");
-    *simd = wanted == LR_SIMD_AUTO ? best : wanted;
+                       requested == LR_SIMD_AVX2 ? "avx2" : "avx512");
+    *simd = requested == LR_SIMD_AUTO ? best : requested;
     return LR_OK;
 }

@@ -16,7 +16,7 @@
  * hypervisor: once per call of the interface, not per part. */
 int32_t lr_cpu_simd(void);
 
-/* wanted, or for LR_SIMD_AUTO the best; LR_E_ARGUMENT where it is not there. */
-lr_status lr_cpu_choose(int32_t wanted, int32_t *simd, lr_error *error);
+/* requested, or for LR_SIMD_AUTO the best; LR_E_ARGUMENT where it is not there. */
+lr_status lr_cpu_choose(int32_t requested, int32_t *simd, lr_error *error);
 
 #endif

@@ -29,7 +29,7 @@ lr_status lr_fail(lr_error *error, lr_status status, const char *format, ...)
 
 lr_status lr_fail_memory(lr_error *error, uint64_t nbytes, const char *what)
 {
-    return lr_fail(error, LR_E_MEMORY, "no memory for %s: %.1f MB were wanted", what,
+    return lr_fail(error, LR_E_MEMORY, "no memory for %s: %.1f MB are needed", what,
                    (double)nbytes / 1e6);
 }
 

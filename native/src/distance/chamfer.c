@@ -1,7 +1,7 @@
-/* Chessboard and chamfer distances: the shortest way by steps to the 26 neighbours.
+/* Chessboard and chamfer distances: the shortest path of steps to the 26 neighbours.
  *
- * One pass forward takes what comes from the 13 neighbours before a cell in raster
- * order, one backward what comes from the others. All steps cost 1: the chessboard
+ * A forward pass takes the minimum over the 13 neighbours before a cell in raster order, a
+ * backward pass that over the others. All steps cost 1: the chessboard
  * distance. Steps through a face cost 3, an edge 4, a corner 5: the chamfer distance,
  * a third of which lies within 5.7 % below and 10.6 % above the Euclidean one;
  * divided by sqrt(11) it is never above.
@@ -13,12 +13,12 @@
 #include "base/error.h"
 #include "distance/metrics.h"
 
-/* What a step costs, by how many coordinates it changes. */
+/* The cost of a step, by the number of coordinates that it changes. */
 typedef struct costs {
     uint8_t face, edge, corner;
 } costs;
 
-/* Take what comes from another row: straight, and from both sides. */
+/* Relax by another row: by its same cell, and by the cells on both sides. */
 LR_INLINE void relax_from(uint8_t *best, const uint8_t *from, int64_t n, uint8_t straight,
                           uint8_t aside)
 {
@@ -55,14 +55,14 @@ LR_INLINE lanes turned(lanes v)
     return __builtin_shufflevector(v, v, 15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0);
 }
 
-/* Along the row itself, from its first cell on or from its last one back. In sixteen
- * cells every way has at most four steps of 1, 2, 4 and 8 cells; what comes from the
- * cells before them is taken last. */
+/* Relax along the row itself, from its first cell on or from its last one back. Within sixteen
+ * cells every path has at most four steps of 1, 2, 4 and 8 cells; paths from the cells before
+ * them are taken last. */
 LR_INLINE void relax_along(uint8_t *row, int64_t n, int step, uint8_t cost)
 {
     const lanes none = (lanes){0} + LR_DISTANCE_CAP, zero = {0};
     const lanes places = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16};
-    const lanes ways = places * cost;
+    const lanes costs_along = places * cost;
     int32_t d = LR_DISTANCE_CAP;
     int64_t i = 0;
     for (; i + LANES <= n; i += LANES) {
@@ -74,7 +74,7 @@ LR_INLINE void relax_along(uint8_t *row, int64_t n, int step, uint8_t cost)
         v = least_of(v, sum_of(BEFORE(v, 2), zero + (uint8_t)(2 * cost)));
         v = least_of(v, sum_of(BEFORE(v, 4), zero + (uint8_t)(4 * cost)));
         v = least_of(v, sum_of(BEFORE(v, 8), zero + (uint8_t)(8 * cost)));
-        v = least_of(v, sum_of(ways, zero + (uint8_t)d));
+        v = least_of(v, sum_of(costs_along, zero + (uint8_t)d));
         d = v[LANES - 1];
         v = step > 0 ? v : turned(v);
         memcpy(at, &v, sizeof v);
@@ -89,8 +89,8 @@ LR_INLINE void relax_along(uint8_t *row, int64_t n, int step, uint8_t cost)
 /* A pass in tiles of TILE slices by TILE rows, each slice's rows one further back than
  * those of the slice before, so that a row's neighbours before it lie in its own tile or
  * in those that precede it: in the same slices one tile back, in the slices before up to
- * one tile ahead. Tile (Z, Y) is of wave Y + 2 Z; tiles of a wave are apart from each
- * other. */
+ * one tile ahead. Tile (Z, Y) is of wave Y + 2 Z; tiles of a wave do not depend on
+ * each other. */
 enum { TILE = 32 };
 
 typedef struct waves {

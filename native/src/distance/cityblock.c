@@ -2,8 +2,8 @@
  *
  * Along x the distance to the nearest marked cell of the row is swept from both ends;
  * along y and z a row, or a block of columns, is at most one farther than the one beside
- * it, swept from both sides. Slices are apart from each other in the first step, blocks
- * of columns in the second.
+ * it, swept from both sides. Slices are independent in the first step, blocks of columns in
+ * the second.
  *
  * Source: Rosenfeld and Pfaltz 1966 (two passes). Departure: an axis at a time, so that
  * whole rows are combined at once.

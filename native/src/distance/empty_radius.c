@@ -1,4 +1,4 @@
-/* How far it is empty around every cell.
+/* Empty radii: the distance around every cell without surface.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "distance/empty_radius.h"
@@ -7,7 +7,7 @@
 
 enum {
     RUN = 8,
-    BLOCK_CELLS = (LR_SIDE * RUN + 2 * LR_REACH) * LR_WINDOW * LR_WINDOW,
+    BLOCK_CELLS = (LR_SIDE * RUN + 2 * LR_NEAR_RADIUS) * LR_WINDOW * LR_WINDOW,
 };
 
 /* The Euclidean length that the metric's value stands for, in cells. */
@@ -24,7 +24,7 @@ static double length_of(const lr_radii *f, const void *dist, size_t at)
     return d;
 }
 
-/* Down to sixteenths; a float's rounding up is taken back. */
+/* Rounded down to sixteenths; the float may have been rounded up, so its last bit is undone. */
 static uint32_t to_radius(double length, uint32_t most)
 {
     const double radius = floor(length * (1.0 - 0x1p-20) * LR_RADIUS_STEPS);
@@ -49,11 +49,11 @@ typedef struct run {
     float dist[BLOCK_CELLS]; /* room for either type */
 } run;
 
-/* The radii of the bricks in the run, which is empty then. */
+/* Compute the radii of the bricks in the run and empty it. */
 static void finish_run(run *j)
 {
     const lr_radii *f = j->made;
-    const int count = j->n, nx = LR_SIDE * count + 2 * LR_REACH;
+    const int count = j->n, nx = LR_SIDE * count + 2 * LR_NEAR_RADIUS;
     j->n = 0;
     if (count == 0 || j->status != LR_OK)
         return;
@@ -61,17 +61,17 @@ static void finish_run(run *j)
     for (int z = 0; z < LR_WINDOW; z++)
         for (int y = 0; y < LR_WINDOW; y++)
             for (int x = 0; x < nx; x++) {
-                const int k = lr_max_i(0, lr_min_i((x - LR_REACH) / LR_SIDE, count - 1));
+                const int k = lr_max_i(0, lr_min_i((x - LR_NEAR_RADIUS) / LR_SIDE, count - 1));
                 *cell++ = j->window[k][z][y] >> (x - LR_SIDE * k) & 1;
             }
     j->status = lr_distance(j->cells, nx, LR_WINDOW, LR_WINDOW, f->metric, j->dist, NULL, j->error);
     for (int k = 0; k < count; k++)
         for (int n = 0; n < LR_CELLS; n++) {
-            const int x = LR_REACH + LR_SIDE * k + lr_along(n, 0);
-            const int y = LR_REACH + lr_along(n, 1), z = LR_REACH + lr_along(n, 2);
+            const int x = LR_NEAR_RADIUS + LR_SIDE * k + lr_along(n, 0);
+            const int y = LR_NEAR_RADIUS + lr_along(n, 1), z = LR_NEAR_RADIUS + lr_along(n, 2);
             const double length = length_of(f, j->dist, (size_t)((z * LR_WINDOW + y) * nx + x));
             const uint32_t number = j->number + 1 - (uint32_t)(count - k);
-            f->near[number][n] = (uint8_t)to_radius(length, LR_REACH * LR_RADIUS_STEPS);
+            f->near[number][n] = (uint8_t)to_radius(length, LR_NEAR_RADIUS * LR_RADIUS_STEPS);
         }
 }
 
@@ -104,8 +104,8 @@ static lr_status cell_radii(lr_radii *f, const lr_volume *v, const lr_watch *wat
     return status;
 }
 
-/* Radii of the bricks that are not near the surface: of the near ones, which are just those
- * that hold surface and their neighbours, every cell of such a brick is that far away. */
+/* Radii of the bricks that are not near: the least distance from any of their cells to a near
+ * brick; near bricks are those that hold surface and their neighbours. */
 static lr_status brick_radii(lr_radii *f, const lr_volume *v, const lr_watch *watch,
                              lr_error *error)
 {

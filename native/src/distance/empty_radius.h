@@ -1,13 +1,13 @@
-/* How far it is empty around every cell.
+/* Empty radii: the distance around every cell without surface.
  *
- * Every empty cell knows a radius: from any of its points one may go so far, in any
- * direction, and meets no surface cell. Radii come from the distance to the surface
- * cells and their 26 neighbours, which is just the gap between the two cubes; where the
- * metric is not Euclid's, its value is turned into the least Euclidean distance that it
- * allows: d / sqrt(3) for city-block, d / sqrt(11) for chamfer 3-4-5, d for chessboard.
+ * Every empty cell has a radius: no surface cell lies within that distance of any of its
+ * points. It is the distance to the surface cells and their 26 neighbours, which is the gap
+ * between the two cubes. A metric other than the Euclidean is converted to the least
+ * Euclidean distance that it allows: d / sqrt(3) for city-block, d / sqrt(11) for chamfer
+ * 3-4-5, d for chessboard.
  *
- * Memory follows the surface: bricks near it hold a radius per cell, up to LR_REACH,
- * found in the window around them, others one radius. Radii are in voxels, rounded down
+ * Memory grows with the surface: bricks near it hold a radius per cell, up to LR_NEAR_RADIUS,
+ * computed in the window around them, others one radius. Radii are in voxels, rounded down
  * to sixteenths.
  *
  * Source: Zuiderveld, Koning and Viergever 1992.
@@ -25,14 +25,14 @@ enum {
 struct lr_radii {
     const lr_volume *volume;
     int32_t metric;            /* lr_metric */
-    bool safe;                 /* else the metric's own distance to the surface cells themselves */
+    bool safe;                 /* else the metric's own distance to the surface cells */
     uint32_t *bricks;          /* [table]: index into near, or LR_FAR_BRICK | radius of the brick */
     uint8_t (*near)[LR_CELLS]; /* radius; 0 next to surface cells and on them */
     uint64_t nbytes;
 };
 
-/* As lr_radii_build in leapray.h; without safe, distances by the metric, a third of it
- * for chamfer, which promise nothing. */
+/* As lr_radii_build in leapray.h; without safe, distances by the metric, a third of it for
+ * chamfer, within which there may be surface. */
 lr_status lr_radii_make(const lr_volume *volume, int32_t metric, bool safe, const lr_watch *watch,
                         lr_radii **radii, lr_error *error);
 

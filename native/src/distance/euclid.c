@@ -2,9 +2,9 @@
  *
  * Squares are kept as integers. Along x they follow from sweeps of the row; along y,
  * then z, the square at i is the least of f(j) + (i - j)^2, the lower envelope of
- * parabolas. Which of them take part is found by comparing where they meet, without a
- * division; then the envelope is followed. Columns are taken BLOCK at a time. Slices are
- * apart from each other in the first step, rows of columns in the second.
+ * parabolas. Its parabolas are found by comparing their intersections, without a division;
+ * then the envelope is evaluated. Columns are processed BLOCK at a time. Slices are
+ * independent in the first step, rows of columns in the second.
  *
  * Source: Maurer, Qi and Raghavan 2003; Felzenszwalb and Huttenlocher 2012.
  *

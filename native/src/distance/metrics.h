@@ -8,15 +8,15 @@
 
 enum { LR_DISTANCE_CAP = 255 };
 
-/* What is asked for: dist of cells[n[2]][n[1]][n[0]], as lr_distance says. */
+/* A transform: dist of cells[n[2]][n[1]][n[0]], as for lr_distance. */
 typedef struct lr_field {
     const uint8_t *cells;
     int32_t n[3];
     void *dist;
 } lr_field;
 
-/* Steps follow one another; the parts of a step may run side by side. No part takes
- * long, or it looks at the stop word itself and returns LR_E_STOPPED. */
+/* Steps follow one another; the parts of a step may run side by side. A part is
+ * short, or checks the stop word itself and returns LR_E_STOPPED. */
 typedef struct lr_transform {
     int32_t (*n_steps)(const int32_t n[3]);
     int64_t (*n_parts)(const int32_t n[3], int32_t step);
@@ -50,7 +50,7 @@ LR_INLINE void lr_sweep_row(const uint8_t *cells, uint8_t *dist, int32_t n)
     }
 }
 
-/* best[i] becomes at most from[i] + cost. */
+/* best[i] = min(best[i], from[i] + cost). */
 LR_INLINE void lr_relax_row(uint8_t *best, const uint8_t *from, int64_t n, uint8_t cost)
 {
     for (int64_t i = 0; i < n; i++) {

@@ -1,4 +1,4 @@
-/* Bricks at and next to the surface, and what lies around one of them.
+/* Bricks at and next to the surface, and windows of cells around them.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "distance/narrow_band.h"
@@ -73,21 +73,21 @@ bool lr_window_fill(const lr_volume *v, const int32_t b[3], lr_window window)
 void lr_window_grow(lr_window window)
 {
     enum { N = LR_WINDOW };
-    lr_window spare;
+    lr_window dilated;
     for (int z = 0; z < N; z++)
         for (int y = 0; y < N; y++) {
             uint32_t row = window[z][y];
-            spare[z][y] = row | row << 1 | row >> 1;
+            dilated[z][y] = row | row << 1 | row >> 1;
         }
     for (int z = 0; z < N; z++)
         for (int y = 0; y < N; y++)
             window[z][y] =
-                spare[z][y] | spare[z][y > 0 ? y - 1 : y] | spare[z][y < N - 1 ? y + 1 : y];
+                dilated[z][y] | dilated[z][y > 0 ? y - 1 : y] | dilated[z][y < N - 1 ? y + 1 : y];
     for (int z = 0; z < N; z++)
         for (int y = 0; y < N; y++)
-            spare[z][y] =
+            dilated[z][y] =
                 window[z][y] | window[z > 0 ? z - 1 : z][y] | window[z < N - 1 ? z + 1 : z][y];
-    memcpy(window, spare, sizeof spare);
+    memcpy(window, dilated, sizeof dilated);
 }
 
 lr_status lr_near_each(const lr_volume *v, const uint32_t *index, lr_near_fill *fill, void *context,

@@ -1,9 +1,9 @@
-/* Bricks at and next to the surface, and what lies around one of them.
+/* Bricks at and next to the surface, and windows of cells around them.
  *
- * Distances per cell are worth their memory only near the surface: in *near*
- * bricks, those that hold surface and their 26 neighbours. All others are told
- * apart by their distance in bricks. A near brick's map is found in a window of
- * 24^3 cells, the brick itself and LR_REACH cells around it.
+ * Distances per cell are stored only near the surface: in *near* bricks, those that hold
+ * surface and their 26 neighbours. All others have one distance, in bricks. A near brick's
+ * distances are computed in a window of 24^3 cells, the brick itself and LR_NEAR_RADIUS
+ * cells around it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_DISTANCE_NARROW_BAND_H
@@ -12,8 +12,8 @@
 #include "grid/surface_cells.h"
 
 enum {
-    LR_REACH = LR_SIDE,
-    LR_WINDOW = LR_SIDE + 2 * LR_REACH,
+    LR_NEAR_RADIUS = LR_SIDE,
+    LR_WINDOW = LR_SIDE + 2 * LR_NEAR_RADIUS,
 };
 
 #define LR_FAR_BRICK 0x80000000u

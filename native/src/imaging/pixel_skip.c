@@ -1,19 +1,19 @@
 /* First object cells of parallel rays, with pixels skipped around those that miss.
  *
- * A ray that misses leaves empty space around its line: no surface lies within some
- * clearance of it. All lines of the image are parallel, so that every pixel whose line is
- * nearer than that misses too and is not traced. Pixels are visited on coarse grids
- * first, so that a clearing is found early and skips on all its sides.
+ * No surface lies within some clearance of the line of a ray that misses. All lines of the
+ * image are parallel, so every pixel whose line is nearer than that misses too and is not
+ * traced. Pixels are visited on coarse grids first, so that an empty region is found early
+ * and pixels are skipped on all its sides.
  *
- * The clearance is that of the whole line. Between two points with radii a and b that lie
- * l apart it is (a + b - l) / 2 at least, not the smaller of the radii; where that is too
- * little to be of use, the radius half-way is asked too. In front of the volume and
- * behind it the line comes away from the box of the surface as it comes away from the
- * point where it crossed the box's face. Both are forgotten easily, and pixels are lost:
- * the paper's way, which takes the least radius of the samples, does so.
+ * The clearance is that of the whole line. Between two points with empty radii a and b at a
+ * distance l it is at least (a + b - l) / 2, not the smaller radius; if that is too little
+ * to skip a pixel, the radius half-way is looked up too. Before and behind the volume the
+ * clearance is bounded by the distance from the point where the line crosses a face of the
+ * surface's box. Without both, pixels are lost: the paper, which takes the least radius of
+ * the samples, loses some.
  *
- * Lengths are in voxels, so that voxels may be boxes or sheared: how far apart the lines
- * of two pixels are is a quadratic form of their coordinates.
+ * Lengths are in voxels, so that voxels may be boxes or sheared: the squared distance of the
+ * lines of two pixels is a quadratic form of their coordinates.
  *
  * Source: Zuiderveld, Koning and Viergever 1992. Departures: 1. the bounds above; 2. the
  * order of pixels; 3. any affine film in place of orthonormal axes. Rays in perspective
@@ -28,10 +28,10 @@ enum {
     PENDING = 0xff, /* a pixel not yet visited */
     COARSEST = 16,  /* pixels between two of the first grid */
     HALVINGS = 4,   /* of a jump whose clearance is too little */
-    POLL = 64,      /* pixels between looks at the stop word */
+    POLL = 64,      /* pixels between checks of the stop word */
 };
 
-/* What the pixels share. */
+/* One image. */
 typedef struct job {
     const lr_radii *radii;
     const lr_volume *volume;
@@ -44,25 +44,26 @@ typedef struct job {
     uint64_t rays, hits;
 } job;
 
-/* A point of the ray, and how far it is empty around it. */
+/* A point of the ray, and the empty radius there. */
 typedef struct sample {
     double t, radius;
     int32_t c[3];
 } sample;
 
-/* What is empty around the line between two samples in different cells. */
+/* The clearance of the line between two samples in different cells; searched no further once
+ * it is `enough`. */
 static double clearance_between(const job *j, const lr_ray *r, const lr_pace *p, const sample *a,
-                                const sample *b, double wanted, int halvings)
+                                const sample *b, double enough, int halvings)
 {
     const double least = 0.5 * (a->radius + b->radius - (b->t - a->t) / p->per_voxel);
     sample middle = {.t = 0.5 * (a->t + b->t), .c = {a->c[0], a->c[1], a->c[2]}};
-    if (least >= wanted || halvings == 0 || !lr_cell_along(r, middle.t, middle.c))
+    if (least >= enough || halvings == 0 || !lr_cell_along(r, middle.t, middle.c))
         return least;
     middle.radius = lr_radius_at(j->radii, middle.c);
-    const double before = clearance_between(j, r, p, a, &middle, wanted, halvings - 1);
+    const double before = clearance_between(j, r, p, a, &middle, enough, halvings - 1);
     if (before <= least)
         return least;
-    const double behind = clearance_between(j, r, p, &middle, b, wanted, halvings - 1);
+    const double behind = clearance_between(j, r, p, &middle, b, enough, halvings - 1);
     return fmax(least, fmin(before, behind));
 }
 
@@ -135,7 +136,7 @@ static int leaving(const job *j, const lr_ray *r, sample *end)
 }
 
 /* Walk from the cell that the cursor stands on to the first surface cell; false at the
- * ray's end. least: of the radii on the way. */
+ * ray's end. least: the smallest radius on the path. */
 static bool walk(job *j, const lr_ray *r, const lr_pace *p, lr_cursor *u, double *least)
 {
     *least = INFINITY;
@@ -152,8 +153,8 @@ static bool walk(job *j, const lr_ray *r, const lr_pace *p, lr_cursor *u, double
     }
 }
 
-/* What is empty around the line of a ray that misses, from where it enters the box of the
- * surface cells: its walk once more, with what lies between the samples. */
+/* The clearance of the line of a ray that misses, from where it enters the box of the surface
+ * cells: walks the ray again, with the clearance between the samples. */
 static double clearance_of_line(const job *j, const lr_ray *r, const lr_pace *p, lr_cursor u)
 {
     sample from, to = {u.t, lr_radius_at(j->radii, u.c), {u.c[0], u.c[1], u.c[2]}};
@@ -204,7 +205,7 @@ static double visit(job *j, int32_t x, int32_t y)
         const lr_cursor first = u;
         int axis;
         hit = walk(j, &r, &pace, &u, &least);
-        /* What was not walked because the ray begins or ends there is not known. */
+        /* The clearance before the ray's begin and behind its end is unknown. */
         const bool whole =
             first.axis >= 0 && lr_exit_t(&r, LR_REGULAR, r.lo, r.hi, &axis) <= r.t_max;
         if (!hit && whole && least > j->nearest)
@@ -242,7 +243,7 @@ static void skip_around(const job *j, int32_t x, int32_t y, double clearance)
     }
 }
 
-/* How far apart the lines of neighbours are; false where the film is flat. */
+/* The distances of neighbouring lines; false where the film has no area. */
 static bool measure_film(job *j)
 {
     double d[3], step[2][3];

@@ -1,5 +1,5 @@
-/* Nearest triangles by the instructions that every processor here has (SSE2),
- * or by none.
+/* Nearest triangles by SSE2, which every x86-64 processor has, or without vector
+ * instructions.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/sse2.h"

@@ -31,9 +31,9 @@ LR_INLINE int lr_sample_z(int tile, int lane)
 
 typedef struct lr_nearest {
     _Alignas(64) float d2[LR_TILES][LR_LANES];       /* squared distance, to f32 accuracy */
-    _Alignas(64) float height[LR_TILES][LR_LANES];   /* over the nearest triangle, on the side of
-                                                        its normal positive, where it is met in
-                                                        its face; else infinity */
+    _Alignas(64) float height[LR_TILES][LR_LANES];   /* signed, over the nearest triangle, if
+                                                        the closest point lies in its face;
+                                                        else infinity */
     _Alignas(64) int32_t winner[LR_TILES][LR_LANES]; /* place in the list; -1: beyond the band */
     _Alignas(64) float worst[LR_LAYERS][LR_LANES];   /* largest d2 of half tiles: x, y + 4 z */
 } lr_nearest;
@@ -44,7 +44,7 @@ typedef bool lr_nearest_search(const lr_topology *mesh, const double centre[3],
                                const uint32_t *list, uint32_t n, double band, const lr_watch *watch,
                                lr_nearest *nearest);
 
-/* By the instructions of an lr_simd that the processor has; all find the same. */
+/* By the instructions of an lr_simd that the processor has; all give the same results. */
 lr_nearest_search lr_nearest_portable, lr_nearest_avx2, lr_nearest_avx512;
 
 #endif

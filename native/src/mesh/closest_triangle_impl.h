@@ -1,25 +1,25 @@
 /* The search of closest_triangle.h, compiled once per instruction set.
  *
- * The forms of triangle_distance.h are set up for sixteen triangles side by side, then each
- * triangle competes for the tiles that its box may still win, sixteen samples
- * side by side. Two bounds come before the whole distance: the box against the
- * worst sample of half a tile, and height and largest excess, which are the distance
- * but at corners, against each sample. Each is asked of the whole batch before the
- * next, so that the processor has no branches to guess but the last.
+ * The forms of triangle_distance.h are set up for sixteen triangles at a time; then each
+ * triangle is tested against the tiles that its box may be nearest to, sixteen samples at a
+ * time. Two bounds precede the distance: that of the box, against the largest distance in
+ * half a tile, and that of height and largest excess, which is the distance but at corners,
+ * against each sample. A bound is tested for the whole batch before the next one, so that
+ * few branches are mispredicted.
  *
- * All is f32 around the brick's centre; edges are differences in f64, so a fat
- * triangle keeps some 1e-6 voxel. Slivers and long triangles are set up in f64,
- * and their edges measured from their point next to the centre.
+ * All is f32 around the brick's centre; edges are differences in f64, so the error of a fat
+ * triangle is some 1e-6 voxel. Slivers and long triangles are set up in f64, and their edges
+ * measured from their point closest to the centre.
  *
- * Wants LR_LANES_SIMD and LR_SEARCH, the function's name.
+ * The includer defines LR_LANES_SIMD and LR_SEARCH, the function's name.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/simd.h"
 
 enum {
     EDGES = 3,
-    FIRST = 1 + EDGES, /* forms that are asked first: height, excess of each edge */
-    POLL = 1 << 6      /* batches between looks at the stop word */
+    FIRST = 1 + EDGES, /* forms that are evaluated first: height, excess of each edge */
+    POLL = 1 << 6      /* batches between checks of the stop word */
 };
 
 /* Rounding of the f32 forms, in voxels: a triangle that is within it of being
@@ -27,7 +27,7 @@ enum {
  * products lose a few 2^-24 of that. */
 #define SLACK 1e-4f
 
-/* A triangle is fat where its height is above this share of its longest side,
+/* A triangle is fat where its height is above this fraction of its longest side,
  * and that side below so many voxels: then rounding to f32 tilts it by less than
  * 1e-6. */
 #define FAT   0.1f
@@ -124,7 +124,7 @@ LR_INLINE void set_boxes(const corners *at, batch *b)
     }
 }
 
-/* Set up all; returns the lanes of those that are fat and so are right. */
+/* Set up all; returns the lanes of fat triangles, which alone are accurate. */
 LR_INLINE uint32_t set_fat(const corners *at, batch *b)
 {
     const lanes one = lanes_all(1.0f), zero = lanes_all(0.0f);
@@ -159,7 +159,7 @@ LR_INLINE void set_first(batch *b, int l, int form, const double g[3], double c)
     b->first[3][form][l] = (float)c;
 }
 
-/* One triangle in f64; put out of reach where it has no area. */
+/* One triangle in f64; moved to infinity if it has no area. */
 static void set_thin(const lr_topology *mesh, const double centre[3], uint32_t t, int l, batch *b)
 {
     lr_frame f;
@@ -223,10 +223,10 @@ LR_INLINE void set_gaps(batch *b)
     const lanes zero = lanes_all(0.0f), more = lanes_all(HALF_OF_TILE + SLACK);
     for (int a = 0; a < 3; a++) {
         const lanes middle = lanes_load(b->middle[a]);
-        const lanes reach = lanes_add(lanes_load(b->half[a]), more);
+        const lanes half = lanes_add(lanes_load(b->half[a]), more);
         for (int i = 0; i < LR_LAYERS; i++) {
             lanes apart = lanes_sub(lanes_all(LAYER[i]), middle);
-            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), reach), zero);
+            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), half), zero);
             lanes_store(square[i], lanes_mul(gap, gap));
         }
         transpose((const float (*)[LR_LANES])square, b->gap[a]);
@@ -263,8 +263,8 @@ static void begin(double band, lr_nearest *nearest)
     }
 }
 
-/* A step through n places that visits all of them, near n / golden ratio: the
- * list jumps about, so that the tiles' distances shrink early. */
+/* A step through n places that visits all of them, near n / golden ratio: triangles from all
+ * parts of the list come early, so that the tiles' distances shrink early. */
 static uint32_t golden_step(uint32_t n)
 {
     uint32_t step = (uint32_t)(0.6180339887 * n);
@@ -280,7 +280,7 @@ static uint32_t golden_step(uint32_t n)
     }
 }
 
-/* Bit per tile of whose halves one has a worst distance that the box may beat. */
+/* A bit per tile of which a half has a largest distance that the box may be nearer than. */
 LR_INLINE uint32_t near_box(const batch *b, int l, float worst[LR_LAYERS][LR_LANES])
 {
     uint32_t bits = 0;
@@ -321,21 +321,22 @@ LR_INLINE lanes beyond_edges(const batch *b, int l, int tile, const lanes excess
 /* Triangles of a batch against tiles. */
 enum { AT_ONCE = 4, MOST_TRIALS = LR_LANES * LR_TILES + AT_ONCE };
 typedef struct trials {
-    _Alignas(64) float rise[LR_LANES][FIRST][LR_LANES]; /* of the first forms over a tile */
-    _Alignas(16) float centre[MOST_TRIALS][FIRST];      /* their values at its centre */
-    uint16_t what[MOST_TRIALS];                         /* triangle * LR_TILES + tile */
+    _Alignas(64) float difference[LR_LANES][FIRST][LR_LANES]; /* of the first forms over a tile */
+    _Alignas(16) float centre[MOST_TRIALS][FIRST];            /* their values at its centre */
+    uint16_t what[MOST_TRIALS];                               /* triangle * LR_TILES + tile */
     int n;
 } trials;
 
-/* Those whose boxes are near enough. Some are written at once and then counted, so that
- * the processor has fewer branches to guess. */
+/* List the tiles whose boxes are near enough. AT_ONCE are written and then counted, to avoid
+ * branches. */
 LR_INLINE void list_trials(const batch *b, int n, lr_nearest *nearest, trials *t)
 {
     t->n = 0;
     for (int l = 0; l < n; l++) {
         uint32_t left = near_box(b, l, nearest->worst);
         for (int i = 0; i < FIRST; i++)
-            lanes_store(t->rise[l][i], over_tile(b->of[0][l][i], b->of[1][l][i], b->of[2][l][i]));
+            lanes_store(t->difference[l][i],
+                        over_tile(b->of[0][l][i], b->of[1][l][i], b->of[2][l][i]));
         while (left != 0) {
             int count = __builtin_popcount(left);
             for (int i = 0; i < AT_ONCE; i++) {
@@ -366,15 +367,15 @@ typedef struct forms {
 LR_INLINE forms forms_of(const trials *t, int l, const float centre[FIRST])
 {
     forms f;
-    f.height = lanes_add(lanes_load(t->rise[l][0]), lanes_all(centre[0]));
+    f.height = lanes_add(lanes_load(t->difference[l][0]), lanes_all(centre[0]));
     f.height2 = lanes_mul(f.height, f.height);
     for (int e = 0; e < EDGES; e++)
-        f.excess[e] = lanes_add(lanes_load(t->rise[l][1 + e]), lanes_all(centre[1 + e]));
+        f.excess[e] = lanes_add(lanes_load(t->difference[l][1 + e]), lanes_all(centre[1 + e]));
     f.most = lanes_max(lanes_max(f.excess[0], f.excess[1]), f.excess[2]);
     return f;
 }
 
-/* Keep the trials in which height and largest excess do not exceed all that is there. */
+/* Keep the trials in which the bound is below the distance of some sample. */
 LR_INLINE void sift_trials(const batch *b, const lr_nearest *nearest, trials *t)
 {
     int kept = 0;
@@ -391,7 +392,7 @@ LR_INLINE void sift_trials(const batch *b, const lr_nearest *nearest, trials *t)
     t->n = kept;
 }
 
-/* Write what the triangle has won. */
+/* Store the samples to which the triangle is nearest so far. */
 LR_INLINE void win(lr_nearest *nearest, int tile, lane_mask wins, lanes square, lanes height,
                    lanes d2, int32_t who)
 {
@@ -407,7 +408,7 @@ LR_INLINE void win(lr_nearest *nearest, int tile, lane_mask wins, lanes square, 
     lanes_halves(d2, worst, worst + LR_LANES);
 }
 
-/* Let the triangles at these places of the list compete for the samples. */
+/* Test the triangles at these places of the list. */
 LR_INLINE void compete(const batch *b, const trials *t, const int32_t *place, lr_nearest *nearest)
 {
     const lanes zero = lanes_all(0.0f);

@@ -1,4 +1,4 @@
-/* Creases and borders of a mesh: what half-edges alone can tell.
+/* Creases and borders of a mesh, from its half-edges alone.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "mesh/half_edges.h"

@@ -1,8 +1,8 @@
 /* Half-edges, sorted by their edges.
  *
- * They are dealt out to the lower of their vertices and sorted there by the other one, so that
- * those of one edge lie side by side. A large mesh is dealt out in pieces, some vertices at a
- * time, so that no list of all half-edges is needed; each piece looks at all triangles once.
+ * Each is listed at the lower of its vertices and sorted there by the other one, so that those
+ * of one edge are neighbours. A large mesh is sorted in pieces, some vertices at a time, so
+ * that no list of all half-edges is needed; each piece reads all triangles once.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "mesh/half_edges.h"
@@ -10,7 +10,7 @@
 #include "base/pages.h"
 
 enum {
-    POLL = 1 << 16,      /* loop turns between looks at the stop word: some ms */
+    POLL = 1 << 16,      /* iterations between checks of the stop word: some ms */
     FEW = 8,             /* half-edges that are sorted by counting which are less */
     SMALL = 32,          /* half-edges that insertion sorts */
     PIECES = 4,          /* of a large mesh, or some more */
@@ -85,9 +85,9 @@ static lr_status next_piece(lr_half_edges *h, const lr_watch *watch, lr_error *e
     do
         h->end++;
     while (h->end < n_vertices && h->start[h->end + 2] - h->before <= h->room);
-    const uint64_t wanted = h->start[h->end + 1] - h->before;
-    if (wanted > h->room || h->key == NULL) {
-        h->room = wanted > h->room ? wanted : h->room;
+    const uint64_t needed = h->start[h->end + 1] - h->before;
+    if (needed > h->room || h->key == NULL) {
+        h->room = needed > h->room ? needed : h->room;
         lr_pages_free(h->key);
         h->key = lr_pages_new(h->room, sizeof *h->key);
     }

@@ -37,17 +37,17 @@ LR_INLINE uint32_t lr_edge_end(const uint64_t *key, uint32_t n, uint32_t first)
 }
 
 /* all: also half-edges of triangles that use a place twice, but for those that have no length.
- * The mesh is checked, and welded where that is wanted. What was built is freed by
+ * The mesh is checked, and welded if it is to be. What was built is freed by
  * lr_half_edges_free, after an error too. */
 lr_status lr_half_edges_begin(const lr_topology *mesh, bool all, const lr_watch *watch,
                               lr_half_edges *edges, lr_error *error);
-/* The sorted half-edges key[n] of the next vertex that is the lower one of some: those of one edge
- * side by side, in their own order. They may be overwritten. n is 0 where there are no more. */
+/* The sorted half-edges key[n] of the next vertex that is the lower one of some; those of one
+ * edge are neighbours, in ascending order. They may be overwritten. n is 0 at the end. */
 lr_status lr_half_edges_next(lr_half_edges *edges, const lr_watch *watch, uint64_t **key,
                              uint32_t *n, lr_error *error);
 void lr_half_edges_free(lr_half_edges *edges);
 
-/* What the above takes at most, with the weld; bytes. */
+/* Bytes that the above allocates at most, the weld included. */
 uint64_t lr_half_edges_nbytes(uint64_t n_vertices, uint64_t n_triangles);
 
 #endif

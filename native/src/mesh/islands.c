@@ -1,12 +1,11 @@
 /* Islands of a mesh, and the layers that keep them apart.
  *
- * One field cannot hold two surfaces that cross or lie closer than its band: the
- * eyeballs of a head, a leaf through a twig. Islands that may do so get layers,
- * and so volumes, of their own; the ray takes the nearer hit. Triangles are of one
- * island where they share an edge with nobody else and agree in winding
- * (union-find), so islands also end at junctions and where the winding flips.
- * Layers are given greedily, largest island first: the first layer of its kind
- * with no box too near.
+ * One field cannot represent two surfaces that cross or lie closer than its band: the
+ * eyeballs of a head, a leaf through a twig. Islands that may do so get separate layers, and
+ * so volumes; a ray takes the nearer hit. Two triangles belong to one island if they alone
+ * share an edge and agree in winding (union-find), so islands also end at junctions and
+ * where the winding flips. Layers are assigned greedily, the largest island first: the first
+ * layer of its kind in which no box is too near.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/pages.h"
@@ -91,7 +90,7 @@ static bool is_closed_at(const lr_topology *m, uint64_t t)
 
 static void measure(const lr_topology *m, const int32_t *island_of, island *islands, int32_t n)
 {
-    double centre[3]; /* volumes are seen from here, so that little cancels */
+    double centre[3]; /* the origin of volumes, to limit cancellation */
     for (int a = 0; a < 3; a++)
         centre[a] = (0.5 * m->lo[a] + 0.5 * m->hi[a]) * m->per_unit;
     for (int32_t i = 0; i < n; i++) {

@@ -1,9 +1,9 @@
-/* Edges of a mesh: linked into rings, and by them its orientation.
+/* Links the half-edges of a mesh into rings, and finds its orientation.
  *
  * The half-edges of one edge are linked into a ring. The pseudonormal of an edge is the sum of
  * its faces' unit normals, that of a vertex weights them by the angle; for a closed mesh the sign
  * of (p - c).n at the closest point c tells inside from outside, wherever c lies. They are summed
- * where they are asked for, around the rings, since few samples ask.
+ * around the rings on demand, since few samples need them.
  *
  * Source: Baerentzen and Aanaes 2005, Signed distance computation using the
  * angle weighted pseudonormal.
@@ -59,7 +59,7 @@ static bool mark_twin(lr_topology *m, uint32_t t, uint32_t first)
     return true;
 }
 
-/* Take the half-edges of triangles that are there twice out of a run. */
+/* Remove the half-edges of duplicate triangles from a run. */
 static bool drop_twins(lr_topology *m, uint64_t *run, uint32_t *n)
 {
     uint32_t kept = 0;
@@ -120,7 +120,7 @@ static lr_status link_edges(lr_topology *m, const lr_watch *watch, lr_error *err
     return status;
 }
 
-/* What the triangles that do not count added to the volume. */
+/* Subtract from the volume what the triangles that do not count have added. */
 static double volume_of_twins(const lr_topology *m)
 {
     double from[3], volume = 0.0;

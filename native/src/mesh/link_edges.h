@@ -1,4 +1,4 @@
-/* Edges of a mesh: linked into rings, and by them its orientation.
+/* Links the half-edges of a mesh into rings, and finds its orientation.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_MESH_LINK_EDGES_H

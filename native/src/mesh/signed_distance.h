@@ -6,10 +6,10 @@
 
 #include "mesh/triangle_distance.h"
 
-/* Signed distance, positive inside (behind the winding's front). The feature of
- * the triangle that is nearest gives the sign. *height is the same, but beyond the
- * border of the mesh: there it is the height over the surface's continuation, so
- * that the field of a sheet runs on straight beyond its rim; *border tells. */
+/* Signed distance, positive inside (behind the winding's front). The sign is that of the
+ * triangle's closest feature. *height is the same, but where the closest point lies on the
+ * mesh's border (*border): there it is the height over the surface's continuation, so that
+ * the field of a sheet continues straight beyond its border. */
 double lr_signed_distance(const lr_topology *mesh, uint32_t t, const lr_frame *frame,
                           const double p[3], double *height, bool *border);
 

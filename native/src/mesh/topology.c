@@ -1,4 +1,4 @@
-/* Mesh set-up: check, weld, measure.
+/* Checks, welds and measures a mesh.
  *
  * Vertices at exactly equal positions are one vertex.
  *
@@ -8,7 +8,7 @@
 #include "base/pages.h"
 
 enum {
-    POLL = 1 << 16, /* loop turns between looks at the stop word: some ms */
+    POLL = 1 << 16, /* iterations between checks of the stop word: some ms */
     AHEAD = 16      /* vertices whose slots are fetched together; divides POLL */
 };
 
@@ -50,8 +50,8 @@ lr_status lr_mesh_check(const lr_mesh *mesh, const lr_watch *watch, double *fart
     return LR_OK;
 }
 
-/* No vertex that a triangle uses may be so far out that voxels lose their meaning. */
-static lr_status check_reach(const lr_topology *m, lr_error *error)
+/* Refuse vertices of triangles that lie beyond FARTHEST. */
+static lr_status check_extent(const lr_topology *m, lr_error *error)
 {
     for (uint64_t i = 0; i < 3 * m->source.n_triangles; i++) {
         const double *v = m->source.vertices + 3 * (int64_t)m->source.triangles[i];
@@ -75,8 +75,8 @@ static void widen(const lr_topology *m, const int32_t corner[3], double lo[3], d
         }
 }
 
-/* Bounds, triangles without area, and the volume seen from a vertex, so that little
- * cancels. */
+/* Find the bounds, the triangles without area, and the volume, with a vertex as origin to limit
+ * cancellation. */
 static lr_status measure(lr_topology *m, const lr_watch *watch, lr_error *error)
 {
     double lo[3] = {INFINITY, INFINITY, INFINITY}, hi[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -178,7 +178,7 @@ lr_status lr_topology_begin(const lr_mesh *mesh, double voxel_size, const lr_wat
     double farthest = 0.0;
     lr_status status = lr_mesh_check(mesh, watch, &farthest, error);
     if (status == LR_OK && !(farthest * m->per_unit <= FARTHEST))
-        status = check_reach(m, error);
+        status = check_extent(m, error);
     if (status == LR_OK)
         status = measure(m, watch, error);
     return status;

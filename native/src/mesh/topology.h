@@ -1,9 +1,9 @@
-/* A triangle mesh made ready for signed distances: welded vertices, edges,
- * and whether it bounds a solid.
+/* A triangle mesh prepared for signed distances: welded vertices, linked edges, and whether
+ * it bounds a solid.
  *
  * Coordinates are *storage* coordinates of the volume to come (see
  * grid/brick_grid.h), so the unit is the voxel edge; they are computed from the
- * caller's vertices on the way, not stored. Half-edge 3 t + e runs from corner e
+ * caller's vertices on demand, not stored. Half-edge 3 t + e runs from corner e
  * of triangle t to the next.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -20,8 +20,8 @@ typedef struct lr_topology {
     double lo[3], hi[3]; /* bounds of the triangles with area, object space */
     uint32_t *weld;      /* [n_vertices]: the first vertex at the same place; NULL: itself */
     uint32_t *ring;      /* [3 n_triangles]: the next half-edge on the same edge, in a circle */
-    uint32_t *twin;      /* [n_triangles]: the first triangle on the same places, the others
-                            count for nothing; NULL: all differ */
+    uint32_t *twin;      /* [n_triangles]: the first triangle with the same corners, which alone
+                            counts; NULL: all differ */
     uint64_t n_flat;     /* triangles without area */
     uint64_t n_border_edges, n_bad_edges;
     uint64_t n_degenerate;    /* triangles without area, or that do not count */
@@ -42,7 +42,7 @@ lr_status lr_topology_weld(lr_topology *topology, const lr_watch *watch, lr_erro
  * lr_topology_free, after an error too. */
 lr_status lr_topology_begin(const lr_mesh *mesh, double voxel_size, const lr_watch *watch,
                             lr_topology *topology, lr_error *error);
-/* Give back what linking (link_edges.h) made: once nobody asks for signs and edges any more. */
+/* Free what linking (link_edges.h) made, once signs and edges are not needed any more. */
 void lr_topology_unlink(lr_topology *topology);
 void lr_topology_free(lr_topology *topology);
 
@@ -71,7 +71,7 @@ LR_INLINE bool lr_counts(const lr_topology *m, uint64_t t)
     return m->twin == NULL || m->twin[t] == t;
 }
 
-/* A triangle whose height is below this share of its longest side has no area:
+/* A triangle whose height is below this fraction of its longest side has no area:
  * its cross product is then rounding (2^-51 of the sides' product) to within one
  * part in 10^6, and at 4096 voxels it is thinner than 10^-5 voxel. */
 #define LR_FLAT 1e-9

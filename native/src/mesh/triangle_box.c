@@ -1,7 +1,7 @@
-/* Which cells does a triangle meet?
+/* Finds the cells that a triangle meets.
  *
- * Separating axes of triangle and box: the box's three, the triangle's normal
- * and the nine products of edges. The box is a cell, widened by as much as is asked.
+ * By the separating axes of triangle and box: the box's three, the triangle's normal and the
+ * nine products of edges. The box is a cell, widened by a given margin.
  *
  * Source: Akenine-Moeller 2001, Fast 3D triangle-box overlap testing.
  *

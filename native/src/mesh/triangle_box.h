@@ -23,15 +23,15 @@ void lr_separators_make(const double p[3][3], lr_separator s[LR_SEPARATORS]);
 LR_INLINE bool lr_apart(const lr_separator s[LR_SEPARATORS], const double c[3], double grow)
 {
     for (int i = 0; i < LR_SEPARATORS; i++) {
-        const double at = lr_dot(s[i].axis, c), reach = (0.5 + grow) * s[i].extent;
-        if (at < s[i].lo - reach || at > s[i].hi + reach)
+        const double at = lr_dot(s[i].axis, c), radius = (0.5 + grow) * s[i].extent;
+        if (at < s[i].lo - radius || at > s[i].hi + radius)
             return true;
     }
     return false;
 }
 
-/* How far the cell has to be widened to meet the triangle, at most `most`; more where
- * that does not suffice. */
+/* The margin by which the cell must be widened to meet the triangle; any value above `most` if
+ * `most` does not suffice. */
 LR_INLINE double lr_gap(const lr_separator s[LR_SEPARATORS], const double c[3], double most)
 {
     double gap = 0.0;

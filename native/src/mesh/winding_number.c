@@ -1,9 +1,9 @@
 /* The generalised winding number by a hierarchy of dipoles.
  *
- * The winding number is the sum of the triangles' solid angles over 4 pi. Seen
- * from afar, the triangles of a node are one dipole: their area vectors' sum at
- * their common centre. The hierarchy halves the list of triangles, which are
- * sorted along a Morton curve.
+ * The winding number is the sum of the triangles' solid angles over 4 pi. At a
+ * distance, the triangles of a node count as one dipole: the sum of their area vectors at
+ * their common centre. The hierarchy halves the list of triangles, which are sorted along a
+ * Morton curve.
  *
  * Source: Barill, Dickson, Schmidt, Levin, Jacobson 2018, Fast winding numbers
  * for soups and clouds; van Oosterom and Strackee 1983 for the solid angle.
@@ -22,7 +22,7 @@ enum {
 };
 
 #define FAR  2.0
-#define FINE 6.25 /* squared: from five times the radius on, a sixth of the error */
+#define FINE 6.25 /* squared: dipoles from five times the radius on, a sixth of the error */
 
 /* ---- order ------------------------------------------------------------- */
 
@@ -216,7 +216,8 @@ LR_INLINE void add_edge(const double a[3], double a_length, const double b[3], d
 }
 
 /* Solid angle over 4 pi. */
-LR_INLINE double share_of(const lr_topology *m, uint32_t t, const double at[3], double *gradient)
+LR_INLINE double solid_angle_of(const lr_topology *m, uint32_t t, const double at[3],
+                                double *gradient)
 {
     double p[3][3], length[3], cross[3];
     lr_triangle(m, t, p);
@@ -262,7 +263,7 @@ LR_INLINE double sum_at(const lr_winding *w, const double p[3], double fine, dou
             sum += node->far2 < 0.0 ? 0.0 : dipole(node, to, d2, gradient);
         } else if (node->n <= LEAF) {
             for (uint32_t i = node->first; i < node->first + node->n; i++)
-                sum += share_of(w->mesh, w->list[i], p, gradient);
+                sum += solid_angle_of(w->mesh, w->list[i], p, gradient);
         } else {
             open[n_open++] = 2 * at + 1;
             open[n_open++] = 2 * at + 2;

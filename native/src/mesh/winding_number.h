@@ -1,4 +1,4 @@
-/* How often does a mesh wind around a point?
+/* The generalised winding number of a mesh around a point.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_MESH_WINDING_NUMBER_H
@@ -9,7 +9,7 @@
 typedef struct lr_winding_node {
     double centre[3];  /* of the triangles' area */
     double normal[3];  /* sum of their area vectors */
-    double far2;       /* a point whose squared distance is larger may take them as one dipole */
+    double far2;       /* squared distance beyond which they count as one dipole */
     uint32_t first, n; /* of the list: a leaf where n is small */
 } lr_winding_node;
 
@@ -30,7 +30,7 @@ uint64_t lr_winding_nbytes(const lr_winding *winding);
  * closed mesh, 0 outside, to about 0.01 where triangles are far. */
 double lr_winding_at(const lr_winding *winding, const double p[3]);
 
-/* The same, where it is to be fine to about 0.002, and how it changes from place to place. */
+/* The same with its gradient; fine: to about 0.002. */
 double lr_winding_slope(const lr_winding *winding, const double p[3], bool fine,
                         double gradient[3]);
 

@@ -1,7 +1,7 @@
 /* One cell at a time.
  *
- * Every cell that the ray pierces is visited, in order; nothing is built. The
- * yardstick for all others.
+ * Every cell that the ray pierces is visited, in order; nothing is built. The other
+ * traversers are compared with it.
  *
  * Source: Amanatides and Woo 1987. Departure: t is recomputed at every plane
  * instead of being accumulated, so that it cannot drift.

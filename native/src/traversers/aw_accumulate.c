@@ -1,10 +1,10 @@
-/* One cell at a time, by the loop as it was published: t of the next plane along an
- * axis is the last one plus a constant.
+/* One cell at a time, by the published loop: t of the next plane along an axis is the last
+ * one plus a constant.
  *
- * Kept to show its drift: sums round at every step, so that after some hundred
- * cells the order of crossings, hence the cells, differ from the ray's. In f32 a
- * long ray goes through wrong cells nearly always. It cannot hang: every step goes
- * on by one cell and the walk ends at the grid's.
+ * Kept to show its drift: sums round at every step, so that after some hundred cells the
+ * order of crossings, hence the cells, differ from the ray's. In f32 nearly every long ray
+ * visits wrong cells. It always ends: every step advances by one cell, up to the grid's
+ * border.
  *
  * Source: Amanatides and Woo 1987. Departure: ties are broken as elsewhere.
  *

@@ -1,13 +1,13 @@
 /* Chessboard distance: cubic macro regions.
  *
- * Every empty cell knows its chessboard distance d to the nearest surface cell;
+ * Every empty cell stores its chessboard distance d to the nearest surface cell;
  * the cube of half-size d - 1 around it is empty, so the ray leaves it in one
  * jump. Next to the surface d is 1 and the ray goes cell by cell.
  *
- * Source: Sramek 1994, section 3.2.2. Departures: 1. memory follows the surface:
+ * Source: Sramek 1994, section 3.2.2. Departures: 1. memory grows with the surface:
  * bricks that hold surface and their 26 neighbours store a distance per cell, all
- * others their distance in bricks; 2. distances per cell end at LR_REACH + 1, which
- * is what two bricks side by side can see; 3. the cube is cut to the grid.
+ * others their distance in bricks; 2. distances per cell end at LR_NEAR_RADIUS + 1, which
+ * is what a window of neighbouring bricks shows; 3. the cube is clipped to the grid.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/cpu.h"
@@ -29,8 +29,8 @@ void lr_cd_free(void *data)
     free(f);
 }
 
-/* Do few of the surface cells keep triangles? Those are tested ray by ray, so that lanes
- * only cost time where most do. */
+/* Do few of the surface cells keep triangles? Those are tested ray by ray, so packets are slower
+ * where most do. */
 static bool mostly_field(const lr_volume *v)
 {
     return v->triangle_cells == NULL ||
@@ -45,14 +45,15 @@ static void cell_distances(const lr_volume *v, const int32_t b[3], uint32_t numb
     lr_window window;
     memset(dist, 0, LR_CELLS);
     if (!lr_window_fill(v, b, window)) {
-        memset(dist, LR_REACH + 1, LR_CELLS);
+        memset(dist, LR_NEAR_RADIUS + 1, LR_CELLS);
         return;
     }
-    for (int step = 0; step <= LR_REACH; step++) {
+    for (int step = 0; step <= LR_NEAR_RADIUS; step++) {
         uint32_t all = ROW;
         for (int z = 0; z < LR_SIDE; z++)
             for (int y = 0; y < LR_SIDE; y++) {
-                uint32_t covered = window[z + LR_REACH][y + LR_REACH] >> LR_REACH & ROW;
+                uint32_t covered =
+                    window[z + LR_NEAR_RADIUS][y + LR_NEAR_RADIUS] >> LR_NEAR_RADIUS & ROW;
                 all &= covered;
                 for (int x = 0; x < LR_SIDE; x++)
                     dist[lr_in_brick(x, y, z)] += !(covered >> x & 1);

@@ -1,14 +1,13 @@
-/* Chessboard distance ahead: one field for each of the eight octants.
+/* Directed chessboard distance: one field for each of the eight octants.
  *
- * A ray only asks what lies ahead of it. s of a cell is the chessboard distance to
- * the nearest surface cell among those that are not behind it on any axis; the
- * cube of s cells a side, with the cell at its near corner, is empty and left in one
- * jump. Rays that run along a surface or away from it leap where a field that looks
- * all around makes them go cell by cell.
+ * Only cells ahead of a ray matter. s of a cell is the chessboard distance to the nearest
+ * surface cell among those that are not behind it on any axis; the cube of s cells a side,
+ * with the cell at its near corner, is empty and left in one jump. Rays along a surface or
+ * away from it make long jumps where an undirected field allows single cells.
  *
  * Source: Deakin and Knackstedt 2020 (anisotropic Chebyshev distance). Departures:
- * 1. memory follows the surface as in cd: bricks at the surface store their cells'
- * distances, 4 bits each, all bricks their own in bricks; 2. a cell sees its own
+ * 1. memory grows with the surface as in cd: bricks at the surface store their cells'
+ * distances, 4 bits each, all bricks their own in bricks; 2. a cell's distance counts its own
  * brick and the next, at most 15 cells.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -46,7 +45,7 @@ LR_INLINE int sign_of(int octant, int a)
 }
 
 /* 1 + the least of the seven entries ahead in the octant; at lies at p in a block
- * of n entries a side, stride apart; beyond the block nothing is in the way. */
+ * of n entries a side, stride apart; beyond the block all is empty. */
 LR_INLINE uint8_t past_neighbours(const uint8_t *at, int octant, const int32_t p[3],
                                   const int32_t n[3], const ptrdiff_t stride[3], uint8_t cap)
 {
@@ -65,7 +64,7 @@ LR_INLINE uint8_t past_neighbours(const uint8_t *at, int octant, const int32_t p
     return (uint8_t)(least + 1);
 }
 
-/* All bricks, from the octant's far corner on; given up where the caller stops. */
+/* All bricks, from the octant's far corner on; ends early where stopped. */
 static void brick_distances(const lr_volume *v, int octant, uint8_t (*ahead)[OCTANTS],
                             const lr_watch *watch)
 {
@@ -84,9 +83,9 @@ static void brick_distances(const lr_volume *v, int octant, uint8_t (*ahead)[OCT
             }
 }
 
-/* A window in a frame of cells of which nothing is known, so that they count as full;
- * window cell (x, y, z) is bit x + 1 of row [z + 1][y + 1]. */
-enum { FRAMED = LR_WINDOW + 2, OWN = LR_REACH + 1 };
+/* A window with a border of unknown cells, which count as full; window cell (x, y, z) is bit x + 1
+ * of row [z + 1][y + 1]. */
+enum { FRAMED = LR_WINDOW + 2, OWN = LR_NEAR_RADIUS + 1 };
 
 typedef uint32_t framed[FRAMED][FRAMED];
 
@@ -98,8 +97,8 @@ static void frame(lr_window window, framed rows)
             rows[z + 1][y + 1] = window[z][y] << 1 | 1u << (LR_WINDOW + 1) | 1;
 }
 
-/* Grow the set by one cell against the octant, in what the brick sees: from near to
- * far, so that what lies ahead has not grown yet. */
+/* Grow the set by one cell against the octant, in the brick's part of the window: from near to
+ * far, so that cells ahead have not grown yet. */
 static void grow_against(framed rows, int octant)
 {
     const int up_z = sign_of(octant, 2), up_y = sign_of(octant, 1);

@@ -1,13 +1,12 @@
-/* Chessboard distance, eight rays side by side.
+/* Chessboard distance for packets of eight rays.
  *
  * Each lane of a vector is a ray that leaves its cell's empty cube; a lane whose ray has
- * ended takes the next one. A surface cell is left like an empty one where the ray surely
- * goes through it without a hit: where the hull of the cubic's Bernstein coefficients stays
- * on one side by more than rounding. Any other cell, and an exact one, goes through the
- * hit test of all traversers, ray by ray. Steps are those of lr_step and lr_exit to the
- * last bit, hence the hits are, too.
+ * ended takes the next one. A surface cell is left like an empty one where the ray certainly
+ * misses in it: where the cubic's Bernstein coefficients are on one side of 0 by more than
+ * rounding. Other cells, and triangle cells, take the hit test of all traversers, ray by
+ * ray. Steps are those of lr_step and lr_exit to the last bit, hence hits are too.
  *
- * Source: lanes that are refilled, Aila and Laine 2009 (persistent threads).
+ * Source: Aila and Laine 2009 (persistent threads) for lanes that are refilled.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "traversers/cd_packet8.h"
@@ -29,19 +28,19 @@
 enum {
     LANES = 8,
     ALL = 0xff,
-    WAITING = 64, /* rays that are set up at a time */
-    FREE = 2      /* lanes that must be free to be refilled */
+    QUEUED = 64, /* rays that are set up at a time */
+    FREE = 2     /* lanes that must be free to be refilled */
 };
 
-/* By how much the hull must stay clear of T, as a share of the samples: sums of a dozen
- * rounded products of samples are 2^-48 off at most; and by how much a start on the
- * surface may lie on the wrong side of it. */
+/* The margin of the coefficients from T, as a fraction of the samples: a sum of a dozen rounded
+ * products of samples has an error of 2^-48 at most; and the largest value by which a start on
+ * the surface may lie on its wrong side. */
 static const double CLEAR = 0x1p-30, ASIDE = 0x1p-40;
 
-/* Rays that are set up and wait for a lane. */
+/* Rays that are set up, queued for a lane. */
 typedef struct lr_queued {
-    double o[3][WAITING], d[3][WAITING], inv[3][WAITING], t[WAITING], t_max[WAITING];
-    int32_t c[3][WAITING], axis[WAITING], side[WAITING], ray[WAITING];
+    double o[3][QUEUED], d[3][QUEUED], inv[3][QUEUED], t[QUEUED], t_max[QUEUED];
+    int32_t c[3][QUEUED], axis[QUEUED], side[QUEUED], ray[QUEUED];
     uint32_t next, n;
 } lr_queued;
 
@@ -51,7 +50,7 @@ typedef struct lr_packet8 {
     __m256i c[3], axis, side, ray;
     __m256i cells; /* visited so far */
     __mmask8 up[3], still[3];
-    __mmask8 alive, held; /* lanes whose ray goes on; lanes that have had one */
+    __mmask8 alive, held; /* lanes with a ray; lanes that have had one */
 } lr_packet8;
 
 typedef struct lr_packet {
@@ -62,7 +61,7 @@ typedef struct lr_packet {
     const lr_hits *hits;
     lr_counters *counters;
     uint64_t first, next, end;
-    lr_queued waiting;
+    lr_queued queue;
 } lr_packet;
 
 /* ---- rays come ------------------------------------------------------------- */
@@ -75,13 +74,13 @@ static bool set_up(const lr_packet *k, uint64_t i, lr_ray *r)
     return lr_ray_setup(r, k->v, o, d, rays->t_max != NULL ? rays->t_max[i] : INFINITY);
 }
 
-/* Set up the next rays, as many as may wait. */
+/* Set up the next rays, as many as the queue holds. */
 static void prepare(lr_packet *k)
 {
     const lr_volume *v = k->v;
-    lr_queued *w = &k->waiting;
+    lr_queued *w = &k->queue;
     uint32_t n = 0;
-    for (; k->next < k->end && n < WAITING; k->next++) {
+    for (; k->next < k->end && n < QUEUED; k->next++) {
         const uint64_t i = k->next;
         const double t_min = k->rays->t_min != NULL ? k->rays->t_min[i] : 0.0;
         const lr_start *start = k->rays->start != NULL ? &k->rays->start[i] : NULL;
@@ -111,7 +110,7 @@ static void prepare(lr_packet *k)
     w->n = n;
 }
 
-/* What is known of rays that have ended. */
+/* Store the results of rays that have ended. */
 LR_INLINE void settle(const lr_packet *k, lr_packet8 *e)
 {
     const __mmask8 ended = e->held & (__mmask8)~e->alive;
@@ -129,10 +128,10 @@ LR_INLINE void settle(const lr_packet *k, lr_packet8 *e)
     }
 }
 
-/* Give free lanes the rays that wait; alive is 0 where none is left. */
+/* Give free lanes the queued rays; alive is 0 where none is left. */
 LR_INLINE void refill(lr_packet *k, lr_packet8 *e)
 {
-    lr_queued *w = &k->waiting;
+    lr_queued *w = &k->queue;
     settle(k, e);
     e->held = e->alive;
     while (e->alive != ALL) {
@@ -174,7 +173,7 @@ LR_INLINE __m256i all_of(int32_t x)
     return _mm256_set1_epi32(x);
 }
 
-/* What rounding is a share of: occupancy 1, or the largest of samples without bounds. */
+/* The scale of rounding errors: occupancy 1, or the largest of unbounded samples. */
 LR_INLINE __m512d scale_of(const lr_volume *v, const __m512d s[8])
 {
     __m512d scale = _mm512_set1_pd(v->one);
@@ -204,7 +203,7 @@ LR_INLINE __m512d line(__m512d a, __m512d b, __m512d x)
     return _mm512_fmadd_pd(b, x, a);
 }
 
-/* Lanes of m whose ray surely goes through its cell without a hit. */
+/* Lanes of m whose ray certainly misses in its cell. */
 LR_INLINE __mmask8 passes(const lr_volume *v, const lr_packet8 *e, __mmask8 m, __m512d t_out,
                           __m256i axis_out)
 {
@@ -297,7 +296,7 @@ static void spread(const lr_packet8 *e, lr_spread *s)
     _mm256_store_si256((__m256i *)(void *)s->ray, e->ray);
 }
 
-/* The hit tests of the lanes of m; those that are hit are no more alive. */
+/* The hit tests of the lanes of m; ends the rays that hit. */
 static void test_lanes(lr_packet *k, lr_packet8 *e, __mmask8 m)
 {
     lr_spread s;
@@ -328,7 +327,7 @@ static void test_lanes(lr_packet *k, lr_packet8 *e, __mmask8 m)
 
 /* ---- the walk --------------------------------------------------------------- */
 
-/* The boxes that the lanes leave: how far they go ahead, per axis. */
+/* The boxes that the lanes leave: their far planes, per axis. */
 typedef struct lr_ahead {
     __m256i end[3];
     __mmask8 surface, one; /* surface cells; boxes of one cell */
@@ -347,12 +346,13 @@ LR_INLINE void look_ahead(const lr_packet *k, const lr_packet8 *e, lr_ahead *h)
     h->one = _mm256_mask_cmple_epi32_mask(near, distance, all_of(1));
     const __m256i n =
         _mm256_max_epi32(_mm256_sub_epi32(distance, all_of(1)), _mm256_setzero_si256());
-    const __m256i reach = _mm256_mask_slli_epi32(n, far, n, LR_SIDE_BITS);
+    const __m256i radius = _mm256_mask_slli_epi32(n, far, n, LR_SIDE_BITS);
     for (int a = 0; a < 3; a++) {
         const __m256i low = _mm256_mask_and_epi32(e->c[a], far, e->c[a], all_of(-LR_SIDE));
         const __m256i high = _mm256_mask_add_epi32(low, far, low, all_of(LR_SIDE - 1));
-        const __m256i to = _mm256_max_epi32(_mm256_sub_epi32(low, reach), all_of(v->surface_lo[a]));
-        h->end[a] = _mm256_mask_min_epi32(to, e->up[a], _mm256_add_epi32(high, reach),
+        const __m256i to =
+            _mm256_max_epi32(_mm256_sub_epi32(low, radius), all_of(v->surface_lo[a]));
+        h->end[a] = _mm256_mask_min_epi32(to, e->up[a], _mm256_add_epi32(high, radius),
                                           all_of(v->surface_hi[a]));
     }
 }
@@ -424,7 +424,7 @@ void lr_cd_trace_packet8(const lr_volume *v, const lr_cd_distances *f, const lr_
     k.counters = counters;
     k.first = k.next = first;
     k.end = end;
-    k.waiting.next = k.waiting.n = 0;
+    k.queue.next = k.queue.n = 0;
     memset(&e, 0, sizeof e);
     for (;;) {
         if (__builtin_popcount(e.alive) <= LANES - FREE)

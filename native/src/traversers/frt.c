@@ -1,14 +1,14 @@
 /* One cell at a time, by comparing the distances to the next plane of each axis.
  *
- * Symmetric in the axes: the least of the three distances tells the axis to step
- * along, and grows by the constant spacing of its planes. With integers the distances
+ * Symmetric in the axes: the ray steps along the axis of the least of the three distances,
+ * which grows by the constant spacing of its planes. With integers the distances
  * are not kept but their pairwise differences, cleared of the denominators:
  * e_ij = x_i |D_j| - x_j |D_i|, where x_i is how far the next plane of axis i is along
  * that axis. A step along i adds unit |D_j| to every e_ij; nothing is ever rounded, so
  * the walk is exact however long it is. With floats the sums drift.
  *
  * Source: Cleary and Wyvill 1988. Departures: 1. differences in place of distances; 2. t
- * is recomputed where a plane is crossed. What integers lose: the ray is first
+ * is recomputed where a plane is crossed. Precision of integers: the ray is first
  * rounded to multiples of 2^-62 of the largest component of its direction (a
  * component below that counts as 0) and its origin to 2^(m-61) voxels, where 2^m is
  * larger than the origin's coordinates and the volume: to 2^-51 for 1024. All of a
@@ -69,7 +69,7 @@ LR_INLINE void quantise(const lr_ray *r, quantised *q)
         q->d[a] = r->s[a] != 0 ? (int64_t)rint(ldexp(fabs(r->d[a]), 62 - d_exponent)) : 0;
         q->o[a] = (int64_t)rint(ldexp(r->o[a], 61 - m));
     }
-    q->unit = m <= 61 ? (int64_t)1 << (61 - m) : 0; /* 0: too far away to tell planes apart */
+    q->unit = m <= 61 ? (int64_t)1 << (61 - m) : 0; /* 0: too far away to resolve planes */
 }
 
 /* How far the next plane of the cell is along its axis, in units. */
@@ -79,8 +79,8 @@ LR_INLINE int64_t ahead(const lr_ray *r, const quantised *q, int a, int32_t c)
     return r->s[a] > 0 ? plane - q->o[a] : q->o[a] - plane;
 }
 
-/* Where the ray comes in by a face, its other coordinates were rounded; put them
- * right, but not out of the volume. */
+/* Where the ray enters by a face, its other coordinates have been rounded; correct them, within
+ * the volume. */
 LR_INLINE void correct_entry(const lr_ray *r, const quantised *q, lr_cursor *u)
 {
     const int f = u->axis;

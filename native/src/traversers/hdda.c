@@ -3,12 +3,12 @@
  * The ray leaves the largest of the three that is empty: the whole region of a
  * missing node (128^3 cells), a missing brick, or one cell of a brick that holds
  * surface. A node is a mask of its bricks; a brick is found by counting the bits
- * before its own. Memory follows the surface but for 4 bytes per region.
+ * before its own. Memory grows with the surface, but for 4 bytes per region.
  *
  * Source: Museth 2013 (the tree of OpenVDB) and 2014 (the hierarchical digital
  * differential analyser). Departures: 1. every step is a box left by the exit
- * kernel, none is a nudge of t; 2. the last brick is remembered, so that going
- * cell by cell does not descend again; 3. roots are a dense table.
+ * kernel, none is a nudge of t; 2. the last brick is cached, so that single
+ * steps do not descend again; 3. roots are a dense table.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "trace/traverser.h"
@@ -63,7 +63,7 @@ static bool brick_of(const tree *t, const lr_volume *v, size_t at, uint32_t in, 
     return b[0] < v->table_size[0] && b[1] < v->table_size[1] && b[2] < v->table_size[2];
 }
 
-/* Fill a node's mask and count on the leaves; those are written where wanted. */
+/* Fill a node's mask and count its leaves; write these unless leaves is NULL. */
 static uint32_t add_node(const tree *t, const lr_volume *v, size_t at, node *made, uint32_t n,
                          uint32_t *leaves)
 {
@@ -97,8 +97,8 @@ static lr_status make_roots(tree *t, const lr_volume *v, size_t *regions, uint32
     if (t->roots == NULL)
         return lr_fail_memory(error, *regions * sizeof *t->roots, "a tree");
     for (size_t at = 0; at < *regions; at++) {
-        node spare;
-        const uint32_t n = add_node(t, v, at, &spare, 0, NULL);
+        node unused;
+        const uint32_t n = add_node(t, v, at, &unused, 0, NULL);
         t->roots[at] = n > 0 ? t->n_nodes++ : NO_NODE;
         *n_leaves += n;
         if (lr_stopped(watch))

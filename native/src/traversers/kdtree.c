@@ -35,7 +35,7 @@ typedef struct cell {
     int32_t c[3];
 } cell;
 
-/* What the recursion shares. */
+/* State of the recursion. */
 typedef struct job {
     tree *made;
     uint64_t n, n_done;
@@ -181,7 +181,7 @@ lr_status lr_kdtree_build(const lr_volume *v, const int32_t *choices, const lr_w
     return LR_OK;
 }
 
-/* Nodes still to be looked at, the next on top, and the leaf that the cursor is in. */
+/* Nodes still to be visited, the next on top, and the leaf that the cursor is in. */
 typedef struct stack {
     int n;
     uint32_t node[MAX_DEPTH + 1];

@@ -8,7 +8,7 @@
  *
  * Not exact: ends are rounded to centres, so that the line is off the ray by up to half a
  * voxel and visits other cells; 26-steps slip through surfaces that are one voxel thick.
- * t is where the ray meets the cell, or would if the cell lay on its way.
+ * t is where the ray meets the cell, or would if it met the cell.
  *
  * Source: Kaufman and Shimony 1986; the adaptive line is that of discrete ray tracing
  * (Yagel, Cohen and Kaufman 1992). Departures: 1. both lines share their state, how far
@@ -47,7 +47,8 @@ static void flag_cells(const lr_volume *v, const int32_t b[3], uint32_t number, 
     lr_window_grow(window);
     for (int z = 0; z < LR_SIDE; z++)
         for (int y = 0; y < LR_SIDE; y++)
-            lr_mask_add_row(mask, y, z, window[LR_REACH + z][LR_REACH + y] >> LR_REACH);
+            lr_mask_add_row(mask, y, z,
+                            window[LR_NEAR_RADIUS + z][LR_NEAR_RADIUS + y] >> LR_NEAR_RADIUS);
 }
 
 lr_status lr_lines_build(const lr_volume *v, const int32_t *choices, const lr_watch *watch,

@@ -1,14 +1,14 @@
-/* Macro regions that are boxes, as large as they can be.
+/* Macro regions that are maximal boxes.
  *
- * From every empty cell that is in no box yet one is grown, a layer at a time towards
- * all six sides in turn, until surface stops it everywhere; it may overlap others. A cell
- * knows one box that it is in, and the ray leaves that. Along a flat wall boxes are long
- * where cubes are thin; but a cell near a box's side is stuck with it, and the order in
- * which boxes are made matters.
+ * From every empty cell that is in no box yet a box is grown, a layer at a time to all six
+ * sides in turn, until surface stops it on every side; it may overlap others. A cell stores
+ * one box that contains it, and the ray leaves that. Along a flat wall boxes are long where
+ * cubes are thin; but a cell near a side of its box has no other, and the result depends on
+ * the order in which boxes are made.
  *
- * Source: Devillers 1989 (macro-regions). Departures: 1. memory follows the surface: boxes
+ * Source: Devillers 1989 (macro-regions). Departures: 1. memory grows with the surface: boxes
  * of bricks cover the empty bricks, boxes of cells only the inside of bricks that hold
- * surface; 2. a brick knows 255 boxes at most, any other empty cell is left alone.
+ * surface; 2. a brick has at most 255 boxes; further empty cells are left one by one.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/error.h"
@@ -32,7 +32,7 @@ typedef struct small_box {
     uint8_t lo[3], hi[3];
 } small_box;
 
-/* What a brick that holds surface knows. */
+/* The boxes of a brick that holds surface. */
 typedef struct inner {
     uint32_t first;        /* of its boxes */
     uint8_t box[LR_CELLS]; /* counted from there, or ALONE */
@@ -72,7 +72,7 @@ static bool empty(const uint8_t *full, const int32_t n[3], const int32_t lo[3], 
     return true;
 }
 
-/* Grow lo..hi among n entries, of which full[] are in the way. */
+/* Grow lo..hi among n entries without those that are full[]. */
 static void grow(const uint8_t *full, const int32_t n[3], int32_t lo[3], int32_t hi[3])
 {
     for (unsigned open = 63, side = 0; open != 0; side = (side + 1) % 6) {
@@ -157,8 +157,8 @@ static lr_status add_small(regions *g, const list *l, lr_error *error)
     return LR_OK;
 }
 
-/* The inside of a brick that holds surface; spare is used again and again. */
-static lr_status cover_brick(const lr_mask mask, regions *g, list *spare, inner *out,
+/* The inside of a brick that holds surface; scratch is memory for its boxes. */
+static lr_status cover_brick(const lr_mask mask, regions *g, list *scratch, inner *out,
                              lr_error *error)
 {
     static const int32_t side[3] = {LR_SIDE, LR_SIDE, LR_SIDE};
@@ -166,12 +166,12 @@ static lr_status cover_brick(const lr_mask mask, regions *g, list *spare, inner 
     uint32_t id[LR_CELLS];
     for (int n = 0; n < LR_CELLS; n++)
         full[n] = lr_mask_has(mask, lr_along(n, 0), lr_along(n, 1), lr_along(n, 2));
-    spare->n = 0;
+    scratch->n = 0;
     out->first = g->n_of_cells;
-    lr_status status = cover(full, side, spare, id, NULL, error);
+    lr_status status = cover(full, side, scratch, id, NULL, error);
     for (int n = 0; status == LR_OK && n < LR_CELLS; n++)
         out->box[n] = (uint8_t)(id[n] < ALONE ? id[n] : ALONE);
-    return status == LR_OK ? add_small(g, spare, error) : status;
+    return status == LR_OK ? add_small(g, scratch, error) : status;
 }
 
 static lr_status fill(regions *g, const lr_volume *v, uint8_t *full, uint64_t *nbytes,
@@ -192,17 +192,17 @@ static lr_status fill(regions *g, const lr_volume *v, uint8_t *full, uint64_t *n
     if (g->inside == NULL)
         return lr_fail_memory(error, n_inside * sizeof *g->inside, "macro regions");
     uint32_t made = 0;
-    list spare = {0};
+    list scratch = {0};
     for (size_t at = 0; status == LR_OK && at < n; at++) {
         if (full[at] == 0)
             continue;
         const uint64_t *mask = lr_entry_mask(v, lr_entry_at(v, at));
         status = lr_stopped(watch) ? lr_fail_stopped(error)
-                                   : cover_brick(mask, g, &spare, &g->inside[made], error);
+                                   : cover_brick(mask, g, &scratch, &g->inside[made], error);
         g->bricks[at] = OF_CELLS | made++;
         lr_progress(watch, (double)made / n_inside);
     }
-    free(spare.boxes);
+    free(scratch.boxes);
     *nbytes = sizeof *g + n * sizeof *g->bricks + n_inside * sizeof *g->inside +
               g->of_bricks.capacity * sizeof(box) + g->capacity * sizeof(small_box);
     return status;

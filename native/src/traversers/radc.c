@@ -1,15 +1,15 @@
 /* Spheres of empty space, by distance transforms.
  *
- * Every empty cell knows a radius: from any of its points the ray can go on so far, in
- * any direction, and meets nothing. It goes by such jumps along the continuous ray and,
- * where the radius is below one voxel, by exact steps from cell to cell. Radii come from
- * a distance transform of the cells (distance/empty_radius.h).
+ * Every empty cell has a radius within which no surface lies, from any of its points in any
+ * direction. The ray jumps by that along its continuous line and, where the radius is below
+ * one voxel, takes exact steps from cell to cell. Radii come from a distance transform of
+ * the cells (distance/empty_radius.h).
  *
- * The paper's own step is d (chamfer: a third of it) from the surface cells themselves, at
- * least one voxel, and nothing exact near the surface. It misses cells, and says so.
+ * The paper's step is d (chamfer: a third of it) from the surface cells, at least one voxel,
+ * without exact steps near the surface. It misses cells.
  *
  * Source: Zuiderveld, Koning and Viergever 1992; the hybrid with exact steps is that of
- * Cohen and Sheffer 1994. Departures: 1. radii end at LR_REACH near the surface and are
+ * Cohen and Sheffer 1994. Departures: 1. radii end at LR_NEAR_RADIUS near the surface and are
  * rounded down to sixteenths of a voxel; 2. jumps are measured in voxels, so that t may
  * have any scale. The skip of whole pixels is in imaging/.
  *

@@ -1,7 +1,7 @@
 /* An octree of occupied nodes only, walked by horizontal and vertical decisions.
  *
  * A horizontal decision goes from sibling to sibling: through the face of the child's
- * cube that the ray reaches first. A vertical one descends: into the child on whose
+ * cube that the ray meets first. A vertical one descends: into the child on whose
  * side of each middle plane the ray is at its present t. Where a step would leave the
  * parent, the walk climbs. A node is the mask of its occupied children and the number
  * of the first of them, breadth first; those of the lowest level, 2^3 cells, are the
@@ -29,7 +29,7 @@ typedef struct octree {
 
 typedef struct place {
     int level;                 /* of the parent of the child that the cursor is in */
-    uint32_t node[MAX_LEVELS]; /* the way down to it */
+    uint32_t node[MAX_LEVELS]; /* the path down to it */
     int32_t corner[3];         /* the child's lowest cell */
 } place;
 
@@ -62,8 +62,9 @@ static uint64_t morton(const int32_t c[3])
 }
 
 /* Sort by code, a digit at a time from the lowest on, up to what the tree's top level
- * leaves; spare has room for n too. False where stopped. */
-static bool sort_bricks(brick **list, brick **spare, size_t n, int code_bits, const lr_watch *watch)
+ * leaves; scratch has room for n too. False where stopped. */
+static bool sort_bricks(brick **list, brick **scratch, size_t n, int code_bits,
+                        const lr_watch *watch)
 {
     enum { DIGIT_BITS = 11, N_DIGITS = 1 << DIGIT_BITS };
     for (int shift = 0; shift < code_bits; shift += DIGIT_BITS) {
@@ -78,11 +79,11 @@ static bool sort_bricks(brick **list, brick **spare, size_t n, int code_bits, co
         for (size_t i = 0; i < n; i++) {
             if (lr_stopped_now_and_then(watch, i))
                 return false;
-            (*spare)[place[(*list)[i].code >> shift & (N_DIGITS - 1)]++] = (*list)[i];
+            (*scratch)[place[(*list)[i].code >> shift & (N_DIGITS - 1)]++] = (*list)[i];
         }
         brick *swap = *list;
-        *list = *spare;
-        *spare = swap;
+        *list = *scratch;
+        *scratch = swap;
     }
     return true;
 }
@@ -106,13 +107,13 @@ static lr_status list_bricks(const lr_volume *v, int code_bits, brick **list, si
             return lr_fail_stopped(error);
     }
     *list = malloc((*n + 1) * sizeof **list);
-    brick *spare = malloc((*n + 1) * sizeof *spare);
+    brick *scratch = malloc((*n + 1) * sizeof *scratch);
     lr_status status = LR_OK;
-    if (*list == NULL || spare == NULL)
+    if (*list == NULL || scratch == NULL)
         status = lr_fail_memory(error, 2 * *n * sizeof **list, "a list of bricks");
-    else if (!gather_bricks(v, *list, watch) || !sort_bricks(list, &spare, *n, code_bits, watch))
+    else if (!gather_bricks(v, *list, watch) || !sort_bricks(list, &scratch, *n, code_bits, watch))
         status = lr_fail_stopped(error);
-    free(spare);
+    free(scratch);
     return status;
 }
 

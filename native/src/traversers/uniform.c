@@ -34,7 +34,7 @@ LR_INLINE void begin_walk(const int32_t *choices, const lr_ray *r, const lr_curs
 {
     const double step = steps[choices[0]];
     int axis;
-    double across = 0.0; /* longer than any way through the volume */
+    double across = 0.0; /* longer than any ray through the volume */
     for (int a = 0; a < 3; a++)
         across += r->hi[a] - r->lo[a] + 1;
     s->first = u->t;

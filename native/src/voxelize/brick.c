@@ -1,10 +1,10 @@
-/* From distances in the band to the samples of a brick.
+/* Computes the samples of a brick from distances in the band.
  *
  * Samples in the band are filtered distances. The others of a solid take the side of their
- * neighbours: a link between two neighbours of which one is beyond the band (at least sqrt(3)
- * voxels wide) cannot cross the surface, so sides spread along the axes; that is done a layer at
- * a time, one bit a sample. What lies outside the lattice is outside. A brick without any sample
- * in the band stays unknown and is decided among bricks (flood_fill.c).
+ * neighbours by a flood fill along the axes, a layer at a time, one bit per sample: the segment
+ * between two neighbours of which one is beyond the band (at least sqrt(3) voxels wide) cannot
+ * cross the surface. Samples outside the lattice are outside. A brick without any sample in the
+ * band stays unknown; flood_fill.c decides it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/brick.h"
@@ -16,7 +16,7 @@
 #include "voxelize/filter_profile.h"
 #include "voxelize/hole_fill.h"
 
-enum { POLL = 1 << 8 }; /* triangles between looks at the stop word: each may meet all cells */
+enum { POLL = 1 << 8 }; /* triangles between checks of the stop word: each may meet all cells */
 
 typedef struct sides {
     lr_layers inside, outside;
@@ -37,14 +37,14 @@ static void take_ids(const lr_voxel_job *job, const uint32_t *list, const lr_nea
 static void take_sides(const lr_scratch *scratch, float *distance)
 {
     for (int i = 0; i < LR_CELLS; i++)
-        if (scratch->labels[i] != LR_UNLABELLED) {
-            bool inside = scratch->components[scratch->labels[i]].inside;
+        if (scratch->component_of[i] != LR_NO_COMPONENT) {
+            bool inside = scratch->components[scratch->component_of[i]].inside;
             distance[i] = inside ? fabsf(distance[i]) : -fabsf(distance[i]);
         }
 }
 
-/* Distances of neighbours differ by the voxel between them at most, if their signs are
- * right; MOST leaves room for rounding. */
+/* Distances of neighbours differ by at most one voxel if their signs are right; MOST allows
+ * for rounding. */
 #define MOST 1.001f
 
 static bool contradicts(const float *distance)
@@ -65,7 +65,7 @@ static bool contradicts(const float *distance)
     return found != 0;
 }
 
-/* Values of the ramp, and sides; 0 and neither side where there is no distance. */
+/* Set the values of the ramp filter, and the sides; 0 and neither side beyond the band. */
 static void settle(const lr_voxel_job *job, const float *distance, sides *side, lr_brick *brick)
 {
     const __m128 slope = _mm_set1_ps((float)(0.5 / job->half_width)), one = _mm_set1_ps(1.0f);
@@ -82,17 +82,18 @@ static void settle(const lr_voxel_job *job, const float *distance, sides *side, 
     }
 }
 
-/* Instead of the ramp's. */
+/* Replace the ramp's values by those of the job's filter. */
 static void set_profile(const lr_voxel_job *job, const float *distance, lr_brick *brick)
 {
     for (int i = 0; i < LR_CELLS; i++)
-        if (job->closing != NULL && job->filter == LR_FILTER_BOX) /* no triangle to be cut by */
+        if (job->hole_fill != NULL &&
+            job->filter == LR_FILTER_BOX) /* the level set has no triangles */
             brick->value[i] = (float)lr_clamp(0.5 + distance[i], 0.0, 1.0);
         else if (distance[i] != INFINITY)
             brick->value[i] = (float)lr_profile(job->filter, distance[i], job->half_width);
 }
 
-/* Samples of squared distances up to `most` as linked lists of the triangles that won them. */
+/* Link the samples of squared distances up to `most` into a list per nearest triangle. */
 static void group(const lr_nearest *nearest, float most, lr_scratch *scratch)
 {
     for (int tile = 0; tile < LR_TILES; tile++)
@@ -106,21 +107,21 @@ static void group(const lr_nearest *nearest, float most, lr_scratch *scratch)
         }
 }
 
-/* Let the samples that can be corners of surface cells name their triangles. */
+/* Store the nearest triangles of the samples that can be corners of surface cells. */
 static void name_nearest(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list,
                          uint32_t n, lr_scratch *scratch, lr_brick *brick)
 {
-    const float reach = (float)(LR_BAKE_REACH * LR_BAKE_REACH);
+    const float most = (float)(LR_ATTRIBUTE_RADIUS * LR_ATTRIBUTE_RADIUS);
     float nearest = INFINITY;
     for (int tile = 0; tile < LR_TILES; tile++)
         for (int lane = 0; lane < LR_LANES; lane++)
             if (scratch->nearest.winner[tile][lane] >= 0)
                 nearest = fminf(nearest, scratch->nearest.d2[tile][lane]);
-    if (!(nearest <= reach))
+    if (!(nearest <= most))
         return;
     memset(scratch->nearest_triangle, 0, LR_CELLS * sizeof *scratch->nearest_triangle);
     brick->has_nearest = true;
-    group(&scratch->nearest, reach, scratch);
+    group(&scratch->nearest, most, scratch);
     for (uint32_t i = 0; i < n; i++) {
         int32_t sample = scratch->first[i];
         scratch->first[i] = -1;
@@ -131,7 +132,7 @@ static void name_nearest(const lr_voxel_job *job, const int32_t first[3], const 
     }
 }
 
-/* What lies outside the lattice is outside. */
+/* Set samples beyond the lattice to outside. */
 static void clear_outside(const lr_voxel_job *job, const int32_t first[3], sides *side,
                           lr_brick *brick)
 {
@@ -153,7 +154,7 @@ static void clear_outside(const lr_voxel_job *job, const int32_t first[3], sides
     }
 }
 
-/* Let known sides spread until all are known; false where none is. */
+/* Spread known sides until all are known; false where none is. */
 static bool flood(sides *side)
 {
     uint64_t known = 0;
@@ -177,7 +178,7 @@ static bool flood(sides *side)
     return true;
 }
 
-/* Two neighbours of which one is beyond the band lie on one side. */
+/* Do neighbours, one of them beyond the band, lie on different sides? */
 static bool sides_meet(const sides *side, const lr_layers in_band)
 {
     lr_layers far_outside;
@@ -238,15 +239,15 @@ bool lr_brick_make(const lr_voxel_job *job, uint32_t at, const uint32_t *list, u
     memset(brick->touched, 0, sizeof brick->touched);
     uint8_t loose[LR_CELLS] = {0};
     if (!lr_brick_distances(job, at, list, n, watch, scratch, distance,
-                            job->closing != NULL ? loose : NULL))
+                            job->hole_fill != NULL ? loose : NULL))
         return false;
-    if (job->closing != NULL &&
-        !lr_closing_brick(job->closing, first, job->band, loose, watch, distance))
+    if (job->hole_fill != NULL &&
+        !lr_hole_fill_brick(job->hole_fill, first, job->band, loose, watch, distance))
         return false;
-    if (scratch->labels != NULL)
+    if (scratch->component_of != NULL)
         take_sides(scratch, distance);
-    brick->contradicts =
-        !job->sheet && scratch->labels == NULL && job->closing == NULL && contradicts(distance);
+    brick->contradicts = !job->sheet && scratch->component_of == NULL && job->hole_fill == NULL &&
+                         contradicts(distance);
     settle(job, distance, &side, brick);
     if (job->filter != LR_FILTER_RAMP)
         set_profile(job, distance, brick);

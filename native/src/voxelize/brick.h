@@ -1,4 +1,4 @@
-/* One brick of the volume to come: distances in the band, filtered.
+/* Makes one brick of a volume: filtered distances in the band.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_BRICK_H
@@ -8,7 +8,7 @@
 #include "voxelize/brick_distances.h"
 
 typedef enum lr_brick_state {
-    LR_STATE_UNKNOWN = 0, /* no sample in the band: all of one side, as its neighbours say */
+    LR_STATE_UNKNOWN = 0, /* no sample in the band: all on one side, that of its neighbours */
     LR_STATE_ZERO,
     LR_STATE_ONE,
     LR_STATE_MIXED /* to be stored */
@@ -27,8 +27,8 @@ typedef struct lr_brick {
     uint16_t id[LR_CELLS]; /* of the nearest triangle; 0 beyond the band; of meshes with ids */
     lr_mask touched;       /* cells that a triangle of a sheet meets */
     lr_faces faces;
-    bool contradicts; /* neighbours differ by more than lies between them */
-    bool has_nearest; /* the scratch names triangles */
+    bool contradicts; /* distances of neighbours differ by more than a voxel */
+    bool has_nearest; /* the scratch has nearest triangles */
 } lr_brick;
 
 /* False where stopped. */

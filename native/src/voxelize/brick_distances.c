@@ -1,9 +1,9 @@
-/* From nearest triangles to signed distances.
+/* Signed distances from nearest triangles.
  *
- * Samples in the band take the signed distance to their nearest triangle, those of
- * a sheet the height over it, which runs on beyond its rim. Most meet the triangle in
- * its face and take the height that the search found; f64 measures those at edges
- * and corners, a few per cent.
+ * Samples in the band take the signed distance to their nearest triangle, those of a sheet
+ * the height over it, which continues beyond its border. The closest point of most samples
+ * lies in the triangle's face: they take the height from the search. The others, a few per
+ * cent at edges and corners, are measured in f64.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/brick_distances.h"
@@ -14,11 +14,11 @@
 /* The nearest triangle is chosen in f32; its exact distance can exceed the band by this. */
 #define BAND_SLACK 1e-3
 
-/* A height of f32 above this has its sign; below, f64 decides. */
+/* The sign of an f32 height above this is right; below, f64 decides. */
 #define SURE 1e-3f
 
-/* Signed distances of the samples whose nearest triangle is met in its face, and
- * infinity for the others; those that f64 has to measure are grouped. */
+/* Signed distances of the samples whose closest point lies in a face, infinity for the
+ * others; those to be measured in f64 are grouped. */
 static void take_heights(const lr_voxel_job *job, lr_scratch *scratch, float *distance)
 {
     const lr_nearest *nearest = &scratch->nearest;
@@ -51,7 +51,7 @@ void lr_brick_frame(const lr_topology *mesh, const int32_t first[3], uint32_t t,
             frame->p[c][a] -= first[a];
 }
 
-/* Measure what is grouped in f64. */
+/* Measure the grouped samples in f64. */
 static void measure(const lr_voxel_job *job, const int32_t first[3], const uint32_t *list,
                     uint32_t n, lr_scratch *scratch, float *distance, uint8_t *loose)
 {

@@ -18,23 +18,23 @@ typedef struct lr_voxel_job {
     double band;       /* voxels; samples within it have a distance */
     int32_t filter;    /* lr_filter */
     double half_width; /* of the filter, voxels */
-    bool every;        /* cell near a triangle keeps it */
-    bool flat;         /* the mesh is flat-shaded: its facets' normals count */
+    bool every;        /* every cell near a triangle keeps it */
+    bool flat;         /* the mesh is flat-shaded: cells must keep its facets' normals */
     bool sheet;
-    lr_bake bake;
-    bool exact; /* cells are judged in a second run (choose_triangle_cells.h) */
-    const struct lr_winding *closing; /* of a solid with wide holes; else NULL */
+    lr_attribute_set attributes;
+    bool exact; /* a second run chooses triangle cells (choose_triangle_cells.h) */
+    const struct lr_winding *hole_fill; /* fills the wide holes of a solid; NULL: no such holes */
 } lr_voxel_job;
 
-/* Per-thread memory: the samples that each listed triangle won, as linked lists. */
+/* Per-thread memory, with linked lists of the samples that are nearest to each triangle. */
 typedef struct lr_scratch {
     int32_t *first;         /* [longest list]: -1 between bricks */
     int32_t next[LR_CELLS]; /* -1: last */
     lr_nearest nearest;
-    const uint16_t *labels; /* [LR_CELLS]: of the brick; NULL: pseudonormals tell the side */
-    const struct lr_component *components; /* by label */
-    uint32_t *nearest_triangle;            /* [LR_CELLS]: 1 + nearest triangle; NULL: not wanted */
-    struct lr_crossed *crossed;            /* room of the box filter where shells cross, or NULL */
+    const uint16_t *component_of; /* [LR_CELLS], of the brick; NULL: sides by pseudonormals */
+    const struct lr_component *components; /* those that component_of numbers */
+    uint32_t *nearest_triangle;            /* [LR_CELLS]: 1 + nearest triangle; NULL: not stored */
+    struct lr_crossed *crossed; /* memory of the box filter where shells cross, or NULL */
 } lr_scratch;
 
 /* The number in its brick of a sample of the search. */

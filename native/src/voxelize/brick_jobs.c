@@ -1,6 +1,6 @@
-/* The parts that threads run: bricks made one after another. Those that are not constant are
- * kept in the volume, where it has room for all bricks of the part; once all parts have run the
- * gaps are closed, in place.
+/* The parts that threads run, each a range of bricks. Bricks that are not constant are written
+ * into the volume, which has room for all bricks of a part; after all parts, the gaps are
+ * closed in place.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/brick_jobs.h"
@@ -21,9 +21,9 @@ static bool has_room(const lr_voxelizer *v, lr_part *p, uint32_t first, uint32_t
     p->first = lr_stored_brick(first);
     p->next_block = lr_first_block(first);
     p->brick = malloc(((size_t)(end - first) + 1) * sizeof *p->brick);
-    if (v->job.bake.wanted)
+    if (v->job.attributes.any)
         p->nearest_triangle = malloc(LR_CELLS * sizeof *p->nearest_triangle);
-    return p->brick != NULL && (!v->job.bake.wanted || p->nearest_triangle != NULL);
+    return p->brick != NULL && (!v->job.attributes.any || p->nearest_triangle != NULL);
 }
 
 static void keep(const lr_voxelizer *v, uint32_t at, const lr_brick *brick, lr_part *p)
@@ -48,9 +48,9 @@ static bool make_bricks(lr_voxelizer *v, uint32_t first, uint32_t end, const lr_
         uint64_t list = v->bins.start[i];
         uint32_t n = (uint32_t)(v->bins.start[i + 1] - list);
         scratch->nearest_triangle = p->nearest_triangle;
-        if (v->labels.brick != NULL) {
-            scratch->labels = v->labels.brick[i].label;
-            scratch->components = v->labels.component + v->labels.brick[i].first;
+        if (v->components.brick != NULL) {
+            scratch->component_of = v->components.brick[i].component;
+            scratch->components = v->components.component + v->components.brick[i].first;
         }
         if (!lr_brick_make(&v->job, v->bins.brick[i], v->bins.list + list, n, watch, scratch,
                            &brick))
@@ -64,7 +64,7 @@ static bool make_bricks(lr_voxelizer *v, uint32_t first, uint32_t end, const lr_
     return true;
 }
 
-/* With lists for the longest list of triangles; NULL without memory. */
+/* With room for the longest list of triangles; NULL without memory. */
 static lr_scratch *new_scratch(const lr_voxelizer *v)
 {
     lr_scratch *scratch = aligned_alloc(64, (sizeof *scratch + 63) / 64 * 64);
@@ -83,7 +83,7 @@ static lr_scratch *new_scratch(const lr_voxelizer *v)
     for (uint32_t i = 0; i < v->bins.longest; i++)
         lists[i] = -1;
     scratch->first = lists;
-    scratch->labels = NULL;
+    scratch->component_of = NULL;
     scratch->nearest_triangle = NULL;
     return scratch;
 }
@@ -114,13 +114,14 @@ lr_status lr_part_run(lr_voxelizer *v, uint32_t index, const lr_watch *watch, lr
     return status;
 }
 
-lr_status lr_part_label(lr_voxelizer *v, uint32_t index, const lr_watch *watch, lr_error *error)
+lr_status lr_part_components(lr_voxelizer *v, uint32_t index, const lr_watch *watch,
+                             lr_error *error)
 {
     lr_scratch *scratch = new_scratch(v);
     lr_status status =
         scratch == NULL
             ? lr_fail_memory(error, (uint64_t)v->bins.longest * 4, "the bricks of a part")
-            : lr_labels_run(&v->labels, &v->job, &v->bins, index, watch, scratch, error);
+            : lr_components_find(&v->components, &v->job, &v->bins, index, watch, scratch, error);
     free_scratch(scratch);
     return status;
 }
@@ -128,7 +129,7 @@ lr_status lr_part_label(lr_voxelizer *v, uint32_t index, const lr_watch *watch, 
 lr_status lr_parts_begin(lr_voxelizer *v, lr_error *error)
 {
     lr_status status = lr_volume_reserve(v->volume, v->bins.n_active, error);
-    if (status == LR_OK && v->job.bake.wanted)
+    if (status == LR_OK && v->job.attributes.any)
         status = lr_volume_carry(v->volume, v->bins.n_active, error);
     return status;
 }

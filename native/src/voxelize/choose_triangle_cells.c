@@ -1,16 +1,16 @@
-/* Which cells keep their triangles: where the field is not the surface.
+/* Chooses the cells that keep their triangles: those whose field differs from the surface.
  *
- * Runs when all samples of the volume are made, so that it judges what rays would
- * see. A cell is exact if one of the triangles near it
- *  1. ends near it: at a border, or at an edge of many triangles or of opposite
- *     winding;
- *  2. is not what the cell's samples are distances from: at one of the cell's corners
- *     they tell another distance than that from the triangle's plane; by little, where
- *     the field goes another way there, since that is no bend but a crease;
- *  3. meets it where the field is off: not on its surface, or with another gradient;
- * and if rays can find anything in it: a triangle meets it, or its samples change
- * sides. 2 finds close pairs and flipped windings, 3 creases and thin walls. Where the
- * job wants every such cell, nothing is judged.
+ * Runs when all samples of the volume are made, so it tests the field that rays will meet.
+ * A cell keeps triangles if one of the triangles near it
+ *  1. has an edge near it that is a border, or has more than two triangles, or two of
+ *     opposite winding;
+ *  2. differs from the samples: at one of the cell's corners the sample is not the distance
+ *     from the triangle's plane. Small differences count only at creases, where the field's
+ *     gradient differs too;
+ *  3. meets it where the field is wrong: not zero on the triangle, or of another gradient;
+ * and if rays can hit something in it: a triangle meets it, or its samples change sides.
+ * 2 finds close pairs and flipped windings, 3 creases and thin walls. A job may also ask for
+ * every cell near a triangle; then nothing is tested.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/choose_triangle_cells.h"
@@ -23,17 +23,17 @@
 
 enum { SIDE = LR_SIDE + 1, CORNERS = SIDE * SIDE * SIDE, POLL = 1 << 6, MOST_POLYGON = 9 };
 
-/* Bars, in voxels. A sphere of radius R leaves its tangent plane by r^2 / (2R) at the
- * distance r, and its field is off by 1/(4R): cells of smooth surfaces stay in the field
- * down to BEND voxels of radius. */
+/* Tolerances, in voxels. A sphere of radius R leaves its tangent plane by r^2 / (2R) at the
+ * distance r, and the error of its field is 1/(4R): smooth surfaces need no triangle cells
+ * down to a radius of BEND voxels. */
 static const double SURFACE_OFF = 0.05, CORNER_OFF = 0.1, GRADIENT_OFF = 0.25, BEND = 4.0;
-/* Where facets are to be seen: 1 degree. */
+/* Tolerance of the gradient for flat-shaded meshes: 1 degree. */
 static const double FLAT_OFF = 0.0175;
 
-/* Beside a crease of more than 20 degrees the surface is no better than the samples: rays
- * that graze a plane see what it is off. In samples' steps, and in voxels. */
+/* Near a crease of more than 20 degrees, errors of the samples become visible to rays that
+ * graze a plane. Tolerance in quantization steps, and in voxels. */
 static const double CREASE = 0.35, CREASE_STEPS = 4.0, CREASE_OFF = 1e-3;
-static const double ONE_WAY = 0.985; /* the cosine of half of them */
+static const double CREASE_FREE = 0.985; /* cosine of half the angle of a crease */
 
 /* A brick's samples and those beyond it, as distances (true ones near the surface, where
  * the filter is no ramp); positive inside. */
@@ -51,7 +51,7 @@ typedef struct work {
     int32_t first[3];  /* sample of the brick */
     double per_value;  /* voxels at the surface, of a stored value */
     double crease_off; /* CREASE_OFF, or more where the samples are coarse; voxels */
-    bool one_way;      /* there is no crease in the brick */
+    bool crease_free;  /* there is no crease in the brick */
     field field;
     lr_mask near, touched, bad;
     pair *pairs;
@@ -78,7 +78,7 @@ static void read_field(const lr_volume *v, const int32_t first[3], double scale,
         f->s[i] = (float)((sample[i] - v->threshold) * scale);
 }
 
-/* The same of one sample, which may lie beyond. */
+/* The same of one sample, which may lie outside the brick. */
 static double sample_at(const work *w, const int32_t at[3])
 {
     const lr_volume *v = w->volume;
@@ -114,7 +114,7 @@ typedef struct piece {
     double p[3][3], n[3]; /* unit, outward */
     double wound[3];      /* unit, by the winding */
     double lo[3], hi[3];
-    bool ends[3]; /* is the edge from that corner on a border of its kind? */
+    bool ends[3]; /* is the edge from that corner not closed (lr_edge_closed)? */
     uint32_t triangle;
 } piece;
 
@@ -145,7 +145,7 @@ static bool ends_near(const piece *t, const double cell[3])
     return false;
 }
 
-/* What samples tell at this distance from a plane. */
+/* The distance that a sample stores at the distance s from a plane. */
 LR_INLINE double told_at(const lr_voxel_job *job, double s)
 {
     const double r = job->half_width;
@@ -154,8 +154,8 @@ LR_INLINE double told_at(const lr_voxel_job *job, double s)
                : (lr_profile(job->filter, s, r) - 0.5) / lr_profile_slope(job->filter, r);
 }
 
-/* From a sample, which is `gap` off the triangle's plane at the distance s: does the field
- * go another way than the plane does? */
+/* Does the field around a sample, which lies at s from the triangle's plane and differs by gap,
+ * have another gradient than the plane? */
 static bool goes_elsewhere(const work *w, const int32_t at[3], const double n[3], double s,
                            double gap)
 {
@@ -182,17 +182,17 @@ static double beside2(const piece *t, const double q[3])
         lr_sub(q, t->p[c], from);
         lr_cross_product(along, t->wound, out);
         const double length2 = lr_dot(along, along), height = lr_dot(t->n, from);
-        const double share = lr_clamp(lr_dot(along, from) / length2, 0.0, 1.0);
+        const double fraction = lr_clamp(lr_dot(along, from) / length2, 0.0, 1.0);
         double square = -height * height;
         for (int a = 0; a < 3; a++)
-            square += (from[a] - share * along[a]) * (from[a] - share * along[a]);
+            square += (from[a] - fraction * along[a]) * (from[a] - fraction * along[a]);
         in_face = in_face && lr_dot(out, from) <= 0.0;
         best = square < best ? square : best;
     }
     return in_face ? 0.0 : best;
 }
 
-/* crease: whether one may be near. */
+/* Case 2 above. crease: whether one may be near. */
 static bool corners_off(const work *w, const piece *t, const int32_t c[3], const double corner[8],
                         bool crease)
 {
@@ -251,7 +251,7 @@ static bool point_off(const double corner[8], const double cell[3], const double
     return lr_dot(g, g) > gradient_off * gradient_off;
 }
 
-/* Is the field off at the corners or in the middle of the triangle's part in the cell? */
+/* Case 3 above, at the corners and the middle of the triangle's part in the cell. */
 static bool surface_off(const piece *t, const double cell[3], const double corner[8],
                         double gradient_off)
 {
@@ -289,7 +289,7 @@ static bool add_pair(work *w, uint32_t cell, uint32_t triangle)
     return true;
 }
 
-static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int32_t c[3])
+static bool test_cell(work *w, const piece *t, const lr_separator *s, const int32_t c[3])
 {
     const double centre[3] = {c[0] + 0.5, c[1] + 0.5, c[2] + 0.5};
     const double cell[3] = {c[0], c[1], c[2]};
@@ -307,15 +307,15 @@ static bool judge_cell(work *w, const piece *t, const lr_separator *s, const int
         double corner[8];
         cell_corners(&w->field, at, corner);
         if (w->job->every || ends_near(t, cell) ||
-            corners_off(w, t, c, corner, touched && !w->one_way) ||
+            corners_off(w, t, c, corner, touched && !w->crease_free) ||
             (touched && surface_off(t, cell, corner, w->job->flat ? FLAT_OFF : GRADIENT_OFF)))
             add(w->bad, at);
     }
     return add_pair(w, (uint32_t)at, t->triangle);
 }
 
-/* Do all of these triangles face about one way, so that no two of them make a crease? */
-static bool has_one_way(const work *w, const uint32_t *triangle, uint64_t n)
+/* Do these triangles have about one normal, so that no two of them make a crease? */
+static bool is_crease_free(const work *w, const uint32_t *triangle, uint64_t n)
 {
     double p[3][3], first[3], normal[3];
     bool known = false;
@@ -323,7 +323,7 @@ static bool has_one_way(const work *w, const uint32_t *triangle, uint64_t n)
         lr_triangle(w->job->mesh, triangle[i], p);
         if (!lr_normal_of((const double (*)[3])p, normal))
             continue;
-        if (known && lr_dot(first, normal) < ONE_WAY)
+        if (known && lr_dot(first, normal) < CREASE_FREE)
             return false;
         if (!known)
             memcpy(first, normal, sizeof first);
@@ -332,7 +332,7 @@ static bool has_one_way(const work *w, const uint32_t *triangle, uint64_t n)
     return true;
 }
 
-static bool judge_triangle(work *w, uint32_t triangle)
+static bool test_triangle(work *w, uint32_t triangle)
 {
     const lr_topology *mesh = w->job->mesh;
     piece t = {.triangle = triangle};
@@ -356,7 +356,7 @@ static bool judge_triangle(work *w, uint32_t triangle)
     for (c[2] = lo[2]; c[2] <= hi[2]; c[2]++)
         for (c[1] = lo[1]; c[1] <= hi[1]; c[1]++)
             for (c[0] = lo[0]; c[0] <= hi[0]; c[0]++)
-                if (!judge_cell(w, &t, s, c))
+                if (!test_cell(w, &t, s, c))
                     return false;
     return true;
 }
@@ -429,8 +429,8 @@ static bool keep(const work *w, uint32_t place, lr_cells_part *part)
     return keep_lists(w, exact, e);
 }
 
-static bool judge_brick(work *w, const lr_bins *bins, uint32_t active, const lr_watch *watch,
-                        lr_cells_part *part, bool *stopped)
+static bool test_brick(work *w, const lr_bins *bins, uint32_t active, const lr_watch *watch,
+                       lr_cells_part *part, bool *stopped)
 {
     const uint32_t at = bins->brick[active];
     const lr_volume *v = w->volume;
@@ -440,14 +440,14 @@ static bool judge_brick(work *w, const lr_bins *bins, uint32_t active, const lr_
     memset(w->bad, 0, sizeof w->bad);
     w->n_pairs = 0;
     read_field(v, w->first, w->per_value, &w->field);
-    w->one_way = has_one_way(w, bins->list + bins->start[active],
-                             bins->start[active + 1] - bins->start[active]);
+    w->crease_free = is_crease_free(w, bins->list + bins->start[active],
+                                    bins->start[active + 1] - bins->start[active]);
     for (uint64_t i = bins->start[active]; i < bins->start[active + 1]; i++) {
         if (i % POLL == 0 && lr_stopped(watch)) {
             *stopped = true;
             return false;
         }
-        if (!judge_triangle(w, bins->list[i]))
+        if (!test_triangle(w, bins->list[i]))
             return false;
     }
     return keep(w, at, part);
@@ -474,7 +474,7 @@ lr_status lr_cells_make(const lr_voxel_job *job, const lr_volume *volume, const 
     bool stopped = false;
     for (uint32_t i = first; i < end && good; i++) {
         lr_progress(watch, (double)(i - first) / (double)(end - first));
-        good = judge_brick(&w, bins, i, watch, part, &stopped);
+        good = test_brick(&w, bins, i, watch, part, &stopped);
     }
     free(w.pairs);
     if (good)

@@ -16,8 +16,8 @@ typedef struct lr_cells_part {
     lr_mask *near;   /* [n]: cells within LR_EXACT_NEAR of a triangle */
 } lr_cells_part;
 
-/* Judge the active bricks first..end-1. The volume has all its samples, but is not
- * finished. LR_E_STOPPED, LR_E_MEMORY. What was made is freed by lr_cells_free,
+/* Choose among the cells of the active bricks first..end-1. The volume has all its samples,
+ * but is not finished. LR_E_STOPPED, LR_E_MEMORY. What was made is freed by lr_cells_free,
  * after an error too. */
 lr_status lr_cells_make(const lr_voxel_job *job, const lr_volume *volume, const lr_bins *bins,
                         uint32_t first, uint32_t end, const lr_watch *watch, lr_cells_part *part,

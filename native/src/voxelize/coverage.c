@@ -1,22 +1,21 @@
-/* Covered shares by the divergence theorem, one brick at a time.
+/* Coverage of voxels by the divergence theorem, one brick at a time.
  *
- * A voxel's share is what a sweep along x finds: the covered area of its lower face,
- * and for every piece of surface inside it the piece's area, seen along x, times its
- * distance from the upper face; pieces that the sweep has passed count in full. So
- * along a row of voxels shares follow from the covered areas where the row enters
- * the brick. Those areas follow, by the same sweep along y over the cut of the mesh
- * with that plane, from the covered lengths of the edge where the rows of areas begin;
- * those, along z over the cut with that edge, from whether the brick's corner is
- * covered. Nothing beyond the brick is needed, and nothing is approximated: the
- * shares of all voxels add up to the volume.
+ * A sweep along x adds up a voxel's coverage: the covered area of its lower face, and for
+ * every piece of surface inside it the piece's area, projected along x, times its distance
+ * from the upper face; pieces behind count in full. So the coverages of a row of voxels
+ * follow from the covered area where the row enters the brick; that area, by the same sweep
+ * along y over the cut of the mesh with the brick's face, from a covered length; and that
+ * length, along z over the cut with the brick's edge, from the covering of the brick's
+ * corner. Nothing beyond the brick is needed, and nothing is approximated: the coverages of
+ * all voxels add up to the volume.
  *
- * How often the corner is covered is the whole number that brings the shares nearest
- * to the sides of the samples. Corners, edges and planes are taken a breath to the
- * upper side, so that surface which lies in them needs no rule of its own.
+ * How often the corner is covered is the whole number for which the coverages agree best
+ * with the sides of the samples. Surface in a corner, edge or face counts by an
+ * infinitesimal shift of these in +x, +y, +z.
  *
- * Where shells cross or lie in each other that would count space once for every shell.
- * Then the winding number tells the sides, and the voxels that hold surface are cut up
- * one by one (coverage_bsp.c).
+ * Where shells cross or lie in each other, the sweep would count space once per shell.
+ * There sides come from the winding number, and voxels that hold surface are divided by a
+ * BSP one by one (coverage_bsp.c).
  *
  * Source: the sweep is that of font rasterizers (area and cover of a cell, FreeType),
  * a dimension up.
@@ -31,7 +30,7 @@ enum {
     POLL = 1 << 8
 };
 
-/* A share so far beyond 0..1 is more than rounding: shells cross. */
+/* A coverage so far beyond 0..1 is more than rounding: shells cross. */
 #define BEYOND 1e-6
 
 typedef lr_polygon polygon; /* of a triangle after six cuts: nine corners */
@@ -46,9 +45,9 @@ typedef struct sweep {
 
 static void meet(const double a[3], const double b[3], int axis, double at, double out[3])
 {
-    const double share = (at - a[axis]) / (b[axis] - a[axis]);
+    const double fraction = (at - a[axis]) / (b[axis] - a[axis]);
     for (int i = 0; i < 3; i++)
-        out[i] = a[i] + share * (b[i] - a[i]);
+        out[i] = a[i] + fraction * (b[i] - a[i]);
     out[axis] = at;
 }
 
@@ -94,7 +93,7 @@ static bool cells_of(const polygon *p, int axis, int *first, int *last)
 }
 
 /* A piece of surface inside voxel (x, y, z): its signed area along x, which is positive
- * where a ray along x leaves the solid, and that area times the way to the upper face. */
+ * where a ray along x leaves the solid, and that area times the distance to the upper face. */
 static void add_piece(const polygon *p, int x, int y, int z, double side, sweep *s)
 {
     const int at = lr_in_brick(x, y, z);
@@ -112,9 +111,9 @@ static void add_piece(const polygon *p, int x, int y, int z, double side, sweep 
  * left as seen against x, inside cell (y, z) of that plane. */
 static void add_line(const double a[3], const double b[3], int y, int z, double side, sweep *s)
 {
-    const double rise = side * (b[2] - a[2]);
-    s->own_area[z][y] -= rise * (y + 1 - 0.5 * (a[1] + b[1]));
-    s->later_area[z][y] -= rise;
+    const double length = side * (b[2] - a[2]);
+    s->own_area[z][y] -= length * (y + 1 - 0.5 * (a[1] + b[1]));
+    s->later_area[z][y] -= length;
 }
 
 static void add_point(double z, double sign, sweep *s)
@@ -227,13 +226,13 @@ static void sum_up(sweep *s)
     }
 }
 
-/* How far a share is from the side of its sample. What is covered twice, where a mesh
- * cuts itself, counts half: it is no error, but seldom. */
-LR_INLINE double miss_of(double share, bool inside)
+/* How far a coverage is from the side of its sample. What is covered twice, where a mesh
+ * intersects itself, counts half: it is no error, but rare. */
+LR_INLINE double miss_of(double coverage, bool inside)
 {
     if (!inside)
-        return fabs(share);
-    return share < 1.0 ? 1.0 - share : 0.5 * (share - 1.0);
+        return fabs(coverage);
+    return coverage < 1.0 ? 1.0 - coverage : 0.5 * (coverage - 1.0);
 }
 
 static double covers_of_corner(const sweep *s, const lr_layers inside)
@@ -256,11 +255,11 @@ static void shift(const lr_topology *mesh, const int32_t first[3], uint32_t t, p
     triangle->n = 3;
     lr_triangle(mesh, t, triangle->p);
     for (int c = 0; c < 3; c++)
-        for (int a = 0; a < 3; a++) /* voxels reach half a step around their samples */
+        for (int a = 0; a < 3; a++) /* voxels extend half a voxel around their samples */
             triangle->p[c][a] += 0.5 - first[a];
 }
 
-/* The pieces of a voxel, as many as count, in the room; false where stopped. */
+/* List the pieces of a voxel, up to one more than LR_MOST_PIECES; false where stopped. */
 static bool gather(const lr_topology *mesh, const int32_t first[3], const uint32_t *list,
                    uint32_t n, const int voxel[3], const lr_watch *watch, lr_crossed *room,
                    int *n_pieces)
@@ -288,8 +287,9 @@ static bool gather(const lr_topology *mesh, const int32_t first[3], const uint32
     return true;
 }
 
-/* The shares of the union of all shells; plain are those of the sweep. False where stopped. */
-static bool share_union(const lr_topology *mesh, const int32_t first[3], const uint32_t *list,
+/* The coverages of the union of all shells; where nothing is covered twice, those of the sweep.
+ * False where stopped. */
+static bool cover_union(const lr_topology *mesh, const int32_t first[3], const uint32_t *list,
                         uint32_t n, const sweep *s, const lr_watch *watch, lr_crossed *room,
                         float *value)
 {
@@ -305,11 +305,11 @@ static bool share_union(const lr_topology *mesh, const int32_t first[3], const u
             bool plain;
             if (lr_stopped(watch) || !gather(mesh, first, list, n, voxel, watch, room, &n_pieces))
                 return false;
-            double share = n_pieces <= LR_MOST_PIECES ? lr_crossed_share(room, lo, n_pieces)
-                                                      : lr_sampled_share(room, lo, &plain);
+            double coverage = n_pieces <= LR_MOST_PIECES ? lr_crossed_coverage(room, lo, n_pieces)
+                                                         : lr_sampled_coverage(room, lo, &plain);
             if (n_pieces > LR_MOST_PIECES && plain)
-                share = s->own[at] + covers;
-            value[at] = (float)lr_clamp(share, 0.0, 1.0);
+                coverage = s->own[at] + covers;
+            value[at] = (float)lr_clamp(coverage, 0.0, 1.0);
         }
     return true;
 }
@@ -336,14 +336,14 @@ bool lr_box_brick(const lr_topology *mesh, const int32_t first[3], const uint32_
         return true;
     sum_up(&s);
     if (room != NULL)
-        return share_union(mesh, first, list, n, &s, watch, room, value);
+        return cover_union(mesh, first, list, n, &s, watch, room, value);
     const double covers = covers_of_corner(&s, inside);
     for (int z = 0; z < LR_SIDE; z++)
         for (uint64_t left = s.crossed[z]; left != 0; left &= left - 1) {
             const int at = LR_LAYER_SAMPLES * z + __builtin_ctzll(left);
-            const double share = s.own[at] + covers;
-            *crosses = *crosses || share < -BEYOND || share > 1.0 + BEYOND;
-            value[at] = (float)lr_clamp(share, 0.0, 1.0);
+            const double coverage = s.own[at] + covers;
+            *crosses = *crosses || coverage < -BEYOND || coverage > 1.0 + BEYOND;
+            value[at] = (float)lr_clamp(coverage, 0.0, 1.0);
         }
     return true;
 }

@@ -1,14 +1,14 @@
-/* Covered shares where shells cross, by cutting the voxel up.
+/* Coverage of a voxel where shells cross, by binary space partitioning.
  *
- * A voxel is cut by the plane of a piece of surface in it, both halves by those of the
- * pieces left in them, and so on until a cell holds none: then the mesh winds equally
- * often around all of it, and the winding number at its centre tells whether it counts.
- * The shares are those of the union of all shells, to rounding.
+ * A voxel is divided by the plane of a piece of surface in it, both halves by those of the
+ * pieces left in them, and so on until a cell holds none: then the winding number is
+ * constant in the cell, and that at its centre decides whether the cell is covered. The
+ * coverage is that of the union of all shells, to rounding.
  *
  * Source: Thibault and Naylor 1987, Set operations on polyhedra using binary space
- * partitioning trees; the winding number tells the side.
- * Departures: 1. cells that are left at the end of the room or with too many faces are
- * told by their centre as well, holding a piece or not; 2. a voxel of more than
+ * partitioning trees; here the winding number decides.
+ * Departures: 1. cells for which memory ends or that have too many faces are decided by
+ * their centre although they hold pieces; 2. a voxel of more than
  * LR_MOST_PIECES pieces is sampled.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -62,9 +62,9 @@ static bool cut_polygon(const lr_polygon *in, const lr_piece *plane, double side
         if ((h[i] > 0.0) == (h[next] > 0.0) || out->n == LR_MOST_CORNERS)
             continue;
         double *p = out->p[out->n++];
-        const double share = h[i] / (h[i] - h[next]);
+        const double fraction = h[i] / (h[i] - h[next]);
         for (int a = 0; a < 3; a++)
-            p[a] = in->p[i][a] + share * (in->p[next][a] - in->p[i][a]);
+            p[a] = in->p[i][a] + fraction * (in->p[next][a] - in->p[i][a]);
         if (h[i] > 0.0) {
             memcpy(leaves, p, 3 * sizeof *leaves);
             *crosses = true;
@@ -218,7 +218,7 @@ static double covered(lr_crossed *room, const cell *c, int first, int n)
     return sum;
 }
 
-double lr_crossed_share(lr_crossed *room, const double lo[3], int n)
+double lr_crossed_coverage(lr_crossed *room, const double lo[3], int n)
 {
     cell cube = {.n = 6};
     for (int f = 0; f < 6; f++) {
@@ -234,7 +234,7 @@ double lr_crossed_share(lr_crossed *room, const double lo[3], int n)
     return lr_clamp(covered(room, &cube, 0, n), 0.0, 1.0);
 }
 
-double lr_sampled_share(const lr_crossed *room, const double lo[3], bool *plain)
+double lr_sampled_coverage(const lr_crossed *room, const double lo[3], bool *plain)
 {
     int n = 0;
     *plain = true;

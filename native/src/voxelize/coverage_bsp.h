@@ -1,4 +1,4 @@
-/* The share of a voxel that a mesh covers where its shells cross.
+/* Coverage of a voxel by a mesh whose shells cross.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_COVERAGE_BSP_H
@@ -33,11 +33,11 @@ typedef struct lr_crossed {
 /* Set the plane of a piece from its triangle; false where it has no area. */
 bool lr_piece_plane(const double triangle[3][3], lr_piece *piece);
 
-/* The covered share of the unit cube at lo, whose n pieces, at most LR_MOST_PIECES, are
- * the first ones of the room. */
-double lr_crossed_share(lr_crossed *room, const double lo[3], int n);
+/* The coverage of the unit cube at lo by its n pieces, at most LR_MOST_PIECES, the first ones
+ * of the room. */
+double lr_crossed_coverage(lr_crossed *room, const double lo[3], int n);
 
-/* Likewise by points, SAMPLES to an axis; *plain where nowhere is covered twice. */
-double lr_sampled_share(const lr_crossed *room, const double lo[3], bool *plain);
+/* The same by points, SAMPLES along each axis; *plain: no point is covered twice. */
+double lr_sampled_coverage(const lr_crossed *room, const double lo[3], bool *plain);
 
 #endif

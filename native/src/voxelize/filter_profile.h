@@ -4,11 +4,11 @@
  *   cone    1/2 + u - u^3 + u^4 / 2, u = s / r: a hypercone of radius r
  *   gauss   (1 + erf(s / (r sqrt 2))) / 2, r being sigma
  *   binary  1 inside, 0 outside
- *   box     the covered share of the voxel itself, which no distance tells: coverage.c
+ *   box     the coverage of the voxel, which no distance gives: coverage.c
  *
  * Source: Sramek and Kaufman 1999 (oriented box); Wang and Kaufman 1993 (hypercone).
- * Departure: the last three are taken along the normal, so that a sphere keeps its
- * radius; filters in space move it inwards by their variance over the radius.
+ * Departure: the last three are one-dimensional, along the normal, so that a sphere keeps
+ * its radius; filters in space move its surface inwards by their variance over the radius.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_FILTER_PROFILE_H
@@ -17,14 +17,14 @@
 #include "base/base.h"
 
 #define LR_GAUSS_RADIUS 4.5    /* sigma: beyond, less than half a step of u16 is left */
-#define LR_BOX_REACH    0.8661 /* sqrt(3) / 2: farther voxels are of one side */
+#define LR_BOX_RADIUS   0.8661 /* sqrt(3) / 2: farther voxels are of one side */
 
-#define LR_WIDEST 32.0 /* voxels that a filter may reach */
+#define LR_WIDEST 32.0 /* largest radius of a filter, voxels */
 
 enum { LR_FILTER_LAST = LR_FILTER_BINARY };
 
-/* What it has unless asked otherwise, in voxels. Steps of u8 are so coarse that a steeper ramp errs
- * less, though its ends are cut off nearer to the surface. */
+/* The default, in voxels. The steps of u8 are so coarse that a steeper ramp has smaller errors,
+ * although it ends nearer to the surface. */
 LR_INLINE double lr_profile_half_width(int32_t filter, int32_t sample_type)
 {
     switch (filter) {
@@ -45,20 +45,20 @@ LR_INLINE double lr_profile_widest(int32_t filter)
     return filter == LR_FILTER_GAUSS ? LR_WIDEST / LR_GAUSS_RADIUS : LR_WIDEST;
 }
 
-/* Whether it tells inside from outside, which a sheet has not. */
+/* Whether it needs an inside and an outside, which a sheet has not. */
 LR_INLINE bool lr_profile_of_solids(int32_t filter)
 {
     return filter == LR_FILTER_BOX || filter == LR_FILTER_BINARY;
 }
 
-/* How far from the surface, in voxels, occupancy is neither 0 nor 1. */
+/* Distance from the surface, in voxels, up to which occupancy is neither 0 nor 1. */
 LR_INLINE double lr_profile_radius(int32_t filter, double r)
 {
     switch (filter) {
     case LR_FILTER_GAUSS:
         return LR_GAUSS_RADIUS * r;
     case LR_FILTER_BOX:
-        return LR_BOX_REACH;
+        return LR_BOX_RADIUS;
     case LR_FILTER_BINARY:
         return 0.0;
     default:
@@ -66,7 +66,7 @@ LR_INLINE double lr_profile_radius(int32_t filter, double r)
     }
 }
 
-/* Of the box, what its voxel would be if it were of one side. */
+/* Occupancy; for the box filter, that of a voxel without surface. */
 LR_INLINE double lr_profile(int32_t filter, double s, double r)
 {
     switch (filter) {
@@ -85,8 +85,8 @@ LR_INLINE double lr_profile(int32_t filter, double s, double r)
     }
 }
 
-/* How much it rises per voxel across a plane, at the plane; of box and binary between
- * the samples on either side. */
+/* Slope of the occupancy per voxel at a plane; of box and binary, between the samples on
+ * either side. */
 LR_INLINE double lr_profile_slope(int32_t filter, double r)
 {
     switch (filter) {

@@ -1,13 +1,13 @@
-/* Bricks that no triangle comes near take the side of the bricks around them.
+/* Sides of the bricks that no triangle comes near, by a flood fill from the bricks around.
  *
- * Face-connected ones are of one side, which the samples on the faces around them
- * vote for; those that reach the border of the table are outside. All votes agree
+ * A face-connected component of such bricks lies on one side: outside if it reaches the
+ * border of the table, else that of most samples on the faces around it. All of these agree
  * unless the signs in the band are wrong.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/flood_fill.h"
 
-/* Bricks that are decided among bricks: their votes, component by component. */
+/* The bricks without a side, and the votes for each component. */
 typedef struct undecided {
     const lr_voxelizer *v;
     uint32_t *active; /* [table]: active brick + 1, 0: no triangle near */
@@ -76,7 +76,7 @@ static bool decide_component(undecided *u, size_t seed, lr_volume *volume, const
     return true;
 }
 
-/* Do bricks side by side disagree where the surface cannot pass? */
+/* Do neighbouring bricks have different sides where no surface lies between them? */
 static bool faces_differ(const undecided *u, size_t at)
 {
     const int32_t *size = u->v->job.table_size;

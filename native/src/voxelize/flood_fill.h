@@ -1,4 +1,4 @@
-/* Bricks that no triangle comes near take the side of the bricks around them.
+/* Sides of the bricks that no triangle comes near, by a flood fill from the bricks around.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_FLOOD_FILL_H
@@ -6,8 +6,8 @@
 
 #include "voxelize/voxelizer.h"
 
-/* Give the bricks that no triangle came near their side; *contradicts where what is
- * around them, or bricks side by side, disagree. */
+/* Set the sides of the bricks that no triangle comes near; *contradicts where those around a
+ * component, or neighbouring bricks, disagree. */
 lr_status lr_between_decide(lr_voxelizer *voxelizer, const lr_watch *watch, bool *contradicts,
                             lr_error *error);
 

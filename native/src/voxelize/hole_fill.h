@@ -1,5 +1,5 @@
-/* What closes the wide holes of a mesh that is to be a solid: the surface on which it winds
- * half around.
+/* Fills large holes of a mesh voxelized as a solid, by the 0.5 level set of its generalized
+ * winding number.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_HOLE_FILL_H
@@ -8,15 +8,15 @@
 #include "mesh/winding_number.h"
 #include "voxelize/triangle_bins.h"
 
-/* Add the bricks within the band of the closing surface to those of the mesh. */
-lr_status lr_closing_bricks(const lr_winding *winding, const int32_t table_size[3], double band,
-                            const lr_watch *watch, lr_bins *bins, lr_error *error);
+/* Add the bricks within the band of the level set to those of the mesh. */
+lr_status lr_hole_fill_bricks(const lr_winding *winding, const int32_t table_size[3], double band,
+                              const lr_watch *watch, lr_bins *bins, lr_error *error);
 
-/* Signed distances of the samples of a brick to the mesh and what closes it, the band
- * beyond. distance[LR_CELLS] holds those to the mesh, of whatever sign, infinity beyond the
- * band; loose[LR_CELLS] tells where the nearest point lies on the mesh's border. False where
+/* Signed distances of the samples of a brick to the mesh and to the level set, capped at the
+ * band. distance[LR_CELLS] comes with those to the mesh, of either sign, infinity beyond the
+ * band; loose[LR_CELLS] is set where the nearest point lies on the mesh's border. False where
  * stopped. */
-bool lr_closing_brick(const lr_winding *winding, const int32_t first[3], double band,
-                      const uint8_t *loose, const lr_watch *watch, float *distance);
+bool lr_hole_fill_brick(const lr_winding *winding, const int32_t first[3], double band,
+                        const uint8_t *loose, const lr_watch *watch, float *distance);
 
 #endif

@@ -1,4 +1,4 @@
-/* From the triangles that samples name or cells keep to the faces that a volume keeps.
+/* Copies the attributes of the triangles that samples or triangle cells of a volume refer to.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/keep_attributes.h"
@@ -10,7 +10,7 @@
 
 enum { POLL = 1 << 16 };
 
-static lr_status check_sources(const lr_mesh *mesh, const lr_watch *watch, lr_bake *bake,
+static lr_status check_sources(const lr_mesh *mesh, const lr_watch *watch, lr_attribute_set *set,
                                lr_error *error)
 {
     const lr_attributes *a = mesh->attributes;
@@ -32,22 +32,23 @@ static lr_status check_sources(const lr_mesh *mesh, const lr_watch *watch, lr_ba
             return lr_fail(error, LR_E_ARGUMENT,
                            "triangle %llu takes a texture, but there are no UVs",
                            (unsigned long long)t);
-        bake->colors = bake->colors || corners;
-        bake->uvs = bake->uvs || image;
+        set->colors = set->colors || corners;
+        set->uvs = set->uvs || image;
     }
     return LR_OK;
 }
 
-lr_status lr_bake_check(const lr_mesh *mesh, const lr_watch *watch, lr_bake *bake, lr_error *error)
+lr_status lr_check_attributes(const lr_mesh *mesh, const lr_watch *watch, lr_attribute_set *set,
+                              lr_error *error)
 {
     const lr_attributes *a = mesh->attributes;
-    *bake = (lr_bake){0};
+    *set = (lr_attribute_set){0};
     if (a == NULL)
         return LR_OK;
-    bake->normals = a->corner_normals != NULL;
-    bake->sources = a->color_sources != NULL;
-    bake->wanted = bake->normals || bake->sources;
-    return bake->sources ? check_sources(mesh, watch, bake, error) : LR_OK;
+    set->normals = a->corner_normals != NULL;
+    set->sources = a->color_sources != NULL;
+    set->any = set->normals || set->sources;
+    return set->sources ? check_sources(mesh, watch, set, error) : LR_OK;
 }
 
 /* ---- faces ------------------------------------------------------------- */
@@ -80,7 +81,7 @@ static void fill(const lr_topology *mesh, uint64_t t, uint32_t at, lr_triangle_a
         f->source[at] = from->color_sources[t];
 }
 
-/* The number of face of each triangle that samples name or triangle cells keep; 0: neither. */
+/* Number the triangles that samples or triangle cells refer to, in face_of; 0: none does. */
 static uint32_t number(lr_volume *v, uint32_t *face_of, uint64_t n_triangles)
 {
     uint32_t n = 1;
@@ -97,8 +98,8 @@ static uint32_t number(lr_volume *v, uint32_t *face_of, uint64_t n_triangles)
     return n;
 }
 
-lr_status lr_bake_faces(const lr_bake *bake, const lr_topology *mesh, lr_volume *v,
-                        const lr_watch *watch, lr_error *error)
+lr_status lr_keep_attributes(const lr_attribute_set *set, const lr_topology *mesh, lr_volume *v,
+                             const lr_watch *watch, lr_error *error)
 {
     const uint64_t n_triangles = mesh->source.n_triangles;
     const lr_attributes *from = mesh->source.attributes;
@@ -107,7 +108,7 @@ lr_status lr_bake_faces(const lr_bake *bake, const lr_topology *mesh, lr_volume 
         return lr_fail_memory(error, n_triangles * sizeof *face_of, "the faces of a volume");
     const uint32_t n = number(v, face_of, n_triangles);
     lr_status status =
-        lr_triangle_attributes_new(n, bake->normals, bake->sources, bake->colors, bake->uvs,
+        lr_triangle_attributes_new(n, set->normals, set->sources, set->colors, set->uvs,
                                    (uint32_t)from->n_textures, &v->faces, error);
     for (uint64_t t = 0; t < n_triangles && status == LR_OK; t++) {
         if (face_of[t] != 0)

@@ -1,5 +1,4 @@
-/* Attributes of a mesh's corners: which triangles the samples near the surface name, and
- * what those carry.
+/* Attributes of a mesh's corners: copies those of the triangles that a volume refers to.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_KEEP_ATTRIBUTES_H
@@ -7,22 +6,23 @@
 
 #include "mesh/topology.h"
 
-/* Samples farther from the surface than this, in voxels, are no corners of its
- * cells: sqrt(3), and a quarter for cells that only come near it. */
-#define LR_BAKE_REACH 2.0
+/* Samples within this distance of the surface, in voxels, store their nearest triangle: the
+ * diagonal of a cell, sqrt(3), and a quarter for cells that only come near the surface. */
+#define LR_ATTRIBUTE_RADIUS 2.0
 
-/* What a mesh carries. */
-typedef struct lr_bake {
-    bool wanted; /* something */
+/* Which attributes a mesh has. */
+typedef struct lr_attribute_set {
+    bool any; /* one of the following */
     bool normals, sources, colors, uvs;
-} lr_bake;
+} lr_attribute_set;
 
-/* Check what the mesh carries. */
-lr_status lr_bake_check(const lr_mesh *mesh, const lr_watch *watch, lr_bake *bake, lr_error *error);
+/* List the attributes of the mesh and check them. */
+lr_status lr_check_attributes(const lr_mesh *mesh, const lr_watch *watch, lr_attribute_set *set,
+                              lr_error *error);
 
-/* Give a finished volume, whose samples name triangles by their number plus one, the faces
- * that are left of these, and number them anew. */
-lr_status lr_bake_faces(const lr_bake *bake, const lr_topology *mesh, lr_volume *volume,
-                        const lr_watch *watch, lr_error *error);
+/* Give a finished volume, whose samples store their nearest triangle's number plus one, the
+ * attributes of those triangles; number the triangles anew, without those that none stores. */
+lr_status lr_keep_attributes(const lr_attribute_set *set, const lr_topology *mesh,
+                             lr_volume *volume, const lr_watch *watch, lr_error *error);
 
 #endif

@@ -1,4 +1,4 @@
-/* Which samples of a brick lie on one side of the surface.
+/* Connects the samples of a brick that lie on one side of the surface.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/link_samples.h"
@@ -12,7 +12,7 @@ uint16_t lr_linked_root(uint16_t *parent, uint16_t i)
     return i;
 }
 
-/* The half of the neighbours that come later. */
+/* The 13 of the 26 neighbours that follow in order. */
 static const int8_t STEP[13][3] = {
     {1, 0, 0},  {-1, 1, 0}, {0, 1, 0}, {1, 1, 0},  {-1, -1, 1}, {0, -1, 1}, {1, -1, 1},
     {-1, 0, 1}, {0, 0, 1},  {1, 0, 1}, {-1, 1, 1}, {0, 1, 1},   {1, 1, 1},

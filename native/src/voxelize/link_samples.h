@@ -1,7 +1,7 @@
-/* Which samples of a brick lie on one side of the surface.
+/* Connects the samples of a brick that lie on one side of the surface.
  *
- * Two neighbours whose distances to the surface add up to more than what lies between them
- * are on one side of it.
+ * Two neighbours whose distances to the surface add up to more than the distance between them
+ * lie on one side of it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_LINK_SAMPLES_H
@@ -9,7 +9,7 @@
 
 #include "base/base.h"
 
-/* More than rounding of distances and their 16 bits, less than what would matter. */
+/* Factor of that distance: more than rounding to f32 and 16 bits can change. */
 #define LR_LINK 1.001
 
 /* Connect them: parent[LR_CELLS] makes trees. distance: 0 where a sample links to none, infinity

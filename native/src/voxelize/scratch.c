@@ -1,7 +1,7 @@
-/* How much memory making a volume takes beside the volume.
+/* Memory of a voxelization, beside the volume's own.
  *
- * Counted are the lists that grow with the mesh and with the table of bricks: what is held, and
- * what the coming stage and its end will need at most. A thread's own scratch is some 20 KB.
+ * Counts the lists that grow with the mesh or the table of bricks: those that exist, and those
+ * that the next stage will need at most. A thread's own scratch is some 20 KB.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/scratch.h"
@@ -30,12 +30,12 @@ static uint64_t of_bins(const lr_bins *b)
     return b->n_active * (sizeof *b->brick + sizeof *b->start) + listed * sizeof *b->list;
 }
 
-static uint64_t of_labels(const lr_voxelizer *v)
+static uint64_t of_components(const lr_voxelizer *v)
 {
-    const lr_labels *l = &v->labels;
-    return l->brick == NULL ? 0
-                            : v->bins.n_active * sizeof *l->brick +
-                                  l->n * (sizeof *l->component + sizeof *l->root);
+    const lr_components *c = &v->components;
+    return c->brick == NULL ? 0
+                            : v->bins.n_active * sizeof *c->brick +
+                                  c->n * (sizeof *c->component + sizeof *c->root);
 }
 
 static uint64_t of_cells(const lr_voxelizer *v)
@@ -58,7 +58,8 @@ uint64_t lr_voxelizer_scratch(const lr_voxelizer *v)
     const uint64_t binning = n * BOX + n_table * COUNT;
     if (v->stage <= LR_STAGE_SET_UP)
         return ring + lr_half_edges_nbytes(n_vertices, n) + binning + n * LISTED;
-    uint64_t held = of_bins(&v->bins) + of_labels(v) + of_cells(v) + lr_winding_nbytes(&v->winding);
+    uint64_t held =
+        of_bins(&v->bins) + of_components(v) + of_cells(v) + lr_winding_nbytes(&v->winding);
     held += v->verdicts != NULL ? v->bins.n_active * sizeof *v->verdicts : 0;
     if (v->stage == LR_STAGE_DONE) /* the mesh is not linked any more */
         return held + (v->chosen != NULL ? (n + n_vertices) * NUMBER : 0);

@@ -1,4 +1,4 @@
-/* How much memory making a volume takes beside the volume.
+/* Memory of a voxelization, beside the volume's own.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_SCRATCH_H
@@ -6,7 +6,7 @@
 
 #include "voxelize/voxelizer.h"
 
-/* Memory beside the volume that is held, and that the coming stage wants. */
+/* Bytes that are allocated, and that the next stage will need at most. */
 uint64_t lr_voxelizer_scratch(const lr_voxelizer *voxelizer);
 
 #endif

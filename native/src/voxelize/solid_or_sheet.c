@@ -1,12 +1,11 @@
-/* Is a mesh that is not closed a solid or a sheet?
+/* Decides whether a mesh that is not closed is a solid or a sheet.
  *
- * Points on the surface are probed on either side: a solid has its inside on one, or
- * on both, where shells overlap; a sheet has none, or something in between near its
- * borders. Edges alone do not tell: a chair of faces that are there twice has no open
- * one. A solid with holes is closed by the winding number, which nobody sees while
- * they are well below a voxel, that is a pixel or two; wider ones are there to be
- * seen, so such a mesh is taken for a sheet. So is one whose faces disagree in
- * winding, since the winding number follows them.
+ * The winding number is evaluated on either side of points on the surface. A solid has its
+ * inside on one side, or on both where shells overlap; a sheet has no inside, or fractional
+ * winding numbers near its borders. Edges alone do not decide: a mesh whose faces are all
+ * doubled has no open edge. The winding number fills holes of a solid, which is invisible
+ * while they are well below a voxel, that is a pixel or two; wider holes are visible, so such
+ * a mesh is a sheet. So is one of inconsistent winding, by which the winding number is wrong.
  *
  * Source: Jacobson, Kavan, Sorkine-Hornung 2013 for the winding number; the rule is
  * our own.
@@ -19,9 +18,9 @@
 enum { PROBES = 500, POLL = 1 << 14 };
 
 #define OFFSET      0.02 /* of a probe from the surface, voxels */
-#define DOUBT       0.25 /* winding numbers within it of a whole number are sure */
-#define MOST_DOUBTS 0.05 /* share of the probes of a solid */
-#define HOLE        0.5  /* extent of a hole that nobody sees, voxels */
+#define DOUBT       0.25 /* largest distance of a certain winding number from a whole number */
+#define MOST_DOUBTS 0.05 /* fraction of the probes of a solid */
+#define HOLE        0.5  /* extent up to which a hole is invisible, voxels */
 
 /* A number in 0..1 for each n, the same in every run. */
 static double uniform(uint32_t n)
@@ -151,8 +150,8 @@ static lr_status measure_holes(const lr_topology *m, const lr_watch *watch, doub
     return status;
 }
 
-lr_status lr_judge_edges(const lr_topology *m, const lr_watch *watch, lr_judgement *j, bool *open,
-                         lr_error *error)
+lr_status lr_mesh_kind_by_edges(const lr_topology *m, const lr_watch *watch, lr_mesh_kind *j,
+                                bool *open, lr_error *error)
 {
     lr_status status = measure_holes(m, watch, &j->hole, error);
     j->wide = j->hole > HOLE;
@@ -164,8 +163,8 @@ lr_status lr_judge_edges(const lr_topology *m, const lr_watch *watch, lr_judgeme
     return status;
 }
 
-lr_status lr_judge_probes(const lr_winding *w, const lr_watch *watch, lr_judgement *j,
-                          lr_error *error)
+lr_status lr_mesh_kind_by_probes(const lr_winding *w, const lr_watch *watch, lr_mesh_kind *j,
+                                 lr_error *error)
 {
     double doubts = 0.0;
     lr_status status = probe(w, watch, &doubts, error);

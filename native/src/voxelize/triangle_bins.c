@@ -1,11 +1,10 @@
-/* Binning by a counting sort over the volume's table of bricks.
+/* Lists the triangles of each brick, by a counting sort over the volume's table of bricks.
  *
- * A brick is a candidate where the triangle's box, widened by the band, meets
- * it. A small triangle, at most two bricks along each axis, takes them all, and
- * they are remembered between counting and listing. The box of a large one is
- * mostly empty: its rows are cut by the triangle's plane and by those that stand
- * on its edges, and of the bricks left, one is dropped if its centre is farther
- * than its samples and the band reach.
+ * Candidates are the bricks that the triangle's box, widened by the band, meets. A small
+ * triangle, at most two bricks along each axis, is listed in all of them, and they are stored
+ * between counting and listing. The box of a large one is mostly empty: its rows are clipped
+ * by the triangle's plane and by the planes through its edges, and bricks are left out whose
+ * centre is farther than the band and half a brick's diagonal.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/pages.h"
@@ -14,8 +13,8 @@
 #include "mesh/triangle_distance.h"
 
 enum {
-    POLL = 1 << 14,   /* triangles, or bricks of one triangle, between looks at the stop word */
-    MAX_PARTS = 512,  /* enough for an even end on many threads */
+    POLL = 1 << 14,   /* triangles, or bricks of one triangle, between checks of the stop word */
+    MAX_PARTS = 512,  /* enough that many threads end at about one time */
     BRICK_WORK = 400, /* of a brick without triangles, in units of a listed triangle */
     PLANES = 5
 };
@@ -24,8 +23,8 @@ enum {
 #define HALF          (0.5 * (LR_SIDE - 1))
 #define HALF_DIAGONAL (HALF * 1.73206) /* a little more than sqrt(3) */
 
-/* What is remembered of a triangle: its lowest brick's place in the table (27 bits)
- * and, per axis, whether it reaches the next one; or one of these. */
+/* Stored per triangle: its lowest brick's place in the table (27 bits) and, per axis, whether
+ * it is listed in the next one too; or one of these. */
 #define SECOND_BRICK (1u << 27)
 #define NOWHERE      0xffffffffu
 #define LARGE        0xfffffffeu
@@ -42,12 +41,12 @@ typedef struct binning {
     const lr_watch *watch;
 } binning;
 
-/* The bricks that a triangle can reach. */
-typedef struct reach {
+/* The bricks that can come within the band of a triangle. */
+typedef struct brick_range {
     int32_t lo[3], hi[3];
     lr_frame frame;
-    double plane[PLANES][4]; /* n.c + d > 0: out of reach, c the brick's place in the table */
-} reach;
+    double plane[PLANES][4]; /* n.c + d > 0: farther than the band; c: the brick in the table */
+} brick_range;
 
 LR_INLINE void put(binning *b, size_t brick, uint32_t t)
 {
@@ -68,7 +67,7 @@ static void put_small(binning *b, uint32_t box, uint32_t t)
                 put(b, place + x + y * row + z * layer, t);
 }
 
-/* Out of reach where n.(p - on) > slack for the whole brick; n is unit. */
+/* The plane behind which n.(p - on) > band for the whole brick; n is unit. */
 static void set_plane(double out[4], const double n[3], const double on[3], double band)
 {
     double extent = HALF * (fabs(n[0]) + fabs(n[1]) + fabs(n[2]));
@@ -77,9 +76,8 @@ static void set_plane(double out[4], const double n[3], const double on[3], doub
     out[3] = HALF * (n[0] + n[1] + n[2]) - lr_dot(n, on) - extent - band;
 }
 
-/* The row's range of bricks that no plane keeps out of reach; one to spare at either
- * end for rounding. */
-static void cut_row(const reach *r, int32_t y, int32_t z, int32_t *first, int32_t *last)
+/* The row's range of bricks that no plane excludes, one more at either end for rounding. */
+static void cut_row(const brick_range *r, int32_t y, int32_t z, int32_t *first, int32_t *last)
 {
     double lo = r->lo[0], hi = r->hi[0];
     for (int i = 0; i < PLANES; i++) {
@@ -94,7 +92,7 @@ static void cut_row(const reach *r, int32_t y, int32_t z, int32_t *first, int32_
     *last = lo > hi ? -1 : (int32_t)hi;
 }
 
-static bool in_reach(const reach *r, double band, int32_t x, int32_t y, int32_t z)
+static bool in_range(const brick_range *r, double band, int32_t x, int32_t y, int32_t z)
 {
     for (int i = 0; i < PLANES; i++) {
         const double *p = r->plane[i];
@@ -107,7 +105,7 @@ static bool in_reach(const reach *r, double band, int32_t x, int32_t y, int32_t 
 }
 
 /* False where stopped. */
-static bool put_large(binning *b, const reach *r, uint32_t t)
+static bool put_large(binning *b, const brick_range *r, uint32_t t)
 {
     for (int32_t z = r->lo[2]; z <= r->hi[2]; z++)
         for (int32_t y = r->lo[1]; y <= r->hi[1]; y++) {
@@ -117,14 +115,14 @@ static bool put_large(binning *b, const reach *r, uint32_t t)
             cut_row(r, y, z, &first, &last);
             const size_t row = lr_place_of(b->size, 0, y, z);
             for (int32_t x = first; x <= last; x++)
-                if (in_reach(r, b->band, x, y, z))
+                if (in_range(r, b->band, x, y, z))
                     put(b, row + (size_t)x, t);
         }
     return true;
 }
 
 /* The frame is made already. */
-static void set_planes(reach *r, double band)
+static void set_planes(brick_range *r, double band)
 {
     lr_frame *f = &r->frame;
     double back[3] = {-f->n[0], -f->n[1], -f->n[2]};
@@ -134,7 +132,7 @@ static void set_planes(reach *r, double band)
         set_plane(r->plane[2 + e], f->m[e], f->p[e], band);
 }
 
-static uint32_t box_of(const binning *b, uint64_t t, reach *r)
+static uint32_t box_of(const binning *b, uint64_t t, brick_range *r)
 {
     double cross[3];
     const double (*p)[3] = (const double (*)[3])r->frame.p;
@@ -165,7 +163,7 @@ static lr_status visit_all(binning *b, lr_error *error)
     for (uint64_t t = 0; t < b->mesh->source.n_triangles; t++) {
         if (t % POLL == 0 && lr_stopped(b->watch))
             return lr_fail_stopped(error);
-        reach r;
+        brick_range r;
         if (b->list == NULL || b->box[t] == LARGE)
             b->box[t] = box_of(b, t, &r);
         if (b->box[t] < LARGE) {
@@ -265,7 +263,7 @@ lr_status lr_bins_make(const lr_topology *m, const int32_t table_size[3], double
     return status;
 }
 
-lr_status lr_bins_add(lr_bins *bins, const uint8_t *wanted, size_t n_table, uint32_t n_active,
+lr_status lr_bins_add(lr_bins *bins, const uint8_t *state, size_t n_table, uint32_t n_active,
                       lr_error *error)
 {
     uint32_t *brick = malloc(((size_t)n_active + 1) * sizeof *brick), n = 0, old = 0;
@@ -276,7 +274,7 @@ lr_status lr_bins_add(lr_bins *bins, const uint8_t *wanted, size_t n_table, uint
         return lr_fail_memory(error, (uint64_t)n_active * 12, "the list of bricks");
     }
     for (size_t at = 0; at < n_table; at++) {
-        if (wanted[at] != 2)
+        if (state[at] != LR_BIN_ACTIVE)
             continue;
         brick[n] = (uint32_t)at;
         start[n++] = bins->start[old];

@@ -1,8 +1,7 @@
-/* Which triangles can matter to which brick.
+/* Lists the triangles of each brick.
  *
- * A triangle is listed in every brick that it comes within the
- * band of (conservatively). Bricks with a list are *active*; ranges of active
- * bricks of similar work are the parts that threads run.
+ * A triangle is listed in every brick within the band of it, conservatively. Bricks with a
+ * list are *active*; ranges of active bricks of similar work are the parts that threads run.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_TRIANGLE_BINS_H
@@ -25,9 +24,11 @@ typedef struct lr_bins {
  * mesh is linked. What was built is freed by lr_bins_free, after an error too. */
 lr_status lr_bins_make(const lr_topology *mesh, const int32_t table_size[3], double band, bool all,
                        const lr_watch *watch, lr_bins *bins, lr_error *error);
-/* Make the bricks of a table active where wanted[n_table] is 2, n_active in all; they hold
- * those that are active already. */
-lr_status lr_bins_add(lr_bins *bins, const uint8_t *wanted, size_t n_table, uint32_t n_active,
+enum { LR_BIN_ACTIVE = 2 };
+
+/* Make the bricks of a table active whose state[n_table] is LR_BIN_ACTIVE, n_active in all,
+ * among them those that are active already. */
+lr_status lr_bins_add(lr_bins *bins, const uint8_t *state, size_t n_table, uint32_t n_active,
                       lr_error *error);
 void lr_bins_free(lr_bins *bins);
 

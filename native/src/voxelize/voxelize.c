@@ -1,13 +1,13 @@
 /* Mesh to volume: the public calls and their stages.
  *
- *   set-up   the mesh's edges beside the triangles of the bricks
- *   labels   where pseudonormals do not tell the side: the band's components
- *   winding  and their winding numbers
- *   bricks   distances, filtered
- *   cells    where triangle cells are wanted: which cells samples cannot hold
+ *   set-up      links the mesh's edges, and lists the triangles of each brick
+ *   components  of the band, if pseudonormals do not give the sides
+ *   winding     numbers of the components
+ *   bricks      filtered distances
+ *   cells       chooses the cells that keep triangles, if the job asks for some
  *
- * A solid with wide holes has no components: the surface that closes it is found beside
- * the bricks (hole_fill.h).
+ * A solid with wide holes needs no components: its holes are filled brick by brick
+ * (hole_fill.h).
  * The parts of a stage run side by side and share nothing that they write. Bricks
  * whose pseudonormals contradict each other are made again with winding numbers.
  *
@@ -22,15 +22,14 @@
 #include "voxelize/hole_fill.h"
 #include "voxelize/scratch.h"
 
-/* Central differences at the corners of a surface cell reach sqrt(6) from the
- * surface (samples at offsets 2, 1, 1); the rest is for rounding. The lattice
- * has room for them, and a sheet wants its heights there. A solid's samples
- * beyond the ramp are 0 or 1, so its band only has to hold the corners of surface
- * cells, at most sqrt(3) away, for their ids. */
+/* Central differences at the corners of a surface cell use samples up to sqrt(6) from the
+ * surface (offsets 2, 1, 1); the rest is for rounding. The lattice has these samples, and a
+ * sheet needs their heights. A solid's samples beyond the ramp are 0 or 1, so its band only
+ * has to contain the corners of surface cells, at most sqrt(3) away, for their ids. */
 #define STENCIL 2.4495
 #define CORNERS 1.7321
 
-enum { ROOTS = 4096 /* components that a part asks for their winding number */ };
+enum { ROOTS = 4096 /* components of a part of the winding stage */ };
 
 /* ---- filters ----------------------------------------------------------- */
 
@@ -92,7 +91,7 @@ static lr_status place_lattice(lr_voxelizer *v, lr_error *error)
                              .ny = (int32_t)n[1],
                              .nz = (int32_t)n[2],
                              .sample_type = o->sample_type,
-                             .kind = LR_KIND_SOLID, /* until it is judged */
+                             .kind = LR_KIND_SOLID, /* until it is decided */
                              .has_ids = m->source.ids != NULL,
                              .threshold = 0.5};
     for (int a = 0; a < 3; a++) {
@@ -137,7 +136,7 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_watch *w
     if (status == LR_OK)
         status = lr_topology_begin(mesh, o->voxel_size, watch, &v->mesh, error);
     if (status == LR_OK)
-        status = lr_bake_check(mesh, watch, &v->job.bake, error);
+        status = lr_check_attributes(mesh, watch, &v->job.attributes, error);
     if (status == LR_OK)
         status = place_lattice(v, error);
     if (status == LR_OK)
@@ -177,12 +176,12 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
 {
     const lr_volume_desc *d = &v->desc;
     const int32_t n[3] = {d->nx, d->ny, d->nz};
-    const lr_bake *bake = &v->job.bake;
+    const lr_attribute_set *set = &v->job.attributes;
     const uint64_t brick_nbytes = lr_volume_brick_nbytes(d->sample_type, d->has_ids) +
-                                  bake->wanted * LR_WORDS * lr_volume_block_nbytes();
-    const uint64_t n_faces = bake->wanted ? v->mesh.source.n_triangles : 0;
+                                  set->any * LR_WORDS * lr_volume_block_nbytes();
+    const uint64_t n_faces = set->any ? v->mesh.source.n_triangles : 0;
     const uint64_t faces_nbytes =
-        n_faces * lr_face_nbytes(bake->normals, bake->sources, bake->colors, bake->uvs);
+        n_faces * lr_face_nbytes(set->normals, set->sources, set->colors, set->uvs);
     *info = (lr_voxelizer_info){
         .desc = *d,
         .nbytes = v->stage > LR_STAGE_SET_UP
@@ -195,9 +194,9 @@ void lr_voxelizer_get_info(const lr_voxelizer *v, lr_voxelizer_info *info)
         .inverted = v->mesh.side < 0.0,
         .simd = v->simd,
         .stage = v->stage,
-        .reason = v->judgement.reason,
+        .reason = v->mesh_kind.reason,
         .by_winding = v->by_winding,
-        .hole = v->judgement.hole,
+        .hole = v->mesh_kind.hole,
         .scratch_nbytes = v->scratch_nbytes,
     };
     for (uint32_t i = 0; v->chosen != NULL && i < v->bins.n_parts; i++)
@@ -226,27 +225,27 @@ static lr_status bin(lr_voxelizer *v, int32_t kind, bool all, const lr_watch *wa
 }
 
 /* Solid or sheet, and why. */
-static lr_status judge(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
+static lr_status decide_kind(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
     const int32_t kind = v->options.kind;
-    v->judgement.reason = kind == LR_KIND_AUTO ? LR_REASON_CLOSED : LR_REASON_ASKED;
-    v->judgement.solid = kind != LR_KIND_SHEET;
+    v->mesh_kind.reason = kind == LR_KIND_AUTO ? LR_REASON_CLOSED : LR_REASON_ASKED;
+    v->mesh_kind.solid = kind != LR_KIND_SHEET;
     if (v->mesh.closed || kind == LR_KIND_SHEET)
         return LR_OK;
     lr_status status = LR_OK;
     bool open = false;
-    const lr_judgement asked = v->judgement;
-    status = lr_judge_edges(&v->mesh, watch, &v->judgement, &open, error);
+    const lr_mesh_kind requested = v->mesh_kind;
+    status = lr_mesh_kind_by_edges(&v->mesh, watch, &v->mesh_kind, &open, error);
     if (kind == LR_KIND_SOLID) {
-        v->judgement.solid = asked.solid;
-        v->judgement.reason = asked.reason;
+        v->mesh_kind.solid = requested.solid;
+        v->mesh_kind.reason = requested.reason;
     }
     if (status != LR_OK || (open && kind == LR_KIND_AUTO))
         return status;
     status = lr_winding_make(&v->mesh, watch, &v->winding, error);
     if (status == LR_OK && kind == LR_KIND_AUTO)
-        status = lr_judge_probes(&v->winding, watch, &v->judgement, error);
-    v->by_winding = v->judgement.solid;
+        status = lr_mesh_kind_by_probes(&v->winding, watch, &v->mesh_kind, error);
+    v->by_winding = v->mesh_kind.solid;
     return status;
 }
 
@@ -260,19 +259,19 @@ static lr_status open_bricks(lr_voxelizer *v, lr_error *error)
     return status == LR_OK ? open_stage(v, LR_STAGE_BRICKS, v->bins.n_parts, error) : status;
 }
 
-static lr_status open_labels(lr_voxelizer *v, lr_error *error)
+static lr_status open_components(lr_voxelizer *v, lr_error *error)
 {
-    lr_status status = lr_labels_begin(&v->bins, &v->labels, error);
+    lr_status status = lr_components_begin(&v->bins, &v->components, error);
     return status == LR_OK ? open_stage(v, LR_STAGE_LABELS, v->bins.n_parts, error) : status;
 }
 
 static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
     const lr_voxelize_options *o = &v->options;
-    lr_status status = judge(v, watch, error);
+    lr_status status = decide_kind(v, watch, error);
     if (status != LR_OK)
         return status;
-    v->job.sheet = !v->judgement.solid;
+    v->job.sheet = !v->mesh_kind.solid;
     if (v->job.sheet && lr_profile_of_solids(o->filter))
         return lr_fail(error, LR_E_ARGUMENT,
                        "the filters box and binary tell inside from outside, but the mesh is taken "
@@ -284,10 +283,10 @@ static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *
         v->job.every || o->exact == LR_EXACT_ALL || (o->exact == LR_EXACT_SHEETS && v->job.sheet);
     if (band_of(o, v->desc.kind) != v->job.band || v->mesh.twin != NULL)
         status = bin(v, v->desc.kind, false, watch, error);
-    if (status == LR_OK && v->by_winding && v->judgement.wide) {
-        v->job.closing = &v->winding;
-        status =
-            lr_closing_bricks(&v->winding, v->job.table_size, v->job.band, watch, &v->bins, error);
+    if (status == LR_OK && v->by_winding && v->mesh_kind.wide) {
+        v->job.hole_fill = &v->winding;
+        status = lr_hole_fill_bricks(&v->winding, v->job.table_size, v->job.band, watch, &v->bins,
+                                     error);
     }
     v->verdicts = calloc((size_t)v->bins.n_active + 1, sizeof *v->verdicts);
     if (status == LR_OK && v->verdicts == NULL)
@@ -295,34 +294,36 @@ static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *
             lr_fail_memory(error, v->bins.n_active * sizeof *v->verdicts, "the bricks' states");
     if (status != LR_OK)
         return status;
-    return v->by_winding && v->job.closing == NULL ? open_labels(v, error) : open_bricks(v, error);
+    return v->by_winding && v->job.hole_fill == NULL ? open_components(v, error)
+                                                     : open_bricks(v, error);
 }
 
-static lr_status close_labels(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
+static lr_status close_components(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
-    lr_status status = lr_labels_join(&v->labels, &v->job, &v->bins, watch, error);
-    uint32_t n_parts = v->labels.n_roots / ROOTS + 1;
+    lr_status status = lr_components_join(&v->components, &v->job, &v->bins, watch, error);
+    uint32_t n_parts = v->components.n_roots / ROOTS + 1;
     return status == LR_OK ? open_stage(v, LR_STAGE_WINDING, n_parts, error) : status;
 }
 
-static lr_status ask(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_error *error)
+static lr_status decide_components(lr_voxelizer *v, uint32_t part, const lr_watch *watch,
+                                   lr_error *error)
 {
-    uint32_t first = part * ROOTS, left = v->labels.n_roots - first;
+    uint32_t first = part * ROOTS, left = v->components.n_roots - first;
     uint32_t end = first + (left < ROOTS ? left : ROOTS);
-    return lr_labels_ask(&v->labels, &v->job, &v->bins, &v->winding, first, end, watch)
+    return lr_components_decide(&v->components, &v->job, &v->bins, &v->winding, first, end, watch)
                ? LR_OK
                : lr_fail_stopped(error);
 }
 
-/* Make the bricks again, with winding numbers. */
+/* Restart the bricks, with sides by winding numbers. */
 static lr_status fall_back(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
 {
     lr_volume_empty_table(v->volume);
     v->by_winding = true;
-    if (v->judgement.reason == LR_REASON_CLOSED)
-        v->judgement.reason = LR_REASON_CROSSING;
+    if (v->mesh_kind.reason == LR_REASON_CLOSED)
+        v->mesh_kind.reason = LR_REASON_CROSSING;
     lr_status status = lr_winding_make(&v->mesh, watch, &v->winding, error);
-    return status == LR_OK ? open_labels(v, error) : status;
+    return status == LR_OK ? open_components(v, error) : status;
 }
 
 static lr_status close_bricks(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
@@ -335,9 +336,9 @@ static lr_status close_bricks(lr_voxelizer *v, const lr_watch *watch, lr_error *
         contradicts = contradicts || v->verdicts[i].contradicts;
     if (status == LR_OK && contradicts && !v->by_winding && !v->job.sheet)
         return fall_back(v, watch, error);
-    lr_labels_free(&v->labels, &v->bins);
+    lr_components_free(&v->components, &v->bins);
     lr_winding_free(&v->winding);
-    v->job.closing = NULL;
+    v->job.hole_fill = NULL;
     if (status == LR_OK)
         status = lr_parts_move(v, watch, error);
     if (status != LR_OK || !v->job.exact)
@@ -356,9 +357,9 @@ static lr_status open_next(lr_voxelizer *v, const lr_watch *watch, lr_error *err
     case LR_STAGE_SET_UP:
         return close_set_up(v, watch, error);
     case LR_STAGE_LABELS:
-        return close_labels(v, watch, error);
+        return close_components(v, watch, error);
     case LR_STAGE_WINDING:
-        lr_labels_spread(&v->labels);
+        lr_components_spread(&v->components);
         return open_bricks(v, error);
     case LR_STAGE_BRICKS:
         return close_bricks(v, watch, error);
@@ -382,7 +383,8 @@ lr_status lr_voxelize_next(lr_voxelizer *v, const lr_watch *watch, uint64_t *n_p
     return status;
 }
 
-static lr_status judge_cells(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_error *error)
+static lr_status choose_cells(lr_voxelizer *v, uint32_t part, const lr_watch *watch,
+                              lr_error *error)
 {
     lr_status status = lr_cells_make(&v->job, v->volume, &v->bins, v->bins.part[part],
                                      v->bins.part[part + 1], watch, &v->chosen[part], error);
@@ -399,11 +401,11 @@ static lr_status run(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_e
                          : bin(v, v->options.kind == LR_KIND_SHEET ? LR_KIND_SHEET : LR_KIND_SOLID,
                                true, watch, error);
     case LR_STAGE_LABELS:
-        return lr_part_label(v, part, watch, error);
+        return lr_part_components(v, part, watch, error);
     case LR_STAGE_WINDING:
-        return ask(v, part, watch, error);
+        return decide_components(v, part, watch, error);
     case LR_STAGE_CELLS:
-        return judge_cells(v, part, watch, error);
+        return choose_cells(v, part, watch, error);
     default:
         return lr_part_run(v, part, watch, error);
     }
@@ -446,7 +448,7 @@ static lr_status finish_triangle_cells(lr_voxelizer *v, const lr_watch *watch, l
         .n_vertices = v->mesh.source.n_vertices,
         .ids = v->mesh.source.ids,
         .turned = v->mesh.side < 0.0,
-        .faces = v->job.bake.wanted,
+        .faces = v->job.attributes.any,
         .slope = lr_profile_slope(v->job.filter, v->job.half_width),
         .vertex = vertex_of,
         .mesh = &v->mesh,
@@ -474,8 +476,8 @@ lr_status lr_voxelize_end(lr_voxelizer *v, const lr_watch *watch, lr_volume **vo
     if (status == LR_OK)
         status = v->chosen != NULL ? finish_triangle_cells(v, watch, error)
                                    : lr_volume_finish(v->volume, watch, error);
-    if (status == LR_OK && v->job.bake.wanted)
-        status = lr_bake_faces(&v->job.bake, &v->mesh, v->volume, watch, error);
+    if (status == LR_OK && v->job.attributes.any)
+        status = lr_keep_attributes(&v->job.attributes, &v->mesh, v->volume, watch, error);
     if (status != LR_OK)
         return status;
     v->volume->flat = v->job.flat;
@@ -491,7 +493,7 @@ void lr_voxelizer_free(lr_voxelizer *v)
     lr_parts_free(v);
     for (uint32_t i = 0; v->chosen != NULL && i < v->bins.n_parts; i++)
         lr_cells_free(&v->chosen[i]);
-    lr_labels_free(&v->labels, &v->bins);
+    lr_components_free(&v->components, &v->bins);
     lr_winding_free(&v->winding);
     free(v->ran);
     free(v->verdicts);

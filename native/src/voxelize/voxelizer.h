@@ -1,4 +1,4 @@
-/* What a voxelizer holds between its stages.
+/* State of a voxelization between its stages.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_VOXELIZE_VOXELIZER_H
@@ -37,10 +37,10 @@ struct lr_voxelizer {
     int32_t stage;       /* lr_stage */
     uint32_t n_parts;    /* of the stage */
     bool *ran;           /* [n_parts] */
-    lr_judgement judgement;
-    bool by_winding; /* sides come from labels, not from pseudonormals */
+    lr_mesh_kind mesh_kind;
+    bool by_winding; /* sides by components, not by pseudonormals */
     lr_winding winding;
-    lr_labels labels;
+    lr_components components;
     lr_part *parts;          /* [bins.n_parts] */
     lr_verdict *verdicts;    /* [bins.n_active] */
     lr_cells_part *chosen;   /* [bins.n_parts]: triangle cells; or NULL */

@@ -1,9 +1,8 @@
 /* Closures.
  *
- * Light that leaves a microfacet for another one is given back as a factor of the
- * single bounce, which takes up the colour of as many bounces as it has had on
- * average. The layer of a dielectric over a diffuse base lets through what it does
- * not reflect as seen from the viewer.
+ * Light that several microfacets scatter is added as a factor of the single bounce, tinted
+ * for the mean number of bounces. A dielectric layer over a diffuse base transmits what it
+ * does not reflect towards the viewer.
  *
  * Source: the layers and their order are those of Blender's manual for the
  * Principled BSDF; Turquin, Practical multiple scattering compensation for
@@ -20,7 +19,7 @@
 
 /* How facets reflect. */
 enum {
-    FRESNEL_NONE,      /* all; where the closure refracts: nothing but what is reflected in all */
+    FRESNEL_NONE, /* all light; if the closure refracts: nothing but total internal reflection */
     FRESNEL_CONDUCTOR, /* Schlick's curve from f0 to 1, less the F82 term */
     FRESNEL_DIELECTRIC /* the curve of a dielectric of index n, stretched to f0..1 */
 };
@@ -28,14 +27,14 @@ enum {
 /* Below it facets are as good as a mirror: their lobe is narrower than 1/100 of a degree. */
 static const double ALPHA_MIN = 1e-5;
 
-/* An index so near 1 bends nothing. */
+/* Below this difference of the index from 1, light is not refracted. */
 static const double INDEX_MIN = 1e-4;
 
-/* Rare facets may refract where most do not, more so on the way out: no closure of theirs
- * gets less than that. */
-static const double SHARE_MIN = 0.05, SHARE_MIN_OUT = 0.2;
+/* Rare facets may refract where most do not, above all from inside: the least albedo of
+ * closures of facets. */
+static const double ALBEDO_MIN = 0.05, ALBEDO_MIN_OUT = 0.2;
 
-/* A few facets do not tell that all of them send on less than that. */
+/* The least value of lr_closure.guide, since it is estimated from a few facets. */
 static const double GUIDE_MIN = 0.02;
 
 /* ---- albedo --------------------------------------------------------------- */
@@ -95,7 +94,7 @@ static double look_up_mean(const uint16_t table[LR_ALBEDO_COARSE][LR_ALBEDO_COAR
 
 /* ---- Fresnel -------------------------------------------------------------- */
 
-/* What a facet under that cosine reflects. */
+/* Reflectance of a facet under that cosine. */
 static void reflectance(const lr_closure *c, double cosine, double f[3])
 {
     const double x = 1 - cosine, x5 = x * x * x * x * x;
@@ -110,7 +109,7 @@ static void reflectance(const lr_closure *c, double cosine, double f[3])
         f[a] = lr_clamp(mix(c->f0[a], 1, s) - c->f82[a] * cosine * x5 * x, 0, 1);
 }
 
-/* What a facet under that cosine sends on by this closure. */
+/* The light that a facet under that cosine scatters by this closure, as a fraction. */
 static void passed(const lr_closure *c, double cosine, double f[3])
 {
     if (c->fresnel == FRESNEL_NONE) {
@@ -145,7 +144,8 @@ static double fraction(double x)
     return x < 1 ? x : x - 1;
 }
 
-/* Facets from the lattice moved by (u, v): their normals, what they send on, and its mean. */
+/* Facets from the lattice shifted by (u, v): normals, the fraction that each scatters, and its
+ * mean. */
 static double try_facets(const lr_closure *c, const double view[3], double u, double v,
                          double h[FACETS][3], double sent[FACETS])
 {
@@ -160,10 +160,10 @@ static double try_facets(const lr_closure *c, const double view[3], double u, do
     return sum / FACETS;
 }
 
-/* The closure's share: about its albedo as seen. */
+/* Add a closure, with the albedo by which it is chosen: about its own, as seen. */
 static void enlist(lr_bsdf *bsdf, lr_closure *c)
 {
-    const double least = c->alpha == 0 ? 0 : c->n < 1 ? SHARE_MIN_OUT : SHARE_MIN;
+    const double least = c->alpha == 0 ? 0 : c->n < 1 ? ALBEDO_MIN_OUT : ALBEDO_MIN;
     double f[3] = {1, 1, 1};
     c->guide = 0;
     if (c->fresnel == FRESNEL_DIELECTRIC && c->alpha > 0) {
@@ -172,11 +172,11 @@ static void enlist(lr_bsdf *bsdf, lr_closure *c)
         f[0] = f[1] = f[2] = c->guide;
     } else if (c->kind != LR_RAY_DIFFUSE)
         passed(c, bsdf->basis.view[2], f);
-    c->share = 0;
+    c->albedo = 0;
     for (int a = 0; a < 3; a++)
-        c->share += c->weight[a] * fmax(f[a], least) / 3;
-    if (c->share > 0 && bsdf->n < LR_CLOSURES_MAX) {
-        bsdf->share[c->kind] += c->share;
+        c->albedo += c->weight[a] * fmax(f[a], least) / 3;
+    if (c->albedo > 0 && bsdf->n < LR_CLOSURES_MAX) {
+        bsdf->albedo[c->kind] += c->albedo;
         bsdf->closures[bsdf->n++] = *c;
     }
 }
@@ -190,15 +190,14 @@ static lr_closure closure(int32_t kind, const double weight[3], double roughness
     return c;
 }
 
-/* What light between the facets adds to a single bounce, as a factor. e, e_mean: what white
- * facets send on after one bounce, as seen and in the mean; tint: what is left of light by a
- * bounce. */
+/* Several bounces between facets, as a factor of the single bounce. e, e_mean: albedo of white
+ * facets for one bounce, as seen and in the mean; tint: the light left by a bounce. */
 static double between(double e, double e_mean, double tint)
 {
     return 1 + tint * e_mean / (1 - tint * (1 - e_mean)) * (1 - e) / e;
 }
 
-/* Give it back to a closure that reflects. */
+/* Scale a closure that reflects by that factor. */
 static void give_back(const lr_bsdf *bsdf, lr_closure *c, const double tint[3])
 {
     const double rough = sqrt(c->alpha);
@@ -212,7 +211,8 @@ static void add_diffuse(lr_bsdf *bsdf, const double weight[3], double rough, con
     lr_closure c = {.kind = LR_RAY_DIFFUSE, .alpha = 1, .n = rough};
     memcpy(c.weight, weight, sizeof c.weight);
     for (int a = 0; a < 3; a++)
-        c.f0[a] = lr_matte_again(rough, lr_bsdf_basis(bsdf, LR_RAY_DIFFUSE)->view[2], tint[a]);
+        c.f0[a] =
+            lr_oren_nayar_multiple(rough, lr_bsdf_basis(bsdf, LR_RAY_DIFFUSE)->view[2], tint[a]);
     enlist(bsdf, &c);
 }
 
@@ -243,8 +243,8 @@ static void add_metal(lr_bsdf *bsdf, const lr_lobe *lobe, const double weight[3]
     enlist(bsdf, &c);
 }
 
-/* A dielectric that reflects and refracts, weighted either way. facing: the colour of its
- * reflection at normal incidence; tint: what is left of light that goes through. */
+/* A dielectric that reflects and refracts. facing: the colour of its reflection at normal
+ * incidence; tint: that of its transmission. */
 static void add_glass(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const double reflected[3],
                       const double refracted[3], const double facing[3], const double tint[3])
 {
@@ -279,7 +279,7 @@ static void add_refraction(lr_bsdf *bsdf, const lr_lobe *lobe, double n, const d
     enlist(bsdf, &c);
 }
 
-/* The layer of a dielectric; *below is dimmed by what it reflects. */
+/* A dielectric layer; *below is reduced by what it reflects. */
 static void add_coat(lr_bsdf *bsdf, const lr_lobe *lobe, double *below)
 {
     double f0 = lr_fresnel_0(lobe->ior), n = lobe->ior;
@@ -296,7 +296,7 @@ static void add_coat(lr_bsdf *bsdf, const lr_lobe *lobe, double *below)
     c.fresnel = FRESNEL_DIELECTRIC;
     c.n = n;
     const double s = lr_clamp((fresnel_mean(n) - f0) / (1 - f0), 0, 1);
-    const double rise = look_up(lr_albedo_dielectric, lobe->roughness, bsdf->basis.view[2], n);
+    const double schlick = look_up(lr_albedo_dielectric, lobe->roughness, bsdf->basis.view[2], n);
     double once[3], sent = 1, most = 0;
     for (int a = 0; a < 3; a++) {
         c.f0[a] = fmin(f0 * lobe->specular_tint[a], 1);
@@ -305,9 +305,9 @@ static void add_coat(lr_bsdf *bsdf, const lr_lobe *lobe, double *below)
     if (lobe->flags & LR_LOBE_MULTISCATTER) {
         give_back(bsdf, &c, once);
         sent = mirror_albedo(lobe->roughness, bsdf->basis.view[2]);
-    } /* else what is lost between the facets is not found below, as in Cycles */
+    } /* else light lost between facets does not get below, as in Cycles */
     for (int a = 0; a < 3; a++)
-        most = fmax(most, c.weight[a] * sent * mix(c.f0[a], 1, rise));
+        most = fmax(most, c.weight[a] * sent * mix(c.f0[a], 1, schlick));
     enlist(bsdf, &c);
     *below = fmax(*below - most, 0);
 }
@@ -390,19 +390,19 @@ static void set_frames(lr_bsdf *bsdf, const lr_point *point)
     lr_basis_set(&bsdf->basis, n, point->view);
     if (!bsdf->bent)
         return;
-    lr_basis_set(&bsdf->matte, point->normal, point->view);
-    bsdf->matte.view[2] = fmax(bsdf->matte.view[2], 0);
+    lr_basis_set(&bsdf->unbent, point->normal, point->view);
+    bsdf->unbent.view[2] = fmax(bsdf->unbent.view[2], 0);
 }
 
 void lr_bsdf_normal(const lr_bsdf *bsdf, double normal[3])
 {
-    const double matte = bsdf->bent ? bsdf->share[LR_RAY_DIFFUSE] : 0;
-    const double facets = bsdf->share[LR_RAY_GLOSSY] + bsdf->share[LR_RAY_TRANSMISSION];
+    const double diffuse = bsdf->bent ? bsdf->albedo[LR_RAY_DIFFUSE] : 0;
+    const double facets = bsdf->albedo[LR_RAY_GLOSSY] + bsdf->albedo[LR_RAY_TRANSMISSION];
     memcpy(normal, bsdf->basis.axis[2], 3 * sizeof *normal);
-    if (!(matte > 0))
+    if (!(diffuse > 0))
         return;
     for (int a = 0; a < 3; a++)
-        normal[a] = facets * bsdf->basis.axis[2][a] + matte * bsdf->matte.axis[2][a];
+        normal[a] = facets * bsdf->basis.axis[2][a] + diffuse * bsdf->unbent.axis[2][a];
     const double length = sqrt(lr_dot(normal, normal));
     for (int a = 0; a < 3; a++)
         normal[a] /= length;
@@ -411,19 +411,19 @@ void lr_bsdf_normal(const lr_bsdf *bsdf, double normal[3])
 void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsdf)
 {
     bsdf->n = 0;
-    memset(bsdf->share, 0, sizeof bsdf->share);
+    memset(bsdf->albedo, 0, sizeof bsdf->albedo);
     memset(bsdf->emission, 0, sizeof bsdf->emission);
     memset(bsdf->transparency, 0, sizeof bsdf->transparency);
     set_frames(bsdf, point);
     for (uint32_t i = 0; i < material->n_lobes; i++)
         if (material->lobes[i].weight > 0)
             add(bsdf, &material->lobes[i], material, point);
-    bsdf->share[LR_RAY_TRANSPARENT] = mean(bsdf->transparency);
+    bsdf->albedo[LR_RAY_TRANSPARENT] = mean(bsdf->transparency);
 }
 
 /* ---- responses ------------------------------------------------------------ */
 
-/* Of one closure with width, to light in the normal's frame. */
+/* The response of one closure, not of a single direction, to light in the normal's frame. */
 static bool respond(const lr_closure *c, const double view[3], const double light[3],
                     lr_response *r)
 {
@@ -433,7 +433,7 @@ static bool respond(const lr_closure *c, const double view[3], const double ligh
     if (c->kind == LR_RAY_DIFFUSE) {
         r->pdf = light[2] / LR_PI;
         for (int a = 0; a < 3; a++)
-            r->f_cos[a] = c->weight[a] * r->pdf * lr_matte(c->n, c->f0[a], view, light);
+            r->f_cos[a] = c->weight[a] * r->pdf * lr_oren_nayar(c->n, c->f0[a], view, light);
         return true;
     }
     const double n = through ? c->n : 1;
@@ -460,7 +460,7 @@ static bool respond(const lr_closure *c, const double view[3], const double ligh
     return true;
 }
 
-/* All closures of width of a group; densities by their shares. */
+/* All closures of a group but those of a single direction; densities weighted by albedo. */
 static void respond_all(const lr_bsdf *bsdf, int32_t kind, const double light[3], lr_response *sum)
 {
     *sum = (lr_response){{0, 0, 0}, 0};
@@ -471,7 +471,7 @@ static void respond_all(const lr_bsdf *bsdf, int32_t kind, const double light[3]
             continue;
         for (int a = 0; a < 3; a++)
             sum->f_cos[a] += r.f_cos[a];
-        sum->pdf += r.pdf * c->share / bsdf->share[kind];
+        sum->pdf += r.pdf * c->albedo / bsdf->albedo[kind];
     }
 }
 
@@ -487,27 +487,27 @@ void lr_bsdf_eval(const lr_bsdf *bsdf, const double light[3], lr_response group[
 
 /* ---- sampling ------------------------------------------------------------- */
 
-/* A closure of the group by its share; u is stretched to 0..1 again. */
+/* A closure of the group, chosen by its albedo; u is stretched to 0..1 again. */
 static const lr_closure *choose(const lr_bsdf *bsdf, int32_t kind, double *u)
 {
     const lr_closure *last = NULL;
-    double x = *u * bsdf->share[kind];
+    double x = *u * bsdf->albedo[kind];
     for (uint32_t i = 0; i < bsdf->n; i++) {
         const lr_closure *c = &bsdf->closures[i];
         if (c->kind != kind)
             continue;
         last = c;
-        *u = fmin(x / c->share, 1 - 0x1p-53);
-        if (x < c->share)
+        *u = fmin(x / c->albedo, 1 - 0x1p-53);
+        if (x < c->albedo)
             break;
-        x -= c->share;
+        x -= c->albedo;
     }
     return last;
 }
 
-/* A facet as seen from view; *scale makes up for its choice. Facets of a dielectric are
- * chosen among a few by what they send on: Talbot, Cline, Egbert, Importance resampling for
- * global illumination, 2005. */
+/* A facet visible from view; *scale compensates its selection. Facets of a dielectric are
+ * chosen among a few, weighted by what they scatter: Talbot, Cline, Egbert, Importance resampling
+ * for global illumination, 2005. */
 static bool pick_facet(const lr_closure *c, const double view[3], const double u[2], double pick,
                        double h[3], double *scale)
 {
@@ -527,7 +527,7 @@ static bool pick_facet(const lr_closure *c, const double view[3], const double u
     return sent[at] > 0;
 }
 
-/* A direction of one closure and the weight of what it sends on. */
+/* Sample a direction of one closure, with its weight. */
 static bool follow(const lr_closure *c, const double view[3], const double u[2], double pick,
                    double light[3], double weight[3])
 {
@@ -537,7 +537,7 @@ static bool follow(const lr_closure *c, const double view[3], const double u[2],
         light[1] = r * sin(2 * LR_PI * u[1]);
         light[2] = sqrt(1 - u[0]);
         for (int a = 0; a < 3; a++)
-            weight[a] = c->weight[a] * lr_matte(c->n, c->f0[a], view, light);
+            weight[a] = c->weight[a] * lr_oren_nayar(c->n, c->f0[a], view, light);
         return light[2] > 0;
     }
     double h[3] = {0, 0, 1}, scale = 1;
@@ -563,7 +563,7 @@ static bool follow(const lr_closure *c, const double view[3], const double u[2],
 
 bool lr_bsdf_sample(const lr_bsdf *bsdf, int32_t kind, const double u[3], lr_scatter *scatter)
 {
-    if (kind < LR_RAY_DIFFUSE || kind > LR_RAY_TRANSMISSION || !(bsdf->share[kind] > 0))
+    if (kind < LR_RAY_DIFFUSE || kind > LR_RAY_TRANSMISSION || !(bsdf->albedo[kind] > 0))
         return false;
     double pick = u[2], light[3];
     const lr_basis *b = lr_bsdf_basis(bsdf, kind);
@@ -574,7 +574,7 @@ bool lr_bsdf_sample(const lr_bsdf *bsdf, int32_t kind, const double u[3], lr_sca
     scatter->delta = c->alpha == 0;
     scatter->pdf = 1;
     for (int a = 0; a < 3; a++) {
-        scatter->weight[a] *= bsdf->share[kind] / c->share;
+        scatter->weight[a] *= bsdf->albedo[kind] / c->albedo;
         scatter->direction[a] =
             light[0] * b->axis[0][a] + light[1] * b->axis[1][a] + light[2] * b->axis[2][a];
     }

@@ -1,8 +1,7 @@
-/* What a surface does to light at one point, seen from one direction.
+/* The BSDF at one point of a surface, for one viewing direction.
  *
- * A material's lobes become closures: diffuse, reflecting, refracting. They fall
- * into groups by the kind of ray that they send on, each of which can be sampled
- * and evaluated apart from the others.
+ * A material's lobes become closures: diffuse, reflecting, refracting. They are grouped by
+ * the kind of ray that they scatter; each group is sampled and evaluated by itself.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_BSDF_BSDF_H
@@ -11,7 +10,7 @@
 #include "render/bsdf/material.h"
 #include "render/bsdf/shading_frame.h"
 
-/* Groups of closures have the names of the rays that they send on, lr_ray_kind. */
+/* Groups of closures are numbered by the rays that they scatter, lr_ray_kind. */
 enum { LR_GROUPS = 3, LR_CLOSURES_MAX = 4 * LR_LOBES_MAX };
 
 /* A point of a surface, in world space. */
@@ -19,26 +18,26 @@ typedef struct lr_point {
     double view[3];   /* unit, towards the viewer */
     double normal[3]; /* unit, for shading; turned to the viewer's side */
     double facing[3]; /* unit, of the surface itself; turned to the viewer's side */
-    bool bends;       /* normal is one that a flat face carries: see lr_bsdf */
-    double color[3];  /* baked; multiplies lobes that are textured */
+    bool bends;       /* a flat face has this normal of its own: see lr_bsdf */
+    double color[3];  /* of textures or vertex colours; multiplies textured lobes */
     double eta;       /* index of the viewer's side over that of the far side, for a lobe with the
                          material's ior; 0: the surface lies in a void */
     bool inside;      /* seen from within */
 } lr_point;
 
-/* A direction that light is followed to. */
+/* A sampled direction. */
 typedef struct lr_scatter {
     double direction[3]; /* unit, away from the surface */
-    double weight[3];    /* its mean times light is what the group sends to the viewer */
-    double pdf;          /* about its density, as lr_response says it; 1 for a single direction */
+    double weight[3];    /* the group's radiance to the viewer is the mean of weight x light */
+    double pdf;          /* about its density, as in lr_response; 1 for a single direction */
     int32_t kind;        /* lr_ray_kind */
-    bool delta;          /* it is a single direction: lights without extent are not seen by it */
+    bool delta;          /* a single direction, which no light sample hits */
 } lr_scatter;
 
-/* How much light from a direction a group sends to the viewer. */
+/* Response of a group to light from a direction. */
 typedef struct lr_response {
     double f_cos[3];
-    double pdf; /* about the density with which lr_bsdf_sample finds it, per solid angle */
+    double pdf; /* about the density of lr_bsdf_sample, per solid angle */
 } lr_response;
 
 typedef struct lr_closure {
@@ -50,19 +49,19 @@ typedef struct lr_closure {
     double f0[3];  /* reflectance at normal incidence; of diffuse ones what comes back by several
                       bounces, as Fujii's model has it */
     double f82[3]; /* F82 term: what the conductor lacks of Schlick's curve near 82 degrees */
-    double share;  /* of its group's rays */
-    double guide;  /* mean of what facets send on, where they are chosen by it; else 0 */
+    double albedo; /* about; its probability in its group is in proportion to it */
+    double guide;  /* mean fraction that facets scatter, if they are chosen by it; else 0 */
 } lr_closure;
 
-/* Normals of a flat face's own may lean so far that what mirrors in them would go into the
- * face, or face away from the viewer. Facets have them bent towards the face then, as far as
- * needed; diffuse closures keep them. */
+/* The normals of a flat face may lean so far that reflections would go into the face, or that
+ * they face away from the viewer. Then closures of facets use normals that are bent towards
+ * the face as far as needed; diffuse closures keep the original ones. */
 typedef struct lr_bsdf {
-    lr_basis basis;     /* of the normal, bent where it must be */
-    lr_basis matte;     /* of the normal as it is, where that is not the same */
-    bool bent;          /* it is not */
-    double share[5];    /* by lr_ray_kind: about what the group sends on, 0..1; 0: it is absent */
-    double emission[3]; /* radiance */
+    lr_basis basis;         /* of the normal, bent where it must be */
+    lr_basis unbent;        /* of the normal as it is, where that is not the same */
+    bool bent;              /* it is not */
+    double albedo[5];       /* by lr_ray_kind: of the group, about; 0: there is none */
+    double emission[3];     /* radiance */
     double transparency[3]; /* what goes straight through */
     uint32_t n;
     lr_closure closures[LR_CLOSURES_MAX];
@@ -73,10 +72,10 @@ void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsd
 /* The frame of the closures of a kind. */
 LR_INLINE const lr_basis *lr_bsdf_basis(const lr_bsdf *bsdf, int32_t kind)
 {
-    return bsdf->bent && kind == LR_RAY_DIFFUSE ? &bsdf->matte : &bsdf->basis;
+    return bsdf->bent && kind == LR_RAY_DIFFUSE ? &bsdf->unbent : &bsdf->basis;
 }
 
-/* Unit: the mean of the closures' normals by what they send on. */
+/* Unit: the mean of the closures' normals, weighted by albedo. */
 void lr_bsdf_normal(const lr_bsdf *bsdf, double normal[3]);
 
 /* A direction of one group (diffuse, glossy or transmission); false where the light

@@ -6,8 +6,8 @@
  * masking-shadowing function, 2014 (height-correlated Smith); Heitz, Sampling the
  * GGX distribution of visible normals, 2018; Dupuy and Benyoub, Sampling visible
  * GGX normals with spherical caps, 2023 (how they are sampled here).
- * Departures: light that is refracted is masked as light that is reflected is, and
- * radiance is not scaled by the square of the index, both as Cycles does.
+ * Departures: refraction has the masking of reflection, and radiance is not scaled by the
+ * square of the index, both as in Cycles.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_BSDF_GGX_H
@@ -29,7 +29,7 @@ LR_INLINE double lr_ggx_lambda(double alpha, double cosine)
     return 0.5 * (sqrt(1 + alpha * alpha * (1 - c2) / c2) - 1);
 }
 
-/* A microfacet's normal as seen from view. */
+/* A microfacet's normal, sampled among those visible from view. */
 LR_INLINE void lr_ggx_sample(double alpha, const double view[3], double u, double v, double h[3])
 {
     double s[3] = {alpha * view[0], alpha * view[1], view[2]};
@@ -73,7 +73,7 @@ LR_INLINE void lr_reflect(const double view[3], const double h[3], double light[
         light[a] = c * h[a] - view[a];
 }
 
-/* view refracted through a facet with normal h; false where it is reflected in all. */
+/* view refracted through a facet with normal h; false for total internal reflection. */
 LR_INLINE bool lr_refract(const double view[3], const double h[3], double n, double light[3])
 {
     const double c = lr_dot(view, h);

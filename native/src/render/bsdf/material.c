@@ -1,4 +1,4 @@
-/* Materials: what is checked and found out once.
+/* Checks materials, and derives their flags once.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/bsdf/material.h"
@@ -27,7 +27,7 @@ static lr_status check_color(const double c[3], const char *name, uint64_t i, lr
                    (unsigned long long)i, name, c[0], c[1], c[2]);
 }
 
-static lr_status check_share(double x, const char *name, uint64_t i, lr_error *error)
+static lr_status check_fraction(double x, const char *name, uint64_t i, lr_error *error)
 {
     if (x >= 0 && x <= 1)
         return LR_OK;
@@ -37,13 +37,13 @@ static lr_status check_share(double x, const char *name, uint64_t i, lr_error *e
 
 static lr_status check_principled(const lr_lobe *lobe, uint64_t i, lr_error *error)
 {
-    lr_status status = check_share(lobe->metallic, "metallic", i, error);
+    lr_status status = check_fraction(lobe->metallic, "metallic", i, error);
     if (status == LR_OK)
-        status = check_share(lobe->specular, "specular level", i, error);
+        status = check_fraction(lobe->specular, "specular level", i, error);
     if (status == LR_OK)
-        status = check_share(lobe->transmission, "transmission", i, error);
+        status = check_fraction(lobe->transmission, "transmission", i, error);
     if (status == LR_OK)
-        status = check_share(lobe->alpha, "alpha", i, error);
+        status = check_fraction(lobe->alpha, "alpha", i, error);
     if (status == LR_OK)
         status = check_color(lobe->specular_tint, "specular tint", i, error);
     if (status == LR_OK)
@@ -67,7 +67,7 @@ static lr_status check_lobe(const lr_lobe *lobe, uint64_t i, lr_error *error)
                        (unsigned long long)i, lobe->ior);
     lr_status status = check_color(lobe->color, "color", i, error);
     if (status == LR_OK)
-        status = check_share(lobe->roughness, "roughness", i, error);
+        status = check_fraction(lobe->roughness, "roughness", i, error);
     if (status == LR_OK && lobe->kind == LR_LOBE_PRINCIPLED)
         status = check_principled(lobe, i, error);
     return status;
@@ -87,7 +87,7 @@ lr_status lr_material_check(const lr_material_desc *desc, uint64_t i, lr_error *
     return status;
 }
 
-/* What one lobe adds to a material's flags. */
+/* The flags of one lobe. */
 static uint32_t flags_of(const lr_lobe *lobe)
 {
     if (lobe->weight == 0)

@@ -1,7 +1,7 @@
 /* Materials as the renderer keeps them.
  *
- * A material is a short list of lobes, whose sum it is; mixes of shaders are in
- * their weights. What waves of light want to know beforehand is found once.
+ * A material is the sum of a short list of lobes; mixes of shaders are in their weights.
+ * Flags that the integrator needs are derived once.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_BSDF_MATERIAL_H
@@ -26,10 +26,10 @@ typedef struct lr_material {
     double absorption[3];
 } lr_material;
 
-/* Whether the description of material i can be used. */
+/* LR_E_ARGUMENT if the description of material i is invalid. */
 lr_status lr_material_check(const lr_material_desc *desc, uint64_t i, lr_error *error);
 
-/* What is kept of a sound description; lobes, its copy of the lobes, must stay. */
+/* Make a material from a valid description; lobes, its copy of the lobes, must stay. */
 void lr_material_make(const lr_material_desc *desc, lr_lobe *lobes, lr_material *material);
 
 #endif

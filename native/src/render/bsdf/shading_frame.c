@@ -13,10 +13,10 @@ void lr_basis_set(lr_basis *basis, const double n[3], const double view[3])
 
 /* Bend the normal n towards the face so far that the view's mirror image stands `least` over
  * it, at the sine of that angle. With the face as ground and n at the angle a from its normal,
- * in the plane of both, the image's height is x sin 2a + z cos 2a for a view that has x along
- * the ground and z up there: what is wanted is the largest a at which that is `least`.
+ * in the plane of both, the image's height is x sin 2a + z cos 2a for a view with x along the
+ * ground and z up: the result is the largest a at which that is `least`.
  * False, and n untouched, where it is higher anyway.
- * Source: what is bent, and to which height, is as in Cycles. */
+ * Source: Cycles, for what is bent and to which height. */
 bool lr_bend(const double facing[3], const double view[3], double n[3])
 {
     static const double LEAST = 0.01, PART = 0.9; /* of the view's own height, if less */

@@ -1,4 +1,4 @@
-/* A frame about a normal, and what keeps normals on the side that is seen.
+/* A frame about a normal, and corrections of normals that face away from the viewer.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_BSDF_SHADING_FRAME_H
@@ -14,8 +14,8 @@ typedef struct lr_basis {
 /* All of these are unit vectors. */
 void lr_basis_set(lr_basis *basis, const double n[3], const double view[3]);
 
-/* Bend the normal n, which a flat face carries, towards the face's own; false, and n
- * untouched, where it need not be. */
+/* Bend the normal n of a flat face towards the face's own; false, and n unchanged, where it
+ * need not be. */
 bool lr_bend(const double facing[3], const double view[3], double n[3]);
 
 /* Turn the normal n back to the viewer's side, if it is not there. */

@@ -1,8 +1,8 @@
-/* The film: pixels of a stretch and their sums.
+/* The film: the sums of a range of pixels.
  *
- * Where a noise threshold is given, a pixel is settled when its noise is below it.
- * The noise is told by how far the means of its samples' interleaved quarters lie
- * apart, which sees that even samples are better than random ones.
+ * With a noise threshold, a pixel takes no more samples once its noise is below it. The
+ * noise is estimated from the differences between the means of its samples' interleaved
+ * quarters, which takes the sequence's low discrepancy into account.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/film/film.h"
@@ -10,7 +10,7 @@
 #include "render/film/pixel_filter.h"
 #include "render/film/sampling.h"
 
-static const float FAR_AWAY = 1e10f; /* the depth of nothing, as in Blender */
+static const float FAR_AWAY = 1e10f; /* depth of the background, as in Blender */
 
 void lr_film_lay(lr_arena *arena, uint64_t n, lr_film *film)
 {
@@ -21,7 +21,7 @@ void lr_film_lay(lr_arena *arena, uint64_t n, lr_film *film)
     film->filter = lr_arena_take_doubles(arena, LR_FILTER_TABLE + 1);
 }
 
-/* What a pixel shows where nothing is. */
+/* The values of a pixel without surface. */
 static void clear_passes(const lr_passes *passes, uint64_t pixel)
 {
     static const double zero[3] = {0, 0, 0};
@@ -89,7 +89,7 @@ static double noise(const lr_pixel_sums *pixel, uint32_t n)
     return error / (1e-4 + sqrt(fabs(sum))); /* Cycles' guard against black */
 }
 
-/* Cycles' choice where the user makes none. */
+/* The default, as in Cycles. */
 static uint32_t least_samples(const lr_tile *tile)
 {
     if (tile->min_samples > 0)
@@ -97,7 +97,7 @@ static uint32_t least_samples(const lr_tile *tile)
     return (uint32_t)ceil(16 / fmin(pow(tile->noise_threshold, 0.3), 4));
 }
 
-/* Looked at after 4, 8, 12, 16, 32, ... samples. */
+/* Tested after 4, 8, 12, 16, 32, ... samples. */
 bool lr_film_settle(lr_film *film)
 {
     const lr_tile *tile = film->tile;

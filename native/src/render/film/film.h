@@ -1,6 +1,6 @@
-/* The film: what is kept of a stretch of a tile's pixels while their samples are taken.
+/* The film: the sums of a range of a tile's pixels while their samples are taken.
  *
- * Sums are kept in f64 and in the order of the samples.
+ * Sums are f64, in the order of the samples.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_FILM_FILM_H
@@ -22,18 +22,18 @@ typedef struct lr_film {
     const lr_passes *passes; /* the caller's buffers of the whole tile */
     uint64_t first;          /* pixel of the tile with which the stretch begins */
     uint32_t n_pixels;       /* of the stretch; arrays below are of these */
-    uint32_t sample;         /* number of the one that is on its way */
+    uint32_t sample;         /* number of the present one */
     lr_pixel_sums *pixels;
     uint32_t *hash;    /* of each pixel's place and the seed */
     uint32_t *sampled; /* how many samples each has */
-    bool *settled;     /* whether it wants no more */
+    bool *settled;     /* whether it takes no more */
     double *filter;    /* offsets from the pixel's centre by the integral of the filter */
 } lr_film;
 
 /* Lay out the arrays of n pixels. */
 void lr_film_lay(lr_arena *arena, uint64_t n, lr_film *film);
 
-/* Begin with the n pixels from `first` on: no samples, and passes that show nothing. */
+/* Begin with the n pixels from `first` on: no samples, and passes of no surface. */
 void lr_film_begin(lr_film *film, uint64_t first, uint32_t n);
 
 /* Where in the image a pixel of the stretch lies. */
@@ -48,8 +48,8 @@ bool lr_film_settle(lr_film *film);
 /* Write the passes that are sums over samples. */
 void lr_film_write(const lr_film *film);
 
-/* Add a contribution, which may be negative, to a pixel, and cut it to what the clamps let pass;
- * bounces: of the path behind the surface. */
+/* Add a contribution, which may be negative, to a pixel, limited by the clamps; bounces: of the
+ * path behind the surface. */
 LR_INLINE void lr_film_add(lr_film *film, uint32_t pixel, int bounces, double contribution[3])
 {
     const lr_tile *tile = film->tile;
@@ -61,7 +61,7 @@ LR_INLINE void lr_film_add(lr_film *film, uint32_t pixel, int bounces, double co
         part[a] += contribution[a] *= scale;
 }
 
-/* Put a value into a pass of one or three channels, if it is wanted. pixel: of the tile. */
+/* Store a value in a pass of one or three channels, unless that is NULL. pixel: of the tile. */
 LR_INLINE void lr_pass_put(float *pass, uint64_t pixel, double value)
 {
     if (pass != NULL)

@@ -1,19 +1,18 @@
-/* Where the samples of a pixel lie: the same for a pixel, sample and seed,
- * whatever the tile or thread.
+/* Sample sequences: determined by pixel, sample and seed, whatever the tile or thread.
  *
  * For every choice the first two dimensions of Sobol's sequence, shuffled and
  * scrambled after Owen by a key of the choice (Burley, Practical hash-based Owen
  * scrambling, 2020; the hash is that of Laine and Karras with the constants of
- * Vegdahl): the samples of one choice are even among themselves, and know nothing
- * of those of another. Pixels share their keys and take turns along a Morton curve:
- * each has an even stretch of the sequence, and neighbours together have one, too,
- * so that their errors cancel where the eye takes them together (Ahmed and Wonka,
+ * Vegdahl): the samples of one choice are of low discrepancy, and independent of those
+ * of another. Pixels share keys and take consecutive parts of the sequence along a Morton
+ * curve: the samples of a pixel, and of neighbours together, are of low discrepancy, so
+ * that the errors of neighbours cancel for the eye (Ahmed and Wonka,
  * Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical
  * ordering of pixels, 2020). Departure: the order within four pixels is one of eight,
  * by the shuffling in base 2.
  *
  * On the film every pixel has a scrambling of its own, shifted (bit by bit, which
- * keeps it even) so that sample 0 is the centre.
+ * keeps the discrepancy) so that sample 0 is the centre.
  *
  * Fractions are 32-bit fixed point, so that wrapping is exact.
  *
@@ -49,8 +48,8 @@ LR_INLINE uint32_t lr_spread(uint32_t x)
     return (x | x << 1) & 0x55555555u;
 }
 
-/* A pixel's turn in the sequences: which they are by its key, which is shared by the pixels of a
- * square block, and where it begins. */
+/* A pixel's part of the sequences: their key, which the pixels of a square block share, and where
+ * the part begins. */
 typedef struct lr_turn {
     uint32_t key, first;
 } lr_turn;

@@ -1,5 +1,5 @@
-/* What all stages of a tile read. What they work on lies in the queues (queues.h) and on the film
- * (render/film/film.h); each takes those of them that it needs, const where it only reads.
+/* What all stages of a tile read. Their data are in the queues (queues.h) and on the film
+ * (render/film/film.h); each stage takes those that it needs, const where it only reads.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_INTEGRATOR_CONTEXT_H
@@ -10,7 +10,7 @@
 typedef struct lr_context {
     const lr_scene *scene;
     const lr_tile *tile;
-    bool last_contributes; /* a ray that is not scattered any more may still find light */
+    bool last_contributes; /* paths at their last bounce may contribute */
     lr_counters *counters; /* the caller's, or NULL, as the others: what stages count, */
     const lr_watch *watch; /* whether they are to stop, */
     lr_error *error;       /* why they failed */

@@ -1,12 +1,11 @@
-/* Direct light: what lights and the world send to surfaces.
+/* Direct light at surfaces, from lights and the world.
  *
  * Primary hits sample every light, or a subset chosen by the light tree; later hits sample
- * one. Shadow rays are collected over all light samples until a wave is full. Opaque
- * surfaces stop them first, in a wave that only asks whether anything is hit; the rest goes
- * from one transparent surface to the next and is attenuated by each.
+ * one. Shadow rays are collected over all light samples until a wave is full. They are first
+ * tested for any hit of an opaque surface; those left go from one transparent surface to the
+ * next and are attenuated by each.
  *
- * Lights with extent are found by scattered rays too: multiple importance sampling
- * weights the two.
+ * Scattered rays meet lights with extent too: multiple importance sampling weights the two.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/direct_light.h"
@@ -100,8 +99,8 @@ static void keep_free(const lr_hit_queue *hits, lr_ray_queue *rays, lr_shadow_qu
     }
 }
 
-/* Take the rays through the transparent surfaces that they have hit: reads the hits; writes the
- * shadow rays' contributions and media, and rays from there for those still on their way. */
+/* Continue the rays through the transparent surfaces that they have hit: reads the hits; writes
+ * the shadow rays' contributions and media, and the rays that continue. */
 static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
                           const lr_hit_queue *hits, lr_ray_queue *rays,
                           lr_shadow_queue *shadow_rays, lr_record *record)
@@ -134,9 +133,9 @@ static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
     }
 }
 
-/* Trace shadow rays, then add their contributions in their order, which so does not depend on how
- * full the wave was: reads the rays; writes shadow rays and the pixels' sums. Both queues are
- * empty then. */
+/* Trace shadow rays, then add their contributions in their order, so that sums do not depend on
+ * the size of waves: reads the rays; writes shadow rays and the pixels' sums. Empties both
+ * queues. */
 static lr_status trace_shadow_rays(const lr_context *context, lr_shadow_queue *shadow_rays,
                                    lr_wave *wave, lr_film *film)
 {
@@ -167,27 +166,26 @@ static lr_status trace_shadow_rays(const lr_context *context, lr_shadow_queue *s
     return status;
 }
 
-/* The light of sample `ask` of a shading point, and the expected number of its samples. */
+/* The light of light sample `sample` of a shading point, and the expected number of its samples. */
 static uint64_t choose_light(const lr_light_tree *light_tree, const lr_shading_point *s,
-                             uint32_t ask, double *probability)
+                             uint32_t sample, double *probability)
 {
     const uint32_t bounces = s->path->bounces[LR_RAY_CAMERA];
     float side[3];
     *probability = 1;
     if (lr_light_tree_all(light_tree, bounces))
-        return ask;
+        return sample;
     lr_lit_side(s, side);
     const double n[3] = {side[0], side[1], side[2]};
-    const uint32_t asked = lr_light_tree_asked(light_tree, bounces);
+    const uint32_t n_chosen = lr_light_tree_n_samples(light_tree, bounces);
     const double u = lr_sample_one(lr_key(s->path->key, CHOOSE), s->path->sample);
     const uint64_t light_index =
-        lr_light_tree_choose(light_tree, s->origin, n, (ask + u) / asked, probability);
-    *probability *= asked;
+        lr_light_tree_choose(light_tree, s->origin, n, (sample + u) / n_chosen, probability);
+    *probability *= n_chosen;
     return light_index;
 }
 
-/* Cycles counts so: rays that meet the light by themselves find it all the same, with the MIS
- * weight that they would have. */
+/* As in Cycles: scattered rays that meet the light still count, with an unchanged MIS weight. */
 static bool is_beyond_limit(const lr_scene *scene, uint64_t light_index, const lr_path *path)
 {
     const int32_t limit = light_index == scene->n_lights ? scene->world_bounces
@@ -195,17 +193,17 @@ static bool is_beyond_limit(const lr_scene *scene, uint64_t light_index, const l
     return path->bounces[LR_RAY_CAMERA] > limit;
 }
 
-/* Reads a shading point; writes the shadow ray of its light sample `ask`, if that contributes
+/* Reads a shading point; writes the shadow ray of its light sample `sample`, if that contributes
  * anything, and its ray, if it needs one. */
-static void light_by(const lr_context *context, const lr_shading_point *s, uint32_t ask,
+static void light_by(const lr_context *context, const lr_shading_point *s, uint32_t sample,
                      lr_shadow_queue *shadow_rays, lr_ray_queue *rays)
 {
     const lr_scene *scene = context->scene;
     double probability;
-    const uint64_t light_index = choose_light(&scene->light_tree, s, ask, &probability);
+    const uint64_t light_index = choose_light(&scene->light_tree, s, sample, &probability);
     if (light_index == LR_LIGHT_NONE || is_beyond_limit(scene, light_index, s->path))
         return;
-    const uint32_t key = lr_key(s->path->key, FIRST_LIGHT + ask), n = shadow_rays->n;
+    const uint32_t key = lr_key(s->path->key, FIRST_LIGHT + sample), n = shadow_rays->n;
     const bool world = light_index == scene->n_lights;
     double u[2] = {0, 0};
     lr_sampled_light sampled;
@@ -236,27 +234,27 @@ static void light_by(const lr_context *context, const lr_shading_point *s, uint3
 }
 
 /* How many light samples this shading point takes. */
-static uint32_t asked(const lr_light_tree *light_tree, const lr_shading_point *s)
+static uint32_t n_samples(const lr_light_tree *light_tree, const lr_shading_point *s)
 {
     if (s->path->last || (s->material->flags & LR_MATERIAL_SCATTERS) == 0)
         return 0;
-    return lr_light_tree_asked(light_tree, s->path->bounces[LR_RAY_CAMERA]);
+    return lr_light_tree_n_samples(light_tree, s->path->bounces[LR_RAY_CAMERA]);
 }
 
 lr_status lr_light_shading_points(const lr_context *context, const lr_shading_queue *shading_points,
                                   lr_shadow_queue *shadow_rays, lr_wave *wave, lr_film *film)
 {
     const lr_light_tree *light_tree = &context->scene->light_tree;
-    const uint32_t most = lr_light_tree_asked(light_tree, 0);
+    const uint32_t most = lr_light_tree_n_samples(light_tree, 0);
     lr_status status = LR_OK;
     shadow_rays->n = wave->rays.n = 0;
-    for (uint32_t ask = 0; ask < most; ask++)
+    for (uint32_t sample = 0; sample < most; sample++)
         for (uint32_t k = 0; k < shading_points->n && status == LR_OK; k++) {
             const lr_shading_point *s = &shading_points->points[k];
             if (lr_stopped(context->watch))
                 return lr_fail_stopped(context->error);
-            if (ask < asked(light_tree, s))
-                light_by(context, s, ask, shadow_rays, &wave->rays);
+            if (sample < n_samples(light_tree, s))
+                light_by(context, s, sample, shadow_rays, &wave->rays);
             if (shadow_rays->n == shadow_rays->capacity)
                 status = trace_shadow_rays(context, shadow_rays, wave, film);
         }

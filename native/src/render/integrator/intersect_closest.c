@@ -1,11 +1,11 @@
 /* The nearest hits of a wave.
  *
- * In rounds: every ray walks the hierarchy to the next instance that it may meet
- * before its nearest hit; the pairs of ray and instance are sorted by instance;
- * each instance traces its rays as one batch in its own space, with the same t.
- * A ray is done when nothing is left in front of its hit, a ray of light also
- * when anything is hit. What a ray finds depends on no other ray, and as t_max
- * only decides whether a hit counts, not on the order of the instances either.
+ * In rounds: every ray traverses the hierarchy to the next instance that it may meet
+ * before its nearest hit; the pairs of ray and instance are sorted by instance; each
+ * instance traces its rays as one batch in its own space, with the same t. A ray is done
+ * when no instance is left before its hit, a shadow ray also at any hit. A hit does not
+ * depend on other rays, nor on the order of instances, since t_max only decides whether a
+ * hit counts.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/intersect_closest.h"
@@ -18,17 +18,17 @@ enum { DIGIT_BITS = 11, N_DIGITS = 1 << DIGIT_BITS };
 /* May a ray of that visibility hit this instance at all? */
 static bool may_hit(const lr_placed *placed, lr_among among, uint32_t visibility)
 {
-    const bool wanted = placed->clear ? among != LR_AMONG_OPAQUE : among != LR_AMONG_CLEAR;
-    return wanted && (placed->visibility & visibility) != 0;
+    const bool included = placed->clear ? among != LR_AMONG_OPAQUE : among != LR_AMONG_CLEAR;
+    return included && (placed->visibility & visibility) != 0;
 }
 
-/* The next instance that ray i may hit before t: takes its walk up again. Reads the ray; writes
+/* The next instance that ray i may hit before t: resumes its traversal. Reads the ray; writes
  * its stack. */
 static uint32_t next_instance(const lr_scene *scene, const lr_intersect_options *options,
                               const lr_ray_queue *rays, uint32_t i, double t, lr_branch *stack,
                               uint32_t *n)
 {
-    while (*n > 0 && stack[*n - 1].t > t) /* so most walks end */
+    while (*n > 0 && stack[*n - 1].t > t) /* how most traversals end */
         --*n;
     if (*n == 0)
         return LR_NOWHERE;
@@ -68,7 +68,7 @@ static void sort_pairs(lr_intersect_memory *memory, uint32_t n, uint32_t n_insta
     }
 }
 
-/* Take the rays of these pairs, all of one instance, into its object space: reads rays and the
+/* Transform the rays of these pairs, all of one instance, to its object space: reads rays and the
  * nearest hits so far; writes the batch. Returns whether one of the rays leaves its surface. */
 static bool fill_batch(const lr_scene *scene, bool leaving, const lr_pair *pairs, uint32_t n,
                        const lr_ray_queue *rays, const lr_hit_queue *hits, lr_batch *batch)
@@ -95,8 +95,8 @@ static bool fill_batch(const lr_scene *scene, bool leaving, const lr_pair *pairs
     return leaves;
 }
 
-/* Keep hit k of the batch, at t of the wave's ray, where it comes before the nearest hit so far:
- * reads the batch's hit; writes the wave's. */
+/* Keep hit k of the batch, at t of the wave's ray, if it is nearer than the hit so far: reads the
+ * batch's hit; writes the wave's. */
 static void keep_if_nearer(const lr_intersect_options *options, lr_pair pair, uint32_t k, double t,
                            const lr_batch *batch, lr_hit_queue *hits)
 {
@@ -154,10 +154,10 @@ static lr_status trace_batch(const lr_context *context, const lr_intersect_optio
                     only_t ? &distances : &all, context->counters, &stop, context->error);
 }
 
-/* A ray ends nowhere once it has passed through so many surfaces that are cut away. */
+/* A ray that has passed through so many surfaces that are cut away misses. */
 static const uint32_t MOST_PASSED = 1 << 16;
 
-/* Make ray `to` of the batch go on from hit k, beyond its surface. */
+/* Continue ray `to` of the batch from hit k, beyond its surface. */
 static void pass_through(uint32_t k, uint32_t to, const double p[3], const double d[3],
                          lr_batch *batch)
 {
@@ -248,7 +248,7 @@ static lr_status trace_pairs(const lr_context *context, const lr_intersect_optio
     return LR_OK;
 }
 
-/* No ray has hit anything yet: reads the rays' ends; writes hits and walks. */
+/* Begin without hits: reads the rays' ends; writes hits and stacks. */
 static void begin(const lr_hierarchy *hierarchy, double t_min, const lr_ray_queue *rays,
                   lr_hit_queue *hits, lr_intersect_memory *memory)
 {

@@ -1,4 +1,4 @@
-/* Which solids hold a point.
+/* Finds the solids that contain a point.
  *
  * The boxes of the hierarchy bound the surfaces, hence what is inside them too.
  *
@@ -9,7 +9,7 @@
 #include "grid/trilinear.h"
 #include "trace/structure.h"
 
-enum { HELD = 64 }; /* branches that are put aside: the hierarchy is no higher */
+enum { HELD = 64 }; /* size of the stack: the height of the hierarchy at most */
 
 /* Is f >= T at p of object space? id: of the sample nearest to it. */
 static bool holds(const lr_volume *v, const double object[3], int32_t *id)

@@ -1,7 +1,7 @@
 /* The solids that a ray is in.
  *
- * Found by a point query where a ray starts, then kept up by the surfaces that it
- * goes through. Where solids overlap, the one entered last is the medium: its
+ * Found by a point query where a ray starts, then updated at the surfaces that it passes
+ * through. Where solids overlap, the one entered last is the medium: its
  * index of refraction counts, and the surfaces of the others inside it do not bend
  * the ray. Absorption adds up. Sheets have no inside.
  *
@@ -12,7 +12,7 @@
 #include "render/integrator/path_state.h"
 #include "render/scene/scene.h"
 
-/* Enter; true where there was no more room and the outermost was forgotten. */
+/* Enter; true where the stack was full and its outermost entry was dropped. */
 LR_INLINE bool lr_medium_stack_enter(lr_medium_stack *in, uint32_t instance, uint32_t material)
 {
     const bool full = in->n == LR_MEDIA_MAX;
@@ -27,7 +27,7 @@ LR_INLINE bool lr_medium_stack_enter(lr_medium_stack *in, uint32_t instance, uin
     return full;
 }
 
-/* Leave; nothing happens where the instance was forgotten. */
+/* Leave; no effect where the instance has been dropped. */
 LR_INLINE void lr_medium_stack_leave(lr_medium_stack *in, uint32_t instance)
 {
     uint32_t k = in->n;
@@ -52,7 +52,7 @@ LR_INLINE double lr_medium_stack_ior(const lr_scene *scene, const lr_medium_stac
     return 1;
 }
 
-/* Attenuate what comes over this length. */
+/* Attenuate the throughput over this length. */
 LR_INLINE void lr_medium_stack_absorb(const lr_scene *scene, const lr_medium_stack *in,
                                       double length, double throughput[3])
 {
@@ -66,8 +66,8 @@ LR_INLINE void lr_medium_stack_absorb(const lr_scene *scene, const lr_medium_sta
     }
 }
 
-/* The solids around a point of the world, among those that a ray can get into.
- * Returns how many did not fit. */
+/* The solids around a point of the world, among those that rays can enter. Returns how many did
+ * not fit. */
 uint32_t lr_medium_stack_find(const lr_scene *scene, const double p[3], lr_medium_stack *in);
 
 #endif

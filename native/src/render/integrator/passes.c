@@ -1,4 +1,4 @@
-/* The passes beside the picture.
+/* The passes beside the combined one.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/passes.h"
@@ -37,23 +37,24 @@ void lr_write_steps(const lr_path *paths, const lr_ray_queue *rays, const lr_hit
                     hits->hit.steps[i]);
 }
 
-/* As Cycles: by the distance from the camera, in a perspective view from its eye. */
+/* As in Cycles: by the depth, in a perspective view by the distance from the eye. */
 void lr_add_mist(const lr_scene *scene, const lr_shading_point *s, lr_film *film)
 {
     const lr_camera *camera = &scene->camera;
     if (film->passes->mist == NULL || !s->path->seen)
         return;
-    double way[3], opaque = 0;
+    double to_point[3], opaque = 0;
     for (int a = 0; a < 3; a++) {
-        way[a] = s->position[a] - camera->eye[a];
+        to_point[a] = s->position[a] - camera->eye[a];
         opaque += s->path->throughput[a] * (1 - s->bsdf.transparency[a]) / 3;
     }
     const double distance =
         camera->projection == LR_PERSPECTIVE
-            ? sqrt(lr_dot(way, way))
-            : lr_dot(way, camera->forward) / sqrt(lr_dot(camera->forward, camera->forward));
-    const double reach = scene->mist_depth > 0 ? (distance - scene->mist_start) / scene->mist_depth
-                                               : (distance > scene->mist_start);
-    const double mist = pow(lr_clamp(reach, 0, 1), scene->mist_power);
+            ? sqrt(lr_dot(to_point, to_point))
+            : lr_dot(to_point, camera->forward) / sqrt(lr_dot(camera->forward, camera->forward));
+    const double fraction = scene->mist_depth > 0
+                                ? (distance - scene->mist_start) / scene->mist_depth
+                                : (distance > scene->mist_start);
+    const double mist = pow(lr_clamp(fraction, 0, 1), scene->mist_power);
     film->pixels[s->path->pixel].mist += (1 - mist) * opaque;
 }

@@ -85,8 +85,8 @@ void lr_record_found(const lr_path *path, uint64_t light_index, double mis_weigh
     put(event->contribution, contribution);
 }
 
-/* The MIS weight in a contribution: its fraction of what the sample would bring if nothing else
- * found the light. */
+/* The MIS weight in a contribution: its fraction of the contribution that the sample would have
+ * if no other technique found the light. */
 static double mis_weight_of(const lr_shading_point *s, const lr_sampled_light *sampled,
                             double probability, const double contribution[3])
 {

@@ -1,4 +1,4 @@
-/* What happens on the paths of one pixel, for who looks for the cause of a wrong one.
+/* Records the events on the paths of one pixel, to find the cause of a wrong one.
  *
  * The events go to the caller's record; where that is NULL these functions return at once. They are
  * called once per ray or light sample, never per cell.
@@ -19,19 +19,19 @@ void lr_record_ray(const lr_path *path, const lr_path *parent, int kind, lr_reco
 void lr_record_hit(const lr_path *path, const lr_hit_queue *hits, uint32_t i,
                    const lr_shading_point *shading_point, lr_record *record);
 
-/* A light that the path's ray has met, its MIS weight and what it adds to the pixel. */
+/* A light that the path's ray has met, its MIS weight and its contribution. */
 void lr_record_found(const lr_path *path, uint64_t light_index, double mis_weight,
                      const double contribution[3], lr_record *record);
 
-/* A light that a shading point samples, and the shadow ray that asks what is in between; sampled:
- * NULL where it sends nothing. */
+/* A light sample of a shading point, and its shadow ray; sampled: NULL if it does not
+ * contribute. */
 void lr_record_light(const lr_shading_point *s, uint64_t light_index, double probability,
                      const lr_sampled_light *sampled, lr_shadow_ray *shadow_ray, lr_record *record);
 
-/* The instance that stops the light of a shadow ray. */
+/* The instance that stops a shadow ray. */
 void lr_record_blocked(const lr_shadow_ray *shadow_ray, uint32_t instance, lr_record *record);
 
-/* What the shadow ray has added to the pixel. */
+/* The contribution of the shadow ray. */
 void lr_record_contribution(const lr_shadow_ray *shadow_ray, lr_record *record);
 
 #endif

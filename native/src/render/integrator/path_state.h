@@ -6,11 +6,10 @@
 
 #include "render/bsdf/bsdf.h"
 
-/* More solids than this inside each other are rare; the outermost are forgotten
- * first, and counted. */
+/* More nested solids than this are rare; the outermost are dropped, and counted. */
 enum { LR_MEDIA_MAX = 6, LR_RAY_KINDS = LR_RAY_TRANSPARENT + 1 };
 
-/* The flag of the instances and lights that count for rays of a kind. */
+/* The visibility flag of instances and lights for rays of a kind. */
 LR_INLINE uint32_t lr_sees(int kind)
 {
     static const uint32_t flag[LR_RAY_KINDS] = {LR_VISIBLE_CAMERA, LR_VISIBLE_DIFFUSE,
@@ -28,9 +27,9 @@ typedef struct lr_path {
     double origin[3];
     double direction[3]; /* unit, but for the camera's, whose t is depth */
     double throughput[3];
-    double pdf;      /* density by which sampling the surface that it left chose it, times how often
-                        that was done; infinite where sampling lights could not have found it */
-    float normal[3]; /* of that surface; 0 where it gets light from either side */
+    double pdf;       /* density of its direction at the last surface, times the probability of
+                         its kind of ray; infinite where light samples cannot find the same */
+    float normal[3];  /* of that surface; 0 where both sides are lit */
     double travelled; /* since then, through transparent surfaces */
     double t_max;
     uint32_t from; /* the instance whose surface it leaves, or LR_NOWHERE, */

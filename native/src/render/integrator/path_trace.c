@@ -1,9 +1,8 @@
-/* Path tracing in waves: all paths of a stretch of pixels, one bounce at a time.
+/* Path tracing in waves: all paths of a range of pixels, one bounce at a time.
  *
  * Every round empties one queue and fills the next. A wave takes whole pixels, so that a
- * pixel's sums are added in the same order whatever the stretch. Paths at their last bounce
- * are traced in waves of their own: where these can only find the world, they ask no more
- * than whether anything is hit.
+ * pixel's sums are added in the same order whatever the range. Paths at their last bounce
+ * are traced in separate waves: if only the world can contribute, these test for any hit.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/path_trace.h"
@@ -30,7 +29,7 @@ static void add(const lr_path *path, uint64_t light_index, const double rgb[3],
     lr_record_found(path, light_index, mis_weight, contribution, film->tile->record);
 }
 
-/* Where the path, which now goes along d, was scattered last. */
+/* The point where the path, now along d, was scattered last. */
 static void scattered_at(const lr_path *path, const double d[3], double o[3])
 {
     for (int a = 0; a < 3; a++)
@@ -47,8 +46,8 @@ static double mis_weight_of_hit(const lr_scene *scene, const lr_path *path, uint
     return lr_mis(path->pdf, pdf * lr_light_probability(scene, path, light_index, o));
 }
 
-/* The light, if the path meets it before its end; it was scattered at o. Reads the path; writes
- * its pixel's sums. */
+/* Add the light if the path, scattered at o, meets it before its end: reads the path; writes its
+ * pixel's sums. */
 static void find_light(const lr_scene *scene, const lr_path *path, uint64_t light_index,
                        const double o[3], const double d[3], double length, lr_film *film)
 {
@@ -66,7 +65,7 @@ static void find_light(const lr_scene *scene, const lr_path *path, uint64_t ligh
         film->pixels[path->pixel].emission[a] += throughput[a] * color[a];
 }
 
-/* Lights with extent that the path meets before its end: reads the path; writes its pixel's
+/* Add lights with extent that the path meets before its end: reads the path; writes its pixel's
  * sums. */
 static void find_lights(const lr_scene *scene, const lr_path *path, const double d[3],
                         double length, lr_film *film)
@@ -82,7 +81,7 @@ static void find_lights(const lr_scene *scene, const lr_path *path, const double
         find_light(scene, path, light_index, o, d, length, film);
 }
 
-/* The path goes off into the world: reads it; writes its pixel's sums. */
+/* Add the world for a path that misses: reads it; writes its pixel's sums. */
 static void miss(const lr_scene *scene, const lr_path *path, const double d[3], lr_film *film)
 {
     lr_pixel_sums *pixel = &film->pixels[path->pixel];
@@ -125,7 +124,7 @@ static void fill_batch(const lr_path_queue *paths, uint32_t n_pixels, bool last,
         }
 }
 
-/* The emission of a shading point: reads it; writes its pixel's sums. */
+/* Add the emission of a shading point: reads it; writes its pixel's sums. */
 static void add_emission(const lr_shading_point *s, lr_film *film)
 {
     lr_pixel_sums *pixel = &film->pixels[s->path->pixel];
@@ -136,8 +135,8 @@ static void add_emission(const lr_shading_point *s, lr_film *film)
         pixel->emission[a] += s->path->throughput[a] * s->bsdf.emission[a];
 }
 
-/* What the camera sees of a holdout is a hole in the picture; what its material lets straight
- * through is left. True where that is nothing. Writes the shading point's BSDF and alpha. */
+/* A holdout seen by the camera: only what its material transmits straight is left. True where
+ * that is nothing. Writes the shading point's BSDF and alpha. */
 static bool hold_out(lr_shading_point *s, lr_film *film)
 {
     double held = 0, left = 0;
@@ -147,15 +146,15 @@ static bool hold_out(lr_shading_point *s, lr_film *film)
     }
     film->pixels[s->path->pixel].alpha -= held;
     for (int kind = LR_RAY_DIFFUSE; kind <= LR_RAY_TRANSMISSION; kind++)
-        s->bsdf.share[kind] = 0;
+        s->bsdf.albedo[kind] = 0;
     memset(s->bsdf.emission, 0, sizeof s->bsdf.emission);
     s->bsdf.n = 0;
     return !(left > 0);
 }
 
-/* Lights, world and surfaces that the wave has hit: reads rays and hits; writes the absorption
- * into the paths' throughputs, the pixels' sums, and the surfaces as shading points. Some are
- * missing where the watch says stop. */
+/* Process the wave's hits of lights, world and surfaces: reads rays and hits; writes the
+ * absorption into the paths' throughputs, the pixels' sums, and shading points. Some are
+ * missing where stopped. */
 static void process_hits(const lr_context *context, bool any, const lr_ray_queue *rays,
                          const lr_hit_queue *hits, lr_path *paths, lr_shading_queue *shading_points,
                          lr_film *film)
@@ -190,8 +189,8 @@ static void process_hits(const lr_context *context, bool any, const lr_ray_queue
     }
 }
 
-/* The passes of the camera's own rays: reads the shading points; writes passes and sums, and on
- * the way the wave. */
+/* The passes of primary rays: reads the shading points; writes passes and sums. Uses the
+ * wave. */
 static lr_status write_primary_passes(const lr_context *context, bool geometry,
                                       const lr_shading_queue *shading_points, lr_wave *wave,
                                       lr_film *film)
@@ -242,7 +241,7 @@ static lr_status trace_queue(const lr_context *context, bool camera, bool geomet
     const lr_scene *scene = context->scene;
     lr_status status = LR_OK;
     for (int last = 0; last < 2; last++) {
-        const bool any = last != 0 && !scene->has_clear && !scene->has_media && !scene->shines &&
+        const bool any = last != 0 && !scene->has_clear && !scene->has_media && !scene->emits &&
                          !scene->has_lights && context->tile->record == NULL;
         for (uint32_t pixel = 0; pixel < film->n_pixels && status == LR_OK;) {
             fill_batch(&queues->now, film->n_pixels, last != 0, &pixel, &queues->wave.rays);

@@ -1,4 +1,4 @@
-/* Laying out the queues.
+/* Lays the queues out.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/queues.h"

@@ -1,10 +1,9 @@
 /* The queues between the stages of a tile, laid out in the caller's buffer.
  *
- * Pixels are rendered in stretches of at most LR_STRETCH; one sample of each
- * makes a first wave. What its rays spawn waits in a queue with a fixed number of
- * slots per pixel. So memory depends neither on the size of the image nor on the
- * number of samples nor on the depth of recursion, and what is left out where the
- * queue is full depends on the pixel alone.
+ * Pixels are rendered in ranges of at most LR_STRETCH; one sample of each makes a first
+ * wave. The rays that it spawns are queued, with a fixed number of slots per pixel. So
+ * memory does not depend on the size of the image, the number of samples or bounces, and
+ * what is left out where slots are full depends on the pixel alone.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_INTEGRATOR_QUEUES_H
@@ -63,7 +62,7 @@ LR_INLINE void lr_aim(lr_ray_queue *rays, uint32_t i, const double o[3], const d
     rays->t_max[i] = t_max;
 }
 
-/* What each of them hits. */
+/* Their hits. */
 typedef struct lr_hit_queue {
     double *t;          /* where the ray ends if nothing is hit */
     uint32_t *instance; /* or LR_NOWHERE */
@@ -84,11 +83,11 @@ typedef struct lr_pair {
     uint32_t ray, instance;
 } lr_pair;
 
-/* What the search for hits needs beside them. */
+/* Further memory of the search for hits. */
 typedef struct lr_intersect_memory {
-    lr_branch *stack; /* [n][height]: what is left of each ray's walk */
+    lr_branch *stack; /* [n][height]: branches that each ray has still to visit */
     uint32_t *stacked;
-    uint32_t *active; /* rays whose walk goes on */
+    uint32_t *active; /* rays that are not done */
     lr_pair *pairs, *pairs_sorted;
     lr_batch batch;
 } lr_intersect_memory;
@@ -99,7 +98,7 @@ typedef struct lr_wave {
     lr_intersect_memory memory;
 } lr_wave;
 
-/* A point of a surface that is to be lit and scatters. */
+/* A shading point. */
 typedef struct lr_shading_point {
     lr_point point;
     double position[3];
@@ -111,15 +110,14 @@ typedef struct lr_shading_point {
     double smooth_offset[3]; /* for light that grazes the triangle */
     const lr_path *path;
     double t;    /* of the path's ray */
-    double left; /* of the path's way */
+    double left; /* of the path's length */
     const lr_material *material;
     uint32_t instance, material_index;
     int32_t object_index;
-    bool sure[LR_RAY_KINDS]; /* kinds that are followed, */
-    bool chooses_one;        /* and one more of the others, chosen at random */
-    double
-        probability[LR_RAY_KINDS]; /* that rays of this kind are followed: 1 where that is sure */
-    lr_bsdf bsdf;                  /* large, and mostly not used: so it comes last */
+    bool sure[LR_RAY_KINDS];          /* kinds that are all continued, */
+    bool chooses_one;                 /* and one more of the others, chosen at random */
+    double probability[LR_RAY_KINDS]; /* that rays of this kind are continued: 1 where sure */
+    lr_bsdf bsdf;                     /* large, and mostly not used: so it comes last */
 } lr_shading_point;
 
 /* A ray towards a light. */
@@ -147,7 +145,7 @@ typedef struct lr_path_queue {
     uint32_t slots; /* per pixel */
     lr_path *paths; /* [pixels][slots] */
     uint32_t *n;
-    uint32_t *free_slots; /* per pixel: those that no path of the queue before needs */
+    uint32_t *free_slots; /* per pixel: those that no path of the previous queue needs */
 } lr_path_queue;
 
 /* The first slot of a pixel. */

@@ -1,8 +1,8 @@
-/* A tile: stretches of pixels, one sample of each at a time.
+/* Renders a tile: ranges of pixels, one sample of each at a time.
  *
- * Sample 0 goes through the pixel's centre, so the geometry passes cost no rays
- * of their own. No pixel knows of its neighbours, so that the picture does not depend
- * on the tiles.
+ * Sample 0 goes through the pixel's centre, so the geometry passes need no rays of their
+ * own. Pixels are independent of each other, so that the picture does not depend on the
+ * tiles.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/error.h"
@@ -54,15 +54,17 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
                        "the filter's width must be above 0 and up to 100 pixels, it is %g",
                        tile->filter_width);
     if (!(tile->noise_threshold >= 0) || !(tile->ao_distance > 0))
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "the noise threshold must be 0 or more and the reach of ambient occlusion "
-                       "above 0, they are %g and %g",
-                       tile->noise_threshold, tile->ao_distance);
+        return lr_fail(
+            error, LR_E_ARGUMENT,
+            "the noise threshold must be 0 or more and the distance of ambient occlusion "
+            "above 0, they are %g and %g",
+            tile->noise_threshold, tile->ao_distance);
     if (!(tile->ambient_distance >= 0 && tile->clamp_direct >= 0 && tile->clamp_indirect >= 0))
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "the reach of the ambient and the clamps must be 0 or more, they are %g, %g "
-                       "and %g",
-                       tile->ambient_distance, tile->clamp_direct, tile->clamp_indirect);
+        return lr_fail(
+            error, LR_E_ARGUMENT,
+            "the distance of the ambient light and the clamps must be 0 or more, they are %g, %g "
+            "and %g",
+            tile->ambient_distance, tile->clamp_direct, tile->clamp_indirect);
     if (tile->trace.mode != LR_MODE_SURFACE)
         return lr_fail(error, LR_E_ARGUMENT, "rendering needs surface mode (%d), the mode is %d",
                        LR_MODE_SURFACE, tile->trace.mode);
@@ -70,11 +72,11 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
         return lr_fail(error, LR_E_ARGUMENT,
                        "a tile with a record must be one pixel, it is %d x %d", tile->width,
                        tile->height);
-    const uint64_t wanted = lr_render_nbytes(scene, tile->width, tile->height, tile->branches);
-    if (workspace == NULL || nbytes < wanted)
+    const uint64_t needed = lr_render_nbytes(scene, tile->width, tile->height, tile->branches);
+    if (workspace == NULL || nbytes < needed)
         return lr_fail(error, LR_E_SIZE,
                        "a tile of %d x %d pixels needs a workspace of %llu bytes, it has %llu",
-                       tile->width, tile->height, (unsigned long long)wanted,
+                       tile->width, tile->height, (unsigned long long)needed,
                        (unsigned long long)(workspace != NULL ? nbytes : 0));
     return LR_OK;
 }
@@ -125,7 +127,7 @@ static void start_paths(const lr_context *context, uint32_t sample_bits, lr_film
     }
 }
 
-/* Lay all working memory out from base, which may be NULL to ask for the size. Returns the bytes
+/* Lay all working memory out from base, which may be NULL to get the size. Returns the bytes
  * used. */
 static uint64_t lay(void *base, uint64_t n_pixels, uint32_t paths_per_pixel, uint32_t height,
                     lr_queues *queues, lr_film *film)
@@ -186,7 +188,7 @@ lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_pa
     const lr_context context = {
         .scene = scene,
         .tile = tile,
-        .last_contributes = scene->world_shines || scene->shines || scene->has_lights,
+        .last_contributes = scene->world_emits || scene->emits || scene->has_lights,
         .counters = counters,
         .watch = watch,
         .error = error,

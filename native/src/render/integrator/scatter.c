@@ -3,11 +3,11 @@
  * A surface spawns rays of several kinds: by its diffuse lobes, by its glossy ones,
  * refracted, straight through. Where the queue has slots for all kinds that matter, each
  * is spawned; else those of the largest throughput are, and one of the others, chosen at
- * random by what it sends on. Paths of low throughput end by Russian roulette. Both are weighted
- * by the inverse probability.
+ * random by its albedo. Paths of low throughput end by Russian roulette. Both are weighted by
+ * the inverse probability.
  *
- * Limits count as in Cycles: a ray beyond its limit still finds lights, the world
- * and shining surfaces, but is not scattered any more.
+ * Limits count as in Cycles: a ray beyond its limit still meets lights, the world and
+ * emitting surfaces, but is not scattered any more.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/scatter.h"
@@ -57,19 +57,19 @@ double lr_world_distance(const lr_tile *tile, const lr_path *path, int kind)
 static bool may_contribute(const lr_context *context, const lr_shading_point *s, int kind)
 {
     const bool contributes = context->last_contributes || !is_last(context->tile, s->path, kind);
-    if (!(s->bsdf.share[kind] > 0))
+    if (!(s->bsdf.albedo[kind] > 0))
         return false;
     if (kind == LR_RAY_TRANSPARENT && s->path->bounces[kind] > context->tile->transparent_bounces)
         return false;
-    if (kind == LR_RAY_TRANSPARENT) /* the camera sees through to alpha */
+    if (kind == LR_RAY_TRANSPARENT) /* counts for alpha */
         return s->path->seen || contributes;
     return !s->path->last && contributes;
 }
 
-/* A share of a group as one that sums and quotients can take. */
-static double bounded(double share)
+/* An albedo that sums and quotients can take. */
+static double bounded(double albedo)
 {
-    return fmin(share, 0x1p1000);
+    return fmin(albedo, 0x1p1000);
 }
 
 void lr_scatter_choose(const lr_context *context, lr_shading_point *s, uint32_t *free_slots)
@@ -83,22 +83,22 @@ void lr_scatter_choose(const lr_context *context, lr_shading_point *s, uint32_t 
         if (kind == LR_RAY_CAMERA || !may_contribute(context, s, kind))
             continue;
         uint32_t at = n++;
-        for (; at > 0 && s->bsdf.share[order[at - 1]] < s->bsdf.share[kind]; at--)
+        for (; at > 0 && s->bsdf.albedo[order[at - 1]] < s->bsdf.albedo[kind]; at--)
             order[at] = order[at - 1];
         order[at] = kind;
     }
     const double throughput = largest(s->path->throughput);
     while (sure < n && sure < *free_slots + (*free_slots + 1 >= n) &&
-           s->bsdf.share[order[sure]] * throughput >= LOW_THROUGHPUT)
+           s->bsdf.albedo[order[sure]] * throughput >= LOW_THROUGHPUT)
         s->sure[order[sure++]] = true;
     if (sure + 1 == n) /* nothing to choose from */
         s->sure[order[sure++]] = true;
     for (uint32_t k = 0; k < sure; k++)
         s->probability[order[k]] = 1;
     for (uint32_t k = sure; k < n; k++)
-        rest += bounded(s->bsdf.share[order[k]]);
+        rest += bounded(s->bsdf.albedo[order[k]]);
     for (uint32_t k = sure; k < n; k++) {
-        const double probability = bounded(s->bsdf.share[order[k]]) / rest;
+        const double probability = bounded(s->bsdf.albedo[order[k]]) / rest;
         s->probability[order[k]] = probability >= PROBABILITY_MIN ? probability : 0;
     }
     const uint32_t followed = sure + (sure < n);
@@ -122,10 +122,9 @@ static int choose_kind(const lr_shading_point *s)
     return drawn;
 }
 
-/* Scattered to the wrong side of the surface itself, as normals of their own have it. At a flat
- * face it is as in Cycles: what is reflected into it is lost, what is refracted goes where it
- * goes. But where the field's facets stand for a smooth surface, the ray turns to the right
- * side by the same angle. False: it is lost. */
+/* A direction on the wrong side of the geometric surface, by a shading normal. At a flat face as in
+ * Cycles: a reflection is lost, a refraction unchanged. Where facets of the field approximate a
+ * smooth surface, the direction is mirrored to the right side. False: it is lost. */
 static bool turn_to_side(const lr_shading_point *s, bool beyond, double d[3])
 {
     const double height = lr_dot(d, s->point.facing);
@@ -147,20 +146,20 @@ static bool survives_roulette(lr_path *child)
     return lr_sample_one(lr_key(child->key, LIVE), child->sample) < probability;
 }
 
-/* Straight on, as the path came. */
+/* Continue straight through. */
 static void go_through(const lr_shading_point *s, lr_path *child)
 {
     const double *o = s->path->origin;
-    const double way[3] = {s->position[0] - o[0], s->position[1] - o[1], s->position[2] - o[2]};
+    const double segment[3] = {s->position[0] - o[0], s->position[1] - o[1], s->position[2] - o[2]};
     for (int a = 0; a < 3; a++) {
         child->direction[a] = -s->point.view[a];
         child->throughput[a] *= s->bsdf.transparency[a];
     }
-    child->travelled += sqrt(lr_dot(way, way));
+    child->travelled += sqrt(lr_dot(segment, segment));
     child->t_max = s->left;
 }
 
-/* A direction of this kind; false where the light is lost. */
+/* Sample a direction of this kind; false where the light is lost. */
 static bool scatter_direction(const lr_tile *tile, const lr_shading_point *s, int kind,
                               lr_path *child)
 {
@@ -184,7 +183,7 @@ static bool scatter_direction(const lr_tile *tile, const lr_shading_point *s, in
     return true;
 }
 
-/* Reads a shading point; writes a path of this kind into the next queue, if it goes on. */
+/* Reads a shading point; writes a path of this kind into the next queue, if it continues. */
 static void spawn_path(const lr_context *context, const lr_shading_point *s, int kind,
                        lr_path_queue *next)
 {

@@ -1,4 +1,4 @@
-/* Where paths go on from the surfaces that they have hit.
+/* Continues paths from the surfaces that they have hit.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_INTEGRATOR_SCATTER_H
@@ -7,18 +7,18 @@
 #include "render/integrator/context.h"
 #include "render/integrator/queues.h"
 
-/* Decide which kinds of rays are followed from a shading point: reads its BSDF and path; writes
+/* Decide which kinds of rays a shading point spawns: reads its BSDF and path; writes
  * their probabilities. At most 1 + *free_slots of them are; those beyond the first are taken from
  * *free_slots. */
 void lr_scatter_choose(const lr_context *context, lr_shading_point *shading_point,
                        uint32_t *free_slots);
 
-/* Follow the kinds that were chosen: reads the shading point; writes paths into the next queue. */
+/* Spawn the rays that were chosen: reads the shading point; writes paths into the next queue. */
 void lr_scatter_on(const lr_context *context, const lr_shading_point *shading_point,
                    lr_path_queue *next);
 
-/* How far a ray of this kind from a surface of the path must see nothing, to see
- * the world. */
+/* The distance within which a ray of this kind from a surface of the path must miss, to see the
+ * world. */
 double lr_world_distance(const lr_tile *tile, const lr_path *path, int kind);
 
 #endif

@@ -22,20 +22,20 @@ bool lr_surface_cross(const lr_scene *scene, const lr_shading_point *shading_poi
  * shading point->origin, those beyond at shading point->position. */
 lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond);
 
-/* Likewise, and from which point, for a ray along d (unit) that asks for light. */
+/* Likewise, and from which point, for a shadow ray along d (unit). */
 lr_start lr_surface_light_start(const lr_shading_point *shading_point, bool beyond,
                                 const double d[3], double origin[3]);
 
 /* Does a direction lead through the surface? Only where that refracts. */
 LR_INLINE bool lr_leads_beyond(const lr_shading_point *s, const double d[3])
 {
-    return s->bsdf.share[LR_RAY_TRANSMISSION] > 0 && lr_dot(d, s->bsdf.basis.axis[2]) < 0;
+    return s->bsdf.albedo[LR_RAY_TRANSMISSION] > 0 && lr_dot(d, s->bsdf.basis.axis[2]) < 0;
 }
 
 /* Which side of a shading point gets light, as lr_path.normal: its normal, or 0 if both. */
 LR_INLINE void lr_lit_side(const lr_shading_point *s, float normal[3])
 {
-    const bool both = s->bsdf.bent || s->bsdf.share[LR_RAY_TRANSMISSION] > 0;
+    const bool both = s->bsdf.bent || s->bsdf.albedo[LR_RAY_TRANSMISSION] > 0;
     for (int a = 0; a < 3; a++)
         normal[a] = both ? 0 : (float)s->bsdf.basis.axis[2][a];
 }

@@ -1,18 +1,16 @@
 /* Area lights.
  *
- * A rectangle or an ellipse that shines to one side by Lambert's law. A narrower
- * spread is that of a grid of slats before it, brightened so that as much light
- * leaves as without it; from a point only that part of the light is seen through
- * the slats that lies within the spread about the foot of the point's perpendicular:
- * a disc. A spread of 0 makes a beam: every point is lit from its foot alone.
+ * A rectangle or an ellipse that emits to one side by Lambert's law. A narrower
+ * spread acts as a grid of slats before it, brightened to keep the power; a point sees
+ * through the slats only the part of the light within a disc about the foot of its
+ * perpendicular. A spread of 0 collimates the light: every point is lit from its foot alone.
  *
- * Only the part that is seen is sampled: rectangles evenly by the solid angle of
- * the box around what the light and the disc have in common, ellipses by the smallest
- * of that box, the disc and themselves.
+ * Only the visible part is sampled: rectangles uniformly by the solid angle of the box
+ * around the intersection of light and disc, ellipses by the smallest of that box, the disc
+ * and themselves.
  *
- * The sides of a sheared light are not at right angles, nor is its direction to
- * them. Everything here takes coordinates by products with the sides, as if they
- * were, and so does Cycles, whose picture of such a light this is.
+ * The sides of a sheared light are not at right angles, nor is its direction to them.
+ * Coordinates are products with the sides, as if they were; Cycles does the same.
  *
  * Source: the lights of Blender's manual; units and spread were measured in Cycles.
  * Urena, Fajardo, King, An area-preserving parametrization for spherical rectangles,
@@ -24,9 +22,9 @@
 #include "render/lights/light_geometry.h"
 #include "render/lights/light_type.h"
 
-/* Spreads from here on are as good as pi: slats that let everything through. */
+/* From this spread on, slats stop nothing. */
 static const double SPREAD_FULL = LR_PI - 2e-6;
-/* Half a spread below which tan(h) - h loses digits, and h^3 / 3 is as good to 1e-8. */
+/* Half a spread below which tan(h) - h loses digits; h^3 / 3 is right to 1e-8. */
 static const double SPREAD_THIN = 1e-4;
 
 lr_status lr_area_light_check(const lr_light *light, uint64_t i, lr_error *error)
@@ -58,7 +56,7 @@ static bool is_full(const lr_light *light)
     return light->angle >= SPREAD_FULL;
 }
 
-/* What leaves along d, which leads to the light, as a fraction of its color; not of a beam. */
+/* What leaves along d, which leads to the light, as a fraction of its color; spread > 0. */
 static double let_out(const lr_light *light, const double d[3])
 {
     const double cosine = -lr_dot(d, light->direction);
@@ -95,7 +93,7 @@ void lr_area_light_bound(const lr_light *light, lr_light_bounds *bounds)
     *bounds = (lr_light_bounds){
         .axis = {light->direction[0], light->direction[1], light->direction[2]},
         .cos_facing = 1,
-        .cos_shining = fmax(cos(0.5 * light->angle), 0),
+        .cos_emission = fmax(cos(0.5 * light->angle), 0),
         .power = lr_brightness(light->color) * intensity(light),
     };
     lr_light_box(light, half, bounds);
@@ -103,10 +101,10 @@ void lr_area_light_bound(const lr_light *light, lr_light_bounds *bounds)
 
 /* ---- what is seen ----------------------------------------------------------- */
 
-/* Which points are drawn from a part of the light, and how. */
+/* The shape that is sampled, and how. */
 typedef enum lr_part_kind {
-    LR_PART_BOX,      /* evenly by solid angle */
-    LR_PART_FLAT_BOX, /* by area, as all that follow: it is seen as too small */
+    LR_PART_BOX,      /* uniformly by solid angle */
+    LR_PART_FLAT_BOX, /* by area, as all that follow: its solid angle is too small */
     LR_PART_ELLIPSE,  /* the whole light */
     LR_PART_DISC
 } lr_part_kind;
@@ -127,7 +125,7 @@ typedef struct lr_light_part {
     double b0, b1, k, angle; /* names of the source; angle: solid */
 } lr_light_part;
 
-/* Below it the excess of the angles is inexact, and a rectangle is as good as flat. */
+/* Solid angle below which the excess of the angles is inexact; area sampling is as good. */
 static const double ANGLE_MIN = 1e-4;
 
 /* The cosine of a plane through the origin and a side at that height. */
@@ -154,7 +152,7 @@ static void see_box(lr_light_part *r)
     r->kind = r->angle > ANGLE_MIN ? LR_PART_BOX : LR_PART_FLAT_BOX;
 }
 
-/* Cut the box to the disc; false where they have nothing in common. */
+/* Clip the box to the disc; false where they do not overlap. */
 static bool cut_to_disc(const lr_light *light, lr_light_part *r)
 {
     r->radius = r->height * tan(0.5 * light->angle);
@@ -206,7 +204,7 @@ static bool see_part(const lr_light *light, const double p[3], lr_light_part *r)
 
 /* ---- sampling ------------------------------------------------------------- */
 
-/* The place in the box, from the point, for u: evenly by solid angle. */
+/* The place in the box, from the point, for u: uniformly by solid angle. */
 static void place_by_angle(const lr_light_part *r, const double u[2], double *x, double *y)
 {
     const double a = u[0] * r->angle + r->k;
@@ -257,7 +255,7 @@ static double draw_in_ellipse(const lr_light *light, const lr_light_part *r, con
     return density(light, r, d, distance);
 }
 
-/* Does the light itself hold the place, from the point? */
+/* Does the place, relative to the point, lie in the light itself? */
 static bool holds(const lr_light_part *r, int32_t shape, const double to[3])
 {
     double x = 0, y = 0;
@@ -270,14 +268,14 @@ static bool holds(const lr_light_part *r, int32_t shape, const double to[3])
     return shape == LR_LIGHT_ROUND ? x * x + y * y <= 0.25 : fabs(x) <= 0.5 && fabs(y) <= 0.5;
 }
 
-/* Where rays to the light end, or have to come from, whose light is `distance` away. */
+/* The end of shadow rays to the light at `distance`, by its plane margin. */
 static double end_of(const lr_light *light, double height, double distance)
 {
     return fmax(distance * (1 + light->plane_margin / height), 0);
 }
 
-/* All light comes from the foot of p. */
-static bool sample_beam(const lr_light *light, const double p[3], lr_light_ray *ray)
+/* A light of spread 0: all of it comes from the foot of p. */
+static bool sample_collimated(const lr_light *light, const double p[3], lr_light_ray *ray)
 {
     lr_light_part r;
     lr_light wide = *light;
@@ -302,7 +300,7 @@ bool lr_area_light_sample(const lr_light *light, const double p[3], const double
     lr_light_part r;
     double to[3];
     if (light->angle == 0)
-        return sample_beam(light, p, ray);
+        return sample_collimated(light, p, ray);
     if (!see_part(light, p, &r))
         return false;
     ray->pdf =
@@ -320,7 +318,7 @@ bool lr_area_light_sample(const lr_light *light, const double p[3], const double
     }
     const bool all = r.kind == LR_PART_ELLIPSE || light->shape == LR_LIGHT_FULL;
     return (all || holds(&r, light->shape, to)) &&
-           lr_light_shine(light, let_out(light, ray->direction), ray->color);
+           lr_light_color(light, let_out(light, ray->direction), ray->color);
 }
 
 bool lr_area_light_hit(const lr_light *light, const double o[3], const double d[3], double t_max,
@@ -332,7 +330,7 @@ bool lr_area_light_hit(const lr_light *light, const double o[3], const double d[
         return false;
     const double distance = r.height / cosine;
     const double to[3] = {distance * d[0], distance * d[1], distance * d[2]};
-    if (!holds(&r, light->shape, to) || !lr_light_shine(light, let_out(light, d), color))
+    if (!holds(&r, light->shape, to) || !lr_light_color(light, let_out(light, d), color))
         return false;
     *pdf = density(light, &r, d, distance);
     *t = end_of(light, r.height, distance);

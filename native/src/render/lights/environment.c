@@ -1,8 +1,7 @@
-/* The surroundings.
+/* The world's radiance: one colour, or an image by longitude and latitude.
  *
- * Between the centres of texels radiance is interpolated. So each texel is chosen
- * by what it and its neighbours bring into it, and no direction with light is without
- * density.
+ * Radiance is interpolated between the centres of texels. So the probability of a texel
+ * counts its neighbours' radiance too, and every direction with radiance has a density.
  *
  * Source: Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., 2023,
  * sections 12.5 and A.5.
@@ -92,7 +91,7 @@ static double height_of(const lr_environment *e, int32_t y)
     return sin(LR_PI * ((y + 1.0) / e->height - 0.5)) - sin(LR_PI * ((double)y / e->height - 0.5));
 }
 
-/* Turn sums[0..n] into fractions of the last; even ones where that is 0. Returns it. */
+/* Turn sums[0..n] into fractions of the last; equal steps if that is 0. Returns it. */
 static double normalize(double *sums, float *fractions, int32_t n)
 {
     const double all = sums[n];

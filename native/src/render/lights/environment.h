@@ -1,4 +1,4 @@
-/* The light of the surroundings: one colour, or an image by longitude and latitude.
+/* The world's radiance: one colour, or an image by longitude and latitude.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_LIGHTS_ENVIRONMENT_H

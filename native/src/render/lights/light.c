@@ -1,5 +1,5 @@
-/* Lights: what all types have in common; the rest is one switch over their list for each
- * question, so that calls stay direct.
+/* Lights: what all types have in common, and per function a switch over the types, so that calls
+ * are direct.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/lights/light.h"

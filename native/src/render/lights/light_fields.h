@@ -14,7 +14,7 @@ enum {
     LR_FIELD_ANGLE = 16
 };
 
-/* Whether these fields of light i can be used. */
+/* LR_E_ARGUMENT if one of these fields of light i is invalid. */
 lr_status lr_light_fields_check(const lr_light *light, uint64_t i, int fields, lr_error *error);
 
 #endif

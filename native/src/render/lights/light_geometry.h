@@ -1,9 +1,9 @@
 /* Geometry that types of lights share: caps of directions, and the ball of point and spot
  * lights.
  *
- * A ball is a sphere, or a disc that turns to what it lights; either has the radiance
- * intensity / (pi radius^2). Spheres are sampled evenly by the solid angle in which they are
- * seen, discs by their area.
+ * A ball is a sphere, or a disc that faces the lit point; either has the radiance
+ * intensity / (pi radius^2). Spheres are sampled uniformly by their solid angle, discs by
+ * their area.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_LIGHTS_LIGHT_GEOMETRY_H
@@ -11,8 +11,8 @@
 
 #include "render/lights/light_ray.h"
 
-/* A light's color x scale; false where that is nothing. */
-LR_INLINE bool lr_light_shine(const lr_light *light, double scale, double color[3])
+/* A light's color x scale; false where that is 0. */
+LR_INLINE bool lr_light_color(const lr_light *light, double scale, double color[3])
 {
     for (int a = 0; a < 3; a++)
         color[a] = scale * light->color[a];
@@ -30,14 +30,13 @@ LR_INLINE void lr_cap_sample(const double n[3], double height, const double u[2]
         d[a] = x * s[a] + y * t[a] + (1 - low) * n[a];
 }
 
-/* Of a cap evenly sampled, per solid angle. */
+/* Density of a uniformly sampled cap, per solid angle. */
 LR_INLINE double lr_cap_pdf(double height)
 {
     return 1 / (2 * LR_PI * height);
 }
 
-/* From outside a sphere the cap in which it is seen, from inside all around; where the
- * ray leaves through the sphere, it is seen. */
+/* Height of the cap of directions to a sphere: from inside, all directions. */
 LR_INLINE double lr_sphere_cap(double radius, double square)
 {
     const double s2 = radius * radius / square;
@@ -51,11 +50,11 @@ LR_INLINE double lr_sphere_meet(const double to[3], double radius, const double 
     double off[3];
     for (int a = 0; a < 3; a++)
         off[a] = to[a] - along * d[a];
-    const double reach = radius * radius - lr_dot(off, off);
-    if (reach < 0)
+    const double half_chord2 = radius * radius - lr_dot(off, off);
+    if (half_chord2 < 0)
         return -1;
     const bool outside = lr_dot(to, to) > radius * radius;
-    return along - (outside ? sqrt(reach) : -sqrt(reach));
+    return along - (outside ? sqrt(half_chord2) : -sqrt(half_chord2));
 }
 
 /* Aim at a point q of a surface with normal n; false where it is seen edge-on. */
@@ -78,8 +77,8 @@ LR_INLINE double lr_ball_radiance(const lr_light *light)
     return 1 / (LR_PI * light->radius * light->radius);
 }
 
-/* A ray from p to the ball, but for its color. Returns what color is to be scaled by; 0 where
- * p gets nothing. */
+/* Sample a ray from p to the ball, but for its color. Returns the factor of color; 0 where p is
+ * not lit. */
 LR_INLINE double lr_ball_sample(const lr_light *light, const double p[3], const double u[2],
                                 lr_light_ray *ray)
 {
@@ -116,8 +115,8 @@ LR_INLINE double lr_ball_sample(const lr_light *light, const double p[3], const 
     return lr_aim_at_surface(p, q, n, LR_PI * r * r, ray) ? lr_ball_radiance(light) : 0;
 }
 
-/* Where a ray meets the ball, as lr_light_hit; its color is that of the light by
- * lr_ball_radiance. */
+/* Intersect a ray with the ball, as lr_light_hit; the light's color x lr_ball_radiance is its
+ * radiance. */
 LR_INLINE bool lr_ball_hit(const lr_light *light, const double o[3], const double d[3],
                            double t_max, double *t, double *pdf)
 {
@@ -141,7 +140,7 @@ LR_INLINE bool lr_ball_hit(const lr_light *light, const double o[3], const doubl
     return *t > 0 && *t < t_max;
 }
 
-/* The box of what reaches so far to either side of a light. */
+/* The box of a light of this half extent on each axis. */
 LR_INLINE void lr_light_box(const lr_light *light, const double half[3], lr_light_bounds *bounds)
 {
     for (int a = 0; a < 3; a++) {

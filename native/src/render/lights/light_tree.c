@@ -1,17 +1,17 @@
 /* A tree of lights.
  *
- * Every node tells where its lights are, which way they shine and how much. From
- * that follows a bound of what they can bring to a point; going down from the root,
- * a child is taken with a probability in proportion to it. Distant lights, which have no
- * place, and the world stand beside the root.
+ * Every node bounds its lights' places, directions and power, and so what they can
+ * contribute at a point. From the root down, a child is chosen with a probability in
+ * proportion to its bound. Distant lights, which have no place, and the world stand beside
+ * the root.
  *
  * Source: Conty Estevez and Kulla, Importance sampling of many lights with adaptive
  * tree splitting, 2018 (bounds; orientation in the heuristic of the split); the
- * cosines without arcs are those of Pharr, Jakob, Humphreys, Physically Based
+ * cosines without arc functions are those of Pharr, Jakob, Humphreys, Physically Based
  * Rendering, 4th ed., 2023, section 12.6.
- * Departures: 1. no splitting while walking; where the camera looks a few lights
- * are chosen by stratified numbers instead; 2. leaves are single lights; 3. boxes
- * count by their diagonals, not areas, which lights in a row have not.
+ * Departures: 1. no splitting during traversal; at primary hits a few lights are chosen
+ * by stratified numbers instead; 2. leaves are single lights; 3. boxes
+ * count by their diagonals, not areas, which are 0 for lights in a row.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/lights/light_tree.h"
@@ -82,7 +82,7 @@ static void unite(lr_light_bounds *a, const lr_light_bounds *b)
     unite_cones(a, b, axis, &cos_facing);
     memcpy(a->axis, axis, sizeof axis);
     a->cos_facing = cos_facing;
-    a->cos_shining = fmin(a->cos_shining, b->cos_shining);
+    a->cos_emission = fmin(a->cos_emission, b->cos_emission);
     a->power += b->power;
     for (int k = 0; k < 3; k++) {
         a->lo[k] = fmin(a->lo[k], b->lo[k]);
@@ -103,11 +103,12 @@ static double cost_of(const lr_light_bounds *bounds)
     const double x = bounds->hi[0] - bounds->lo[0], y = bounds->hi[1] - bounds->lo[1];
     const double z = bounds->hi[2] - bounds->lo[2];
     const double facing = acos(lr_clamp(bounds->cos_facing, -1, 1));
-    const double reach = fmin(facing + acos(bounds->cos_shining), LR_PI);
+    /* from the mean direction to the last one that is lit */
+    const double widest = fmin(facing + acos(bounds->cos_emission), LR_PI);
     const double s = sin(facing);
     const double directions =
         2 * LR_PI * (1 - cos(facing)) +
-        0.5 * LR_PI * (2 * reach * s - cos(facing - 2 * reach) - 2 * facing * s + cos(facing));
+        0.5 * LR_PI * (2 * widest * s - cos(facing - 2 * widest) - 2 * facing * s + cos(facing));
     return bounds->power * directions * (x * x + y * y + z * z);
 }
 
@@ -251,8 +252,8 @@ static double facing(const double n[3], const double d[3], double cos_around)
     return fmax(cos_less(lr_clamp(lr_dot(n, d), -1, 1), cos_around), 0);
 }
 
-/* A bound of the irradiance that lights bring, but for the distance, which is that of
- * the box's centre, and no less than its radius. */
+/* A bound of the irradiance of the lights, but for the distance, for which that of the box's
+ * centre is taken, or its radius if that is longer. */
 static double bound(const lr_light_bounds *bounds, const double p[3], const double n[3])
 {
     double to[3], radius2 = 0;
@@ -270,7 +271,7 @@ static double bound(const lr_light_bounds *bounds, const double p[3], const doub
         to[a] /= distance;
     const double cos_axis = lr_clamp(-lr_dot(to, bounds->axis), -1, 1);
     const double cos_least = cos_less(cos_less(cos_axis, bounds->cos_facing), cos_seen);
-    if (cos_least < bounds->cos_shining)
+    if (cos_least < bounds->cos_emission)
         return 0;
     return bounds->power * cos_least * facing(n, to, cos_seen) / square;
 }
@@ -296,7 +297,7 @@ static double bound_all(const lr_light_tree *light_tree, const double p[3], cons
     return all + bound_root(light_tree, p, n);
 }
 
-/* The fraction of what two neighbours bring that is the first one's; -1 where that is nothing. */
+/* The first one's fraction of what two neighbours can contribute; -1 where that is 0. */
 static double first_fraction(const lr_light_node *child, const double p[3], const double n[3])
 {
     const double first = bound(&child[0].bounds, p, n), second = bound(&child[1].bounds, p, n);

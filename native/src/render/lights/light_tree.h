@@ -1,4 +1,4 @@
-/* Which of many lights to ask, and which of them a ray may meet.
+/* Chooses among many lights for sampling, and finds those that a ray may meet.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_LIGHTS_LIGHT_TREE_H
@@ -7,9 +7,9 @@
 #include "render/lights/environment.h"
 
 enum {
-    LR_LIGHTS_ALL = 8,   /* so many are all asked where the camera looks; of more, */
-    LR_LIGHTS_ASKED = 4, /* so many are chosen there */
-    LR_LIGHT_WALK = 96   /* see lr_light_walk */
+    LR_LIGHTS_ALL = 8,    /* up to so many, all are sampled at primary hits; of more, */
+    LR_LIGHTS_CHOSEN = 4, /* so many are chosen */
+    LR_LIGHT_WALK = 96    /* see lr_light_walk */
 };
 
 #define LR_LIGHT_NONE UINT64_MAX
@@ -26,7 +26,7 @@ typedef struct lr_light_node {
 
 typedef struct lr_light_tree {
     uint64_t n_lights;
-    uint64_t n;           /* with the world, the last, where it has to be asked like a light */
+    uint64_t n;           /* with the world as the last, if that is sampled */
     lr_light_node *nodes; /* first the distant lights, then the root */
     uint32_t n_nodes, n_distant;
     uint32_t *leaf; /* [n_lights] its node */
@@ -39,8 +39,8 @@ lr_status lr_light_tree_make(const lr_light *lights, uint64_t n_lights,
 void lr_light_tree_free(lr_light_tree *light_tree);
 
 /* A light for the point p of a surface with normal n (unit; zero: it gets light from either side),
- * the likelier the more it may bring, and its selection probability; LR_LIGHT_NONE where none
- * brings anything. u: 0..1, 1 not included. */
+ * the likelier the more it may contribute, and its selection probability; LR_LIGHT_NONE where
+ * none contributes anything. u: 0..1, 1 not included. */
 uint64_t lr_light_tree_choose(const lr_light_tree *light_tree, const double p[3], const double n[3],
                               double u, double *probability);
 double lr_light_tree_probability(const lr_light_tree *light_tree, uint64_t light_index,
@@ -57,14 +57,14 @@ void lr_light_tree_start(const lr_light_tree *light_tree, lr_light_walk *walk);
 uint64_t lr_light_tree_next(const lr_light_tree *light_tree, lr_light_walk *walk, const double o[3],
                             const double d[3], double t_max);
 
-/* How many lights a surface asks with `bounces` of them behind it. */
-LR_INLINE uint32_t lr_light_tree_asked(const lr_light_tree *light_tree, uint32_t bounces)
+/* The number of lights that a surface samples after `bounces` bounces. */
+LR_INLINE uint32_t lr_light_tree_n_samples(const lr_light_tree *light_tree, uint32_t bounces)
 {
     if (light_tree->n <= 1)
         return (uint32_t)light_tree->n;
     return bounces > 0                      ? 1
            : light_tree->n <= LR_LIGHTS_ALL ? (uint32_t)light_tree->n
-                                            : LR_LIGHTS_ASKED;
+                                            : LR_LIGHTS_CHOSEN;
 }
 
 /* Whether these are all of them. */

@@ -1,5 +1,5 @@
-/* What a type of lights must answer. A new one is a file, a line of lights.def, a name in
- * leapray.h, and there the fields of lr_light that it needs.
+/* The functions that a type of lights implements. A new one is a file, a line of lights.def, a name
+ * in leapray.h, and there the fields of lr_light that it needs.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_LIGHTS_LIGHT_TYPE_H

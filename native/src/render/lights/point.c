@@ -1,4 +1,4 @@
-/* Point lights: a ball that shines evenly to all sides. Its color is the radiant intensity.
+/* Point lights: a ball that emits alike to all sides. Its color is the radiant intensity.
  *
  * Source: the lights of Blender's manual; their units were measured in Cycles
  * (tests/addon/test_shading_cycles.py).
@@ -30,12 +30,12 @@ void lr_point_light_bound(const lr_light *light, lr_light_bounds *bounds)
 bool lr_point_light_sample(const lr_light *light, const double p[3], const double u[2],
                            lr_light_ray *ray)
 {
-    return lr_light_shine(light, lr_ball_sample(light, p, u, ray), ray->color);
+    return lr_light_color(light, lr_ball_sample(light, p, u, ray), ray->color);
 }
 
 bool lr_point_light_hit(const lr_light *light, const double o[3], const double d[3], double t_max,
                         double *t, double color[3], double *pdf)
 {
     return lr_ball_hit(light, o, d, t_max, t, pdf) &&
-           lr_light_shine(light, lr_ball_radiance(light), color);
+           lr_light_color(light, lr_ball_radiance(light), color);
 }

@@ -1,5 +1,5 @@
-/* Spot lights: a ball behind a hole, which lets light out within a cone and fades towards its
- * edge. Its color is the radiant intensity on the axis.
+/* Spot lights: a ball that emits within a cone and fades towards its edge. Its color is the radiant
+ * intensity on the axis.
  *
  * Source: the lights of Blender's manual; their units and fading were measured in Cycles
  * (tests/addon/test_shading_cycles.py).
@@ -30,7 +30,7 @@ void lr_spot_light_bound(const lr_light *light, lr_light_bounds *bounds)
     *bounds = (lr_light_bounds){
         .axis = {light->direction[0], light->direction[1], light->direction[2]},
         .cos_facing = 1,
-        .cos_shining = fmax(cos(0.5 * light->angle), 0),
+        .cos_emission = fmax(cos(0.5 * light->angle), 0),
         .power = lr_brightness(light->color),
     };
     const double half[3] = {light->radius, light->radius, light->radius};
@@ -43,7 +43,7 @@ static double smoothstep(double x)
     return y * y * (3 - 2 * y);
 }
 
-/* What the hole lets out along d, which leads to it: a fraction of the intensity. */
+/* The fraction of the intensity along d, which leads to the light. */
 static double let_out(const lr_light *light, const double d[3])
 {
     const double cosine = -lr_dot(d, light->direction), edge = cos(0.5 * light->angle);
@@ -57,12 +57,12 @@ bool lr_spot_light_sample(const lr_light *light, const double p[3], const double
                           lr_light_ray *ray)
 {
     const double scale = lr_ball_sample(light, p, u, ray);
-    return scale > 0 && lr_light_shine(light, scale * let_out(light, ray->direction), ray->color);
+    return scale > 0 && lr_light_color(light, scale * let_out(light, ray->direction), ray->color);
 }
 
 bool lr_spot_light_hit(const lr_light *light, const double o[3], const double d[3], double t_max,
                        double *t, double color[3], double *pdf)
 {
     return lr_ball_hit(light, o, d, t_max, t, pdf) &&
-           lr_light_shine(light, lr_ball_radiance(light) * let_out(light, d), color);
+           lr_light_color(light, lr_ball_radiance(light) * let_out(light, d), color);
 }

@@ -1,5 +1,5 @@
-/* Suns: a disc of even radiance, sampled evenly by solid angle. Its color is the irradiance
- * that it brings, whatever its angle.
+/* Suns: a disc of constant radiance, sampled uniformly by solid angle. Its color is the
+ * irradiance at right angles, whatever the sun's own angle.
  *
  * Source: the lights of Blender's manual.
  *
@@ -50,11 +50,11 @@ bool lr_sun_light_sample(const lr_light *light, const double p[3], const double 
     ray->pdf = 1;
     if (ray->delta) {
         memcpy(ray->direction, light->direction, sizeof ray->direction);
-        return lr_light_shine(light, 1, ray->color);
+        return lr_light_color(light, 1, ray->color);
     }
     lr_cap_sample(light->direction, cap_of(light), u, ray->direction);
     ray->pdf = lr_cap_pdf(cap_of(light));
-    return lr_light_shine(light, radiance(light), ray->color);
+    return lr_light_color(light, radiance(light), ray->color);
 }
 
 bool lr_sun_light_hit(const lr_light *light, const double o[3], const double d[3], double t_max,
@@ -70,5 +70,5 @@ bool lr_sun_light_hit(const lr_light *light, const double o[3], const double d[3
         return false;
     *t = INFINITY;
     *pdf = lr_cap_pdf(cap);
-    return lr_light_shine(light, radiance(light), color);
+    return lr_light_color(light, radiance(light), color);
 }

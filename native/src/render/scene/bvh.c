@@ -3,9 +3,8 @@
  * Source: Wald, On fast construction of SAH-based bounding volume hierarchies,
  * 2007.
  * Departures: 1. one instance per leaf, so no cost decides about leaves; 2. the
- * height is bounded: where no plane tells the boxes apart, or the branch has
- * grown so high that only halving still fits under HEIGHT_MAX, the list is
- * halved as it stands.
+ * height is bounded: where no plane separates the boxes, or only halving still fits
+ * under HEIGHT_MAX, the list is halved in its present order.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/scene/bvh.h"
@@ -18,7 +17,7 @@ enum { N_BINS = 16, HEIGHT_MAX = 64 };
 
 typedef struct lr_builder {
     const lr_box *boxes;
-    uint32_t *order; /* instances; a node owns a stretch of them */
+    uint32_t *order; /* instances; a node owns a range of them */
     lr_hierarchy *out;
 } lr_builder;
 
@@ -174,7 +173,7 @@ static uint32_t build(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level
 {
     const uint32_t node = b->out->n_nodes++;
     const uint32_t left = n > 1 ? partition(b, order, n, level) : n;
-    if (b->out->height < level + 1) /* every level on the way down puts one branch aside */
+    if (b->out->height < level + 1) /* every level pushes one branch */
         b->out->height = level + 1;
     adopt(b, node, 0, order, left, level + 1);
     adopt(b, node, 1, order + left, n - left, level + 1);

@@ -2,8 +2,8 @@
  *
  * A binary tree whose nodes hold the boxes of both children side by side, so that
  * one visit compares the two (as in Aila, Laine 2009). Every leaf is one
- * instance. A ray's walk is a small stack of its own that can be put aside and
- * taken up again; it yields one instance at a time, the nearer child first.
+ * instance. A ray's traversal is a small stack that can be stored and resumed; it
+ * yields one instance at a time, the nearer child first.
  *
  * Boxes are f32, rounded outwards: a node is less than a cache line.
  *
@@ -26,16 +26,16 @@ typedef struct lr_node {
     uint32_t child[2];    /* a node, or an instance | LR_LEAF */
 } lr_node;
 
-/* A branch that a walk has put aside. */
+/* An entry of a traversal's stack. */
 typedef struct lr_branch {
-    double t; /* at which the ray comes into its box */
+    double t; /* at which the ray enters its box */
     uint32_t child;
 } lr_branch;
 
 typedef struct lr_hierarchy {
     lr_node *nodes;   /* the first is the root */
     uint32_t n_nodes; /* 0: nothing to hit */
-    uint32_t height;  /* branches that a walk's stack needs */
+    uint32_t height;  /* entries that a stack needs */
 } lr_hierarchy;
 
 /* Over n boxes, fewer than 2^31; empty ones are left out. nodes is freed by the
@@ -43,10 +43,10 @@ typedef struct lr_hierarchy {
 lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, lr_hierarchy *hierarchy,
                              lr_error *error);
 
-/* A ray as the boxes see it. */
+/* A ray, prepared for tests of boxes. */
 typedef struct lr_slabs {
     double o[3], inv[3];  /* inv: 1/d; infinite, with its sign, where d is 0 */
-    uint32_t backward[3]; /* 1 where the axis is run along downwards */
+    uint32_t backward[3]; /* 1 where d is negative */
 } lr_slabs;
 
 LR_INLINE lr_slabs lr_slabs_of(const double o[3], const double d[3])
@@ -81,8 +81,8 @@ LR_INLINE void lr_clip_to_slabs(const lr_node *node, const lr_slabs *r, int a, l
     *t_max = _mm_min_pd(_mm_mul_pd(_mm_sub_pd(far, o), inv), *t_max);
 }
 
-/* The child of a node to go on with, or LR_NOWHERE; where the ray crosses both,
- * the farther one is put aside. */
+/* The child of a node to visit next, or LR_NOWHERE; if the ray crosses both, the farther one is
+ * pushed. */
 LR_INLINE uint32_t lr_node_descend(const lr_node *node, const lr_slabs *ray, double t_min,
                                    double t_max, lr_branch *stack, uint32_t *n)
 {

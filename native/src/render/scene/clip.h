@@ -9,7 +9,7 @@
 
 #include "base/base.h"
 
-/* A clip as hits ask it. */
+/* A placed clip. */
 typedef struct lr_placed_clip {
     const lr_volume *volume;
     double object_from_world[16];

@@ -6,7 +6,7 @@
 
 #include "base/base.h"
 
-/* A field as hits ask it. */
+/* A placed field. */
 typedef struct lr_placed_color {
     const lr_volume *volume; /* NULL: there is none */
     const lr_program *program;

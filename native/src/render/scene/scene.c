@@ -1,4 +1,4 @@
-/* Making a scene: everything is checked here, once.
+/* Makes a scene: checks everything once.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/scene/scene.h"
@@ -14,9 +14,9 @@ enum {
     LR_VISIBLE_GLOSSY | LR_VISIBLE_TRANSMISSION
 };
 
-/* Boxes are grown by this share of a cell. Rays are taken into an instance's
- * space with an error of some 2^-50 of their origin's coordinates, so surfaces in
- * the very face of a box are found from a distance of 2^40 cells. */
+/* Boxes are grown by this fraction of a cell. Rays are transformed to an instance's space
+ * with an error of some 2^-50 of their origin's coordinates, so surfaces in a face of the box
+ * are found from a distance of 2^40 cells. */
 static const double MARGIN = 0x1p-10;
 
 static lr_status check_camera(const lr_camera *c, lr_error *error)
@@ -155,12 +155,12 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
            sizeof placed->world_from_object);
     bound(instance, box);
     if (box->lo[0] <= box->hi[0] && !(lr_all_finite(box->lo, 3) && lr_all_finite(box->hi, 3)))
-        return lr_fail(error, LR_E_SIZE, "instance %llu reaches beyond all numbers",
+        return lr_fail(error, LR_E_SIZE, "instance %llu extends beyond all numbers",
                        (unsigned long long)i);
     return LR_OK;
 }
 
-/* What cuts the instances, and what colours them. */
+/* Place the clips and field colours of the instances. */
 static lr_status place_fields(const lr_scene_desc *desc, lr_scene *scene, lr_error *error)
 {
     uint64_t n = 0;
@@ -187,8 +187,8 @@ static lr_status place_fields(const lr_scene_desc *desc, lr_scene *scene, lr_err
     return status;
 }
 
-/* What instances may do to rays. */
-static void judge(lr_scene *scene)
+/* Flags of the scene by what instances do to rays. */
+static void set_flags(lr_scene *scene)
 {
     const uint32_t media = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
     for (uint32_t i = 0; i < scene->n_instances; i++) {
@@ -201,7 +201,7 @@ static void judge(lr_scene *scene)
         placed->enterable = solid && (flags & media) != 0 && placed->n_clips == 0;
         scene->has_clear |= placed->clear;
         scene->has_media |= placed->enterable;
-        scene->shines |= (flags & LR_MATERIAL_EMITS) != 0;
+        scene->emits |= (flags & LR_MATERIAL_EMITS) != 0;
     }
     for (uint64_t k = 0; k < scene->n_lights; k++)
         scene->has_lights |= lr_light_has_extent(&scene->lights[k]);
@@ -221,12 +221,12 @@ static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error 
     if (status == LR_OK)
         status = lr_hierarchy_build(boxes, (uint32_t)desc->n_instances, &scene->hierarchy, error);
     if (status == LR_OK)
-        judge(scene);
+        set_flags(scene);
     free(boxes);
     return status;
 }
 
-/* A copy of n items; at least one byte, so that only missing memory gives NULL. */
+/* A copy of n items, of at least one byte, so that NULL means out of memory. */
 static void *copy(const void *from, uint64_t n, size_t size)
 {
     void *to = calloc((size_t)n + 1, size);
@@ -243,7 +243,7 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     scene->world_visibility = desc->world.visibility;
     scene->world_bounces = desc->world.max_bounces;
     for (int a = 0; a < 3; a++)
-        scene->world_shines |= desc->world.color[a] != 0;
+        scene->world_emits |= desc->world.color[a] != 0;
     scene->mist_start = desc->mist_start;
     scene->mist_depth = desc->mist_depth;
     scene->mist_power = desc->mist_power;

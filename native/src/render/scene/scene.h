@@ -42,18 +42,18 @@ struct lr_scene {
     int32_t *slot_objects; /* or NULL */
     lr_environment environment;
     uint32_t world_visibility; /* lr_visibility */
-    int32_t world_bounces;     /* limit of those behind which it is not asked */
-    bool world_shines;         /* its color is not black */
+    int32_t world_bounces;     /* bounces beyond which it does not contribute */
+    bool world_emits;          /* its color is not black */
     bool has_clear, has_media; /* instances that are clear, enterable */
     bool has_lights;           /* lights that rays can meet */
-    bool shines;               /* some material does */
+    bool emits;                /* some material emits */
     double mist_start, mist_depth, mist_power;
     bool film_transparent;
     bool lone_media; /* see lr_scene_desc */
     lr_hierarchy hierarchy;
 };
 
-/* The material of id `id` of an instance; its slot, if asked. */
+/* The material of id `id` of an instance; its slot, unless slot is NULL. */
 LR_INLINE uint32_t lr_material_of(const lr_scene *scene, uint32_t instance, int32_t id,
                                   uint32_t *slot)
 {
