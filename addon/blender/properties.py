@@ -17,7 +17,7 @@ import bpy
 import leapray
 
 from .. import model
-from ..settings import Choice, Setting, Switch, described
+from ..settings import Choice, Isosurfaces, Setting, Switch, described
 from . import result
 
 
@@ -95,6 +95,12 @@ class LeapRayObject(bpy.types.PropertyGroup):
     __annotations__ = of_all(model.Modelling)
 
 
+class LeapRayVolume(bpy.types.PropertyGroup):
+    """Which surfaces of a volume's data LeapRay renders."""
+
+    __annotations__ = of_all(Isosurfaces)
+
+
 class LeapRayViewLayer(bpy.types.PropertyGroup):
     """LeapRay's own passes of a view layer."""
 
@@ -110,6 +116,11 @@ def modelling(ob) -> model.Modelling:
     own = ob.leapray
     names = ("" if name == "scene" else name for name in (own.filter, own.sample_type))
     return model.Modelling(own.kind or "auto", own.resolution, *names)
+
+
+def isosurfaces(volume) -> Isosurfaces:
+    """Which surfaces of its data a volume wants, as plain values."""
+    return Isosurfaces(**{name: getattr(volume.leapray, name) for name in described(Isosurfaces)})
 
 
 def apply(scene, values: dict[str, object]) -> None:
@@ -157,6 +168,7 @@ def _samples_of(view_layer, scene, samples: int) -> int:
 OWNERS = (  # the type that has `leapray`, the properties, what the user is told
     (bpy.types.Scene, LeapRaySettings, "Settings of the LeapRay engine"),
     (bpy.types.Object, LeapRayObject, "How LeapRay models the object"),
+    (bpy.types.Volume, LeapRayVolume, "Which surfaces of the data LeapRay renders"),
     (bpy.types.ViewLayer, LeapRayViewLayer, "LeapRay's own passes"),
 )
 
