@@ -521,6 +521,13 @@ class Isosurfaces:
         "The name of the grid that is rendered; empty: the active one if its values are single "
         "numbers, else the first such grid",
     )
+    frame: int = setting(
+        0,
+        "Frame",
+        "Which of several frames of the data file, from 0",
+        0,
+        WHOLE_MAX,
+    )
     automatic: bool = setting(
         True,
         "Automatic Threshold",

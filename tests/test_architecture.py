@@ -64,7 +64,7 @@ LAYERS = {
         "blender.read.materials",
         "blender.read.lights blender.read.meshes",
         "blender.read.scene blender.read.volumes blender.result blender.properties blender.presets",
-        "blender.engine",
+        "blender.engine blender.volume_data",
         "blender.open_file",
         "study",
         "arguments",

@@ -236,11 +236,24 @@ def _placed(
 def _isosurface(field: model.Field, threshold: float, factor: int) -> leapray.Volume:
     """Stand-in."""
     grid = field.grid
-    values = grid.offset + grid.scale * np.asarray(grid.samples, np.float64)
+    stored, first = grid.samples, np.zeros(3, int)
+    if not isinstance(stored, np.ndarray):
+        first, last = objects.lattice(grid)
+        first, size = first + 1, last - first
+        dense = np.full(size[::-1], stored.background)
+        for at, side, value in zip(stored.tile_origins, stored.tile_sizes, stored.tile_values):
+            x, y, z = at - first
+            dense[z : z + side, y : y + side, x : x + side] = value
+        for at, leaf in zip(stored.origins, stored.samples):
+            x, y, z = at - first
+            dense[z : z + 8, y : y + 8, x : x + 8] = leaf
+        stored = dense
+    values = grid.offset + grid.scale * np.asarray(stored, np.float64)
     values = values[::factor, ::factor, ::factor] - threshold
     values = values if field.above else -values
     span = max(np.abs(values).max(), 1e-30)
     matrix = np.asarray(grid.world_from_index) @ np.diag([factor, factor, factor, 1.0])
+    matrix[:3, 3] += grid.world_from_index[:3, :3] @ first
     return leapray.Volume(
         (0.5 + 0.5 * values / span).clip(0, 1).astype(np.float32), object_from_index=matrix
     )

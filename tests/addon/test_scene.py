@@ -276,7 +276,7 @@ def test_bad_objects_are_skipped_by_name_and_the_rest_is_read(scene):
     ]
     for name in ("Good", "Placed"):
         bpy.data.objects.remove(bpy.data.objects[name])
-    with pytest.raises(leapray.LeapRayError, match=r"no mesh that can be rendered.*'Flat'"):
+    with pytest.raises(leapray.LeapRayError, match=r"nothing that can be rendered.*'Flat'"):
         read()
 
 

@@ -331,7 +331,7 @@ class _Objects:
         key = ob.data.as_pointer(), original.as_pointer()
         if key not in self._field_at:
             try:
-                field = volumes.read_field(ob, original, self._depsgraph)
+                field = volumes.read_field(ob, original, self._depsgraph, self.notes)
             except LeapRayError as error:
                 self._field_at[key] = str(error)
             else:

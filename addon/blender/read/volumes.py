@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import os
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
 
+import leapray
 from leapray import LeapRayError
 from leapray.scalar_grid import Leaves, ScalarGrid
 
@@ -22,36 +24,59 @@ from ...settings import Isosurfaces
 from .. import properties
 
 NOT_IN_FRAME = 2**31 - 1  # Blender's frame of a sequence that has none now
+NUMBERS = "FLOAT", "DOUBLE", "INT", "INT64", "BOOLEAN"  # Blender's types of such grids
+MOST_KNOWN = 64  # thresholds that are kept for later frames
+
+_thresholds: dict[str, float] = {}  # that were found, by contents
 
 
-def read_field(ob, original, depsgraph) -> model.Field | None:
+def read_field(ob, original, depsgraph, notes) -> model.Field | None:
     """The field of an evaluated volume object; None where a sequence shows nothing in this frame.
 
-    original: the datablock of its object in the file. Raises LeapRayError with the reason that
-    makes the volume useless.
+    original: the datablock of its object in the file. notes are told of what is in doubt. Raises
+    LeapRayError with the reason that makes the volume useless.
     """
-    own = Isosurfaces()
-    if isinstance(original, bpy.types.Volume):
-        original = original.evaluated_get(depsgraph)
-        own = properties.isosurfaces(original)
-    if own.file:
-        file = Path(absolute(own.file, original.library))
-        grid, contents = _of_file(file, own.grid or None)
-    elif ob.data.filepath and not any(m.show_render for m in ob.modifiers):
-        path = frame_path(ob.data)
-        if path is None:
-            return None
-        grid, contents = _of_file(path, grid_name(path, own, ob.data))
-    else:
-        grid, contents = _made(ob.data, own)
+    own = wanted(original, depsgraph)
+    found = _grid(ob, own, original)
+    if found is None:
+        return None
+    grid, contents = found
+    for doubt in grid.warnings:
+        notes.missing("The data of", ob.name, f"are in doubt: {doubt}")
     return model.Field(
         name=ob.data.name,
         grid=grid,
         contents=contents,
-        thresholds=thresholds(grid, own),
+        thresholds=thresholds(grid, contents, own),
         above=(grid.kind != "level set") != own.invert,
         capped=own.capped,
     )
+
+
+def grid_of(ob, original, depsgraph) -> ScalarGrid | None:
+    """The grid of an evaluated volume object, as for `read_field`."""
+    found = _grid(ob, wanted(original, depsgraph), original)
+    return found and found[0]
+
+
+def wanted(original, depsgraph) -> Isosurfaces:
+    """Which surfaces the datablock of an object asks for; those of nodes ask for nothing."""
+    if not isinstance(original, bpy.types.Volume):
+        return Isosurfaces()
+    return properties.isosurfaces(original.evaluated_get(depsgraph))
+
+
+def _grid(ob, own: Isosurfaces, original) -> tuple[ScalarGrid, str] | None:
+    """The grid, and a name for its contents."""
+    if own.file:
+        path: Path | None = Path(absolute(own.file, original.library))
+        name = own.grid or None
+    elif ob.data.filepath and not any(each.show_render for each in ob.modifiers):
+        path = frame_path(ob.data)
+        name = grid_name(own, ob.data)
+    else:
+        return _made(ob.data, own)
+    return _of_file(path, name, own.frame) if path else None
 
 
 def absolute(path: str, library) -> str:
@@ -67,28 +92,39 @@ def frame_path(volume) -> Path | None:
     return Path(grids.frame_filepath or absolute(volume.filepath, volume.library))
 
 
-def grid_name(path: Path, own: Isosurfaces, volume) -> str | None:
-    """The grid that is wanted of an OpenVDB file; None: the first that will do."""
+def grid_name(own: Isosurfaces, volume) -> str | None:
+    """The grid that is wanted of an evaluated volume: the active one, or the first of numbers."""
     if own.grid:
         return own.grid
-    active = volume.grids[volume.grids.active_index].name if len(volume.grids) else ""
-    scalar = [name for name, usable in _grids(path) if usable]
-    return active if active in scalar else None
+    grids = volume.grids
+    grids.load()
+    active = grids[grids.active_index : grids.active_index + 1]
+    return next((each.name for each in [*active, *grids] if each.data_type in NUMBERS), None)
 
 
-def thresholds(grid: ScalarGrid, own: Isosurfaces) -> tuple[float, ...]:
+def thresholds(grid: ScalarGrid, contents: str, own: Isosurfaces) -> tuple[float, ...]:
     """Of each surface that is wanted."""
-    first = _first_threshold(grid) if own.automatic else own.threshold
+    first = automatic(grid, contents) if own.automatic else own.threshold
     return (first, own.threshold_2, own.threshold_3)[: own.surfaces]
 
 
-def _of_file(path: Path, name: str | None) -> tuple[ScalarGrid, str]:
+def automatic(grid: ScalarGrid, contents: str) -> float:
+    """The first threshold of a grid, which is sought once for its contents."""
+    if contents not in _thresholds:
+        while len(_thresholds) >= MOST_KNOWN:
+            _thresholds.pop(next(iter(_thresholds)))
+        _thresholds[contents] = leapray.first_threshold(grid)[0]
+    return _thresholds[contents]
+
+
+def _of_file(path: Path, name: str | None, frame: int) -> tuple[ScalarGrid, str]:
     """A grid of a file, and a name for its contents."""
     if not path.exists():
         raise LeapRayError(f"there is no file {path}")
-    state = path.stat()
-    told = repr((str(path), name, state.st_mtime_ns, state.st_size))
-    return _read(path, name), arrays.digest((), told.encode())
+    states = [(each.name, each.stat()) for each in ([path] if path.is_file() else path.iterdir())]
+    told = [(name, state.st_mtime_ns, state.st_size) for name, state in sorted(states)]
+    grid = leapray.read_volume(path, grid=name, frame=frame or None)
+    return grid, arrays.digest((), repr((str(path), name, frame, told)).encode())
 
 
 def _made(volume, own: Isosurfaces) -> tuple[ScalarGrid, str]:
@@ -99,8 +135,7 @@ def _made(volume, own: Isosurfaces) -> tuple[ScalarGrid, str]:
         path = Path(folder, "made.vdb")
         if not volume.grids.save(filepath=str(path)):
             raise LeapRayError(f"its grids cannot be saved: {volume.grids.error_message}")
-        name = grid_name(path, own, volume)
-        grid = _read(path, name)
+        grid = replace(leapray.read_volume(path, grid=grid_name(own, volume)), source="")
         return grid, _digest(grid)
 
 
@@ -111,44 +146,3 @@ def _digest(grid: ScalarGrid) -> str:
         held = [value for value in vars(samples).values() if not isinstance(value, float)]
         return arrays.digest(held, told + repr(samples.background).encode())
     return arrays.digest((samples,), told)
-
-
-# ---- stand-ins
-import numpy as np  # noqa
-
-
-def _vdb():
-    bpy.utils.expose_bundled_modules()
-    import openvdb
-
-    return openvdb
-
-
-def _grids(path):
-    return [
-        (g.name, type(g).__name__ in ("FloatGrid", "DoubleGrid", "Int32Grid", "Int64Grid"))
-        for g in _vdb().readAllGridMetadata(str(path))
-    ]
-
-
-def _first_threshold(grid):
-    if grid.kind == "level set":
-        return 0.0
-    return float(np.max(grid.samples)) / 2
-
-
-def _read(path, name):
-    known = [n for n, u in _grids(path) if u]
-    if not known or (name and name not in known):
-        raise LeapRayError(f"{path} has no grid {name}")
-    g = _vdb().read(str(path), name or known[0])
-    lo, hi = (np.array(c) for c in g.evalActiveVoxelBoundingBox())
-    a = np.empty(tuple(hi - lo + 1), np.float32)
-    g.copyToArray(a, ijk=tuple(lo.tolist()))
-    m = np.eye(4)
-    o = np.array(g.transform.indexToWorld((0, 0, 0)))
-    for k in range(3):
-        m[:3, k] = np.array(g.transform.indexToWorld(tuple(np.eye(3)[k].tolist()))) - o
-    m[:3, 3] = g.transform.indexToWorld(tuple(lo.astype(float).tolist()))
-    kind = "level set" if g.gridClass == "level set" else "fog"
-    return ScalarGrid(g.name, np.ascontiguousarray(a.transpose(2, 1, 0)), m, kind=kind)
