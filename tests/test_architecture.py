@@ -69,6 +69,7 @@ LAYERS = {
         "blender.read.scene blender.read.volumes blender.result blender.properties blender.presets",
         "blender.engine blender.volume_data",
         "blender.open_file",
+        "blender.data_scene",
         "study",
         "arguments",
         "cli blender.operators blender.ui_report",

@@ -18,7 +18,6 @@ import leapray
 from leapray.formats import FORMATS
 
 from ..plan import objects
-from ..settings import Isosurfaces
 from . import properties
 from .read import volumes
 
@@ -99,7 +98,7 @@ def drawn(histogram: leapray.Histogram, thresholds: tuple[float, ...]) -> NDArra
     n = len(histogram.counts)
     heights = np.log1p(histogram.counts) / np.log1p(max(histogram.counts.max(), 1))
     rows = (np.arange(HEIGHT)[:, None] + 0.5) / HEIGHT
-    pixels = np.where((rows < heights)[..., None], np.float32(BAR), np.float32(BACK))
+    pixels = np.where((rows < heights)[..., None], np.array(BAR), np.array(BACK))
     lo, hi = histogram.edges[0], histogram.edges[-1]
     for threshold, color in zip(thresholds, MARKS, strict=False):
         if lo <= threshold <= hi:

@@ -115,36 +115,58 @@ class Fields:
 
     def _surfaces(self, n: int, name: str, factor: int, room: float) -> list[Surface]:
         """On a lattice that many times coarser; OutOfMemory where they do not fit."""
-        field, made, left = self.scene.fields[n], [], room
+        field, found, left = self.scene.fields[n], [], room
+        samples = self._samples(field, factor, room)
         for number, threshold in enumerate(field.thresholds):
             if self.watch.stopped:
                 raise leapray.Stopped("The planning was stopped.")
-            structure = self._structure(field, threshold, factor, left)
-            if not structure.volume.info.n_surface_cells:
+            if not samples.low < threshold < samples.high:
                 self.warnings.append(
-                    f"{name!r} has no surface at {threshold:g}, for its values do not pass that."
+                    f"{name!r} has no surface at {threshold:.6g}, for its values lie between "
+                    f"{samples.low:.6g} and {samples.high:.6g}."
                 )
                 continue
+            structure = self._structure(field, samples, threshold, factor, left)
             left -= structure.volume.info.nbytes + structure.nbytes
-            made.append(Surface(n, number, structure, factor))
-        return made
+            found.append(Surface(n, number, structure, factor))
+        return found
+
+    def _samples(self, field: model.Field, factor: int, room: float) -> Isosurfaces:
+        """The samples that a field's surfaces share, from the cache or stored now."""
+        key = *self._key(field, factor), "samples"
+        samples = self.cache.get(key)
+        if samples is None:
+            began = time.perf_counter()
+            samples = Isosurfaces(
+                field.grid if factor == 1 else coarser(field.grid, factor),
+                above=field.above,
+                capped=field.capped,
+                threads=self.threads,
+                watch=self.watch,
+                max_nbytes=max(int(room), 1),
+            )
+            self.seconds["voxelize"] += time.perf_counter() - began
+        return self.cache.put(key, samples)
+
+    def _key(self, field: model.Field, factor: int) -> tuple:
+        told = repr((field.above, field.capped, factor)).encode()
+        where = np.asarray(field.grid.world_from_index)
+        return "field", field.contents, arrays.digest((where,), told)
 
     def _structure(
-        self, field: model.Field, threshold: float, factor: int, room: float
+        self, field: model.Field, samples: Isosurfaces, threshold: float, factor: int, room: float
     ) -> leapray.Structure:
         """From the cache, or made."""
-        s = self.scene.settings
-        told = repr((threshold, field.above, field.capped, factor))
-        where = arrays.digest((np.asarray(field.grid.world_from_index),), told.encode())
-        key = "field", field.contents, where, s.traverser
+        traverser = self.scene.settings.traverser
+        key = *self._key(field, factor), threshold, traverser
         structure = self.cache.get(key)
         if structure is None:
             began = time.perf_counter()
-            volume = _isosurface(field, threshold, factor)
+            volume = samples.at(threshold, threads=self.threads, watch=self.watch)
             middle = time.perf_counter()
             _check_room(volume.info.nbytes, room)
             structure = leapray.build(
-                volume, s.traverser or None, threads=self.threads, watch=self.watch
+                volume, traverser or None, threads=self.threads, watch=self.watch
             )
             self.seconds["voxelize"] += middle - began
             self.seconds["structure"] += time.perf_counter() - middle
@@ -233,27 +255,53 @@ def _placed(
     )
 
 
-def _isosurface(field: model.Field, threshold: float, factor: int) -> leapray.Volume:
-    """Stand-in."""
-    grid = field.grid
+def coarser(grid, factor):
+    from dataclasses import replace
+
+    return replace(
+        grid,
+        samples=_dense(grid)[0][::factor, ::factor, ::factor],
+        world_from_index=np.asarray(grid.world_from_index) @ np.diag([factor] * 3 + [1.0]),
+    )
+
+
+def _dense(grid):
     stored, first = grid.samples, np.zeros(3, int)
     if not isinstance(stored, np.ndarray):
         first, last = objects.lattice(grid)
         first, size = first + 1, last - first
         dense = np.full(size[::-1], stored.background)
-        for at, side, value in zip(stored.tile_origins, stored.tile_sizes, stored.tile_values):
+        for at, side, value in zip(
+            stored.tile_origins, stored.tile_sizes, stored.tile_values, strict=True
+        ):
             x, y, z = at - first
             dense[z : z + side, y : y + side, x : x + side] = value
-        for at, leaf in zip(stored.origins, stored.samples):
+        for at, leaf in zip(stored.origins, stored.samples, strict=True):
             x, y, z = at - first
             dense[z : z + 8, y : y + 8, x : x + 8] = leaf
         stored = dense
-    values = grid.offset + grid.scale * np.asarray(stored, np.float64)
-    values = values[::factor, ::factor, ::factor] - threshold
-    values = values if field.above else -values
-    span = max(np.abs(values).max(), 1e-30)
-    matrix = np.asarray(grid.world_from_index) @ np.diag([factor, factor, factor, 1.0])
-    matrix[:3, 3] += grid.world_from_index[:3, :3] @ first
-    return leapray.Volume(
-        (0.5 + 0.5 * values / span).clip(0, 1).astype(np.float32), object_from_index=matrix
-    )
+    return stored, first
+
+
+class Isosurfaces:
+    """Stand-in."""
+
+    def __init__(self, grid, *, above, capped, threads, watch, max_nbytes):
+        self.grid, self.above = grid, above
+        stored, self.first = _dense(grid)
+        if stored.size * 4 > max_nbytes:
+            error = leapray.OutOfMemory("too much")
+            error.nbytes = stored.size * 4
+            raise error
+        self.values = grid.offset + grid.scale * np.asarray(stored, np.float64)
+        self.low, self.high = self.values.min(), self.values.max()
+
+    def at(self, threshold, *, threads, watch):
+        values = self.values - threshold
+        values = values if self.above else -values
+        span = max(np.abs(values).max(), 1e-30)
+        matrix = np.array(self.grid.world_from_index)
+        matrix[:3, 3] += matrix[:3, :3] @ self.first
+        return leapray.Volume(
+            (0.5 + 0.5 * values / span).clip(0, 1).astype(np.float32), object_from_index=matrix
+        )

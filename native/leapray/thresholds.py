@@ -87,7 +87,7 @@ def first_threshold(
     larger than the object, the lowest point between that peak and the rest. Values of computed
     tomography below -1024 HU, and the outermost 0.01 % of others, do not count.
     threads: 0, all cores. watch stops the call by Stopped. Raises LeapRayError where the field
-    has no values or only one.
+    has no values, or only one that is no fog's.
     Source: Otsu 1979.
     """
     if grid.kind == "level set":
@@ -95,15 +95,15 @@ def first_threshold(
     if grid.kind == "labels":
         return 0.5, "all that has a label"
     fine = histogram(grid, 1 << 16, threads=threads, watch=watch)
-    if np.count_nonzero(fine.counts) < 2:
-        value = fine.edges[np.argmax(fine.counts)]
-        raise LeapRayError(f"{_about(grid)} has the same value everywhere, about {value:g}")
     middles = (fine.edges[:-1] + fine.edges[1:]) / 2
     if grid.kind == "fog":
         dense = np.where(middles > 0, fine.counts, 0)
         if dense.any():
             mean = float((dense * middles).sum() / dense.sum())
             return mean / 2, f"half the mean density of what is not empty, {mean:.3g}"
+    if np.count_nonzero(fine.counts) < 2:
+        value = fine.edges[np.argmax(fine.counts)]
+        raise LeapRayError(f"{_about(grid)} has the same value everywhere, about {value:g}")
     lo, hi = _inner_range(grid, fine)
     inner = _cut(fine, lo, hi)
     if len(inner.counts) < FINE // 8 < len(fine.counts):  # a few values lie far out
