@@ -31,9 +31,9 @@ def menu(choices: Iterable[Choice]) -> list[tuple]:
     ]
 
 
-def of(setting: Setting) -> Any:
-    """The property of a setting."""
-    told: dict[str, Any] = {"name": setting.label, "description": setting.tooltip}
+def of(setting: Setting, **more: Any) -> Any:
+    """The property of a setting; more: what else Blender is told of it."""
+    told: dict[str, Any] = {"name": setting.label, "description": setting.tooltip, **more}
     if setting.choices:
         default = setting.default or setting.choices[0].name
         return bpy.props.EnumProperty(items=menu(setting.choices), default=default, **told)
@@ -55,13 +55,13 @@ def of(setting: Setting) -> Any:
     return bpy.props.IntProperty(**told)
 
 
-def of_all(owner: type) -> dict[str, Any]:
-    """The properties of a dataclass's settings and of their switches."""
+def of_all(owner: type, **more: Any) -> dict[str, Any]:
+    """The properties of a dataclass's settings and of their switches; more: as for `of`."""
     made = {}
     for name, setting in described(owner).items():
         if not setting.in_blender:
             continue
-        made[name] = of(setting)
+        made[name] = of(setting, **more)
         if setting.zero is not None:
             kind = "auto" if setting.zero.automatic else "use"
             made[f"{kind}_{name}"] = switch(name, setting.zero)
@@ -98,7 +98,7 @@ class LeapRayObject(bpy.types.PropertyGroup):
 class LeapRayVolume(bpy.types.PropertyGroup):
     """Which surfaces of a volume's data LeapRay renders."""
 
-    __annotations__ = of_all(Isosurfaces)
+    __annotations__ = of_all(Isosurfaces, update=lambda own, _: own.id_data.update_tag())
 
 
 class LeapRayViewLayer(bpy.types.PropertyGroup):
