@@ -26,8 +26,8 @@ MILLIMETRES = 1e-3  # in metres: the unit of anatomical data
 FROM = (0.5, -0.8, 0.35)  # where the camera stands, as seen from the data
 LENS = 85.0  # mm, as for portraits
 ROOM = 1.02  # of the picture round the data
-KEY, FILL = (3.0, (-0.6, -0.7, 0.9)), (0.6, (0.9, -0.2, 0.3))  # strength, and where it comes from
-SKY = (0.18, 0.19, 0.21)
+KEY, FILL = (4.0, (-0.6, -0.7, 0.9)), (0.5, (0.9, -0.2, 0.3))  # strength, and where it comes from
+SKY = (0.05, 0.055, 0.065)
 
 
 def make(path: Path, threshold: float | None = None):

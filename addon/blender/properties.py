@@ -20,6 +20,9 @@ from .. import model
 from ..settings import Choice, Isosurfaces, Setting, Switch, described
 from . import result
 
+PATHS = "FILE_PATH", "DIR_PATH"
+RELATIVE = "PATH_SUPPORTS_BLEND_RELATIVE"  # a path may begin with //
+
 
 def menu(choices: Iterable[Choice]) -> list[tuple]:
     """Items of an EnumProperty."""
@@ -42,7 +45,8 @@ def of(setting: Setting, **more: Any) -> Any:
         return bpy.props.BoolProperty(**told)
     told["subtype"] = setting.unit
     if setting.kind is str:
-        return bpy.props.StringProperty(**told)
+        options = {"ANIMATABLE", RELATIVE} if setting.unit in PATHS else {"ANIMATABLE"}
+        return bpy.props.StringProperty(options=options, **told)
     limits = {
         "min": setting.minimum,
         "max": setting.maximum,
