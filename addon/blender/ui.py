@@ -23,6 +23,7 @@ BORROWED = {
 UNREAD = (
     *("freestyle", "gpencil", "grease", "lightprobe", "stereoscopy", "DATA_PT_light", "spot"),
     "simplify",  # ours
+    "volume_render",  # space and steps of what is no surface
 )
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # objects that have a mesh
 
@@ -330,7 +331,7 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         column.separator()
         values = volume_data.known(volume)
         column.prop(own, "surfaces")
-        column.prop(own, "automatic")
+        column.prop(own, "automatic", text="Automatic")
         if not own.automatic:
             column.prop(own, "threshold")
         elif values:
@@ -347,8 +348,8 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
     def draw_values(self, box, own, values) -> None:
         """The range of the values, and how they are spread."""
         low, high = values.limits
-        size = " x ".join(map(str, values.size))
-        box.label(text=f"{size} samples, {low:.6g} to {high:.6g} {values.quantity}".strip())
+        box.label(text=f"{' x '.join(map(str, values.size))} samples")
+        box.label(text=f"{low:.6g} to {high:.6g} {values.quantity}".strip())
         first = values.threshold if own.automatic else own.threshold
         thresholds = (first, own.threshold_2, own.threshold_3)[: own.surfaces]
         box.template_icon(volume_data.picture(values, thresholds), scale=8.0)

@@ -161,7 +161,7 @@ def test_the_panel_tells_the_values_and_how_the_threshold_was_found(scene, tmp_p
     data = imported(scan(tmp_path)).data
     told = drawn(data)
     texts = " ".join(more["text"] for name, _, more in told if name == "label")
-    assert "40 x 36 x 32 samples, -10" in texts and "HU" in texts and "threshold" in texts.lower()
+    assert "40 x 36 x 32 samples -1" in texts and "HU" in texts and "threshold" in texts.lower()
     (icon,) = [more or words for name, words, more in told if name == "template_icon"]
     assert icon
     shown = [words[1] for name, words, _ in told if name == "prop"]
