@@ -12,6 +12,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 from numpy.typing import NDArray
 
 import leapray
@@ -136,6 +137,7 @@ def dropped() -> list[str]:
 def add(scene, path: Path, grid: str = "") -> bpy.types.Object:
     """A new volume object of a file's data, where the file says they are; its surface grey.
 
+    Its child, an empty, shows the box of the data in the viewport, which draws OpenVDB alone.
     Raises LeapRayError where the file cannot be read; then nothing is added.
     """
     data = leapray.read_volume(path, grid=grid or None)
@@ -154,7 +156,22 @@ def add(scene, path: Path, grid: str = "") -> bpy.types.Object:
     ob = bpy.data.objects.new(name, volume)
     ob.scale = (scene_units(scene, data),) * 3
     scene.collection.objects.link(ob)
+    if volume.leapray.file:
+        scene.collection.objects.link(_box(ob, data))
     return ob
+
+
+def _box(ob, grid: leapray.ScalarGrid) -> bpy.types.Object:
+    """An empty cube, -1 to 1 in its own space, round the samples of the object's grid."""
+    first, last = objects.lattice(grid)
+    half = (last - first - 2) / 2
+    of_cube = np.diag([*np.maximum(half, 0.5), 1.0])
+    of_cube[:3, 3] = first + 1 + half
+    box = bpy.data.objects.new(f"{ob.name} box", None)
+    box.empty_display_type = "CUBE"
+    box.parent = ob
+    box.matrix_parent_inverse = Matrix((grid.world_from_index @ of_cube).tolist())  # may shear
+    return box
 
 
 def scene_units(scene, grid: leapray.ScalarGrid) -> float:

@@ -69,6 +69,10 @@ def test_a_scan_lies_where_its_file_says_in_the_scenes_units(scale_length, scene
     assert ob.type == "VOLUME" and ob.name == "scan" and ob.data.leapray.automatic
     assert tuple(ob.scale) == pytest.approx((unit,) * 3) and len(ob.material_slots) == 1
     centre = np.array(CENTRE) * unit
+    bpy.context.view_layer.update()
+    box = np.array(bpy.data.objects["scan box"].matrix_world)
+    assert box[:3, 3] == pytest.approx(centre)
+    assert np.diag(box)[:3] == pytest.approx((np.array(SIZE) - 1) / 2 * SPACING * unit)
     scene.camera.location = centre + np.array((0, 0, 0.4 / scale_length))
     scene.camera.data.clip_start, scene.camera.data.clip_end = 1e-3, 1e6
     distance = np.linalg.norm(points() - centre, axis=1)
@@ -86,6 +90,17 @@ def test_a_given_threshold_is_in_the_datas_units(scene, tmp_path):
     # 400 HU lie two samples inside 0; a ball's distances are off by an eighth of spacing^2 / radius
     # for each of two directions
     assert np.abs(distance - (RADIUS - 2 * SPACING)).max() < SPACING**2 / 4 / 40 + 0.02
+
+
+def test_of_several_frames_one_is_chosen(scene, tmp_path):
+    path = scan(tmp_path, frames=2)
+    first = np.fromfile(path, "<i2")
+    np.concatenate([first, np.where(first > -1000, -1000, 1000)]).astype("<i2").tofile(path)
+    ob = imported(path)
+    assert read().fields[0].grid.samples[16, 18, 20] == 1000
+    ob.data.leapray.frame = 1
+    bpy.context.view_layer.update()
+    assert read().fields[0].grid.samples[16, 18, 20] == -1000
 
 
 def test_the_file_is_found_again_after_the_scene_was_saved(scene, tmp_path):
