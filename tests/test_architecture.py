@@ -39,6 +39,8 @@ LAYERS = {
         "arrays scalar_grid threads",
         "programs",
         "volume attributes",
+        "scalar_source",
+        "isosurface",
         "voxelization tracing",
         "rendering",
         "imaging",

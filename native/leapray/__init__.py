@@ -6,6 +6,7 @@ from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
 from .arrays import NORMALS
 from .attributes import VERTEX, WHITE, Attributes, Texture
 from .imaging import SKIPS, Clearance, FirstCells, first_cells
+from .isosurface import Isosurfaces, isosurface
 from .programs import (
     INPUTS,
     Program,
@@ -32,6 +33,7 @@ from .rendering import (
     World,
     branches_for,
 )
+from .scalar_grid import Leaves, ScalarGrid
 from .tracing import (
     HIT_TESTS,
     METRICS,
@@ -73,7 +75,9 @@ __all__ = [
     "FirstCells",
     "Hits",
     "Instance",
+    "Isosurfaces",
     "LeapRayError",
+    "Leaves",
     "Light",
     "Lobe",
     "Material",
@@ -82,6 +86,7 @@ __all__ = [
     "OutOfMemory",
     "Program",
     "Record",
+    "ScalarGrid",
     "Scene",
     "Step",
     "Stopped",
@@ -104,6 +109,7 @@ __all__ = [
     "first_cells",
     "inputs_of",
     "is_affine",
+    "isosurface",
     "merge",
     "mesh_edges",
     "mesh_layers",
