@@ -40,6 +40,11 @@ TOPICS = {
         "order. The core stores samples in sparse bricks of 8 x 8 x 8.",
         "Volume VolumeInfo VolumeBuilder merge",
     ),
+    "Isosurfaces": (
+        "A scalar grid is a field as files hold it: numbers on a lattice and what they mean. An "
+        "isosurface is a volume of them: the solid on one side of a threshold.",
+        "ScalarGrid Leaves isosurface Isosurfaces",
+    ),
     "Voxelization": (
         "`voxelize` turns triangles into a volume. Attributes let hits take colours and smooth "
         "normals from the triangles.",

@@ -43,6 +43,8 @@ LAYERS = {
         "formats.dicom formats.vdb",
         "formats",
         "volume attributes",
+        "scalar_source",
+        "isosurface",
         "voxelization tracing",
         "rendering",
         "imaging",

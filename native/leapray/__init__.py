@@ -7,6 +7,7 @@ from .arrays import NORMALS
 from .attributes import VERTEX, WHITE, Attributes, Texture
 from .formats import RawLayout, read_volume, volume_grids
 from .imaging import SKIPS, Clearance, FirstCells, first_cells
+from .isosurface import Isosurfaces, isosurface
 from .programs import (
     INPUTS,
     Program,
@@ -77,6 +78,7 @@ __all__ = [
     "Histogram",
     "Hits",
     "Instance",
+    "Isosurfaces",
     "LeapRayError",
     "Leaves",
     "Light",
@@ -113,6 +115,7 @@ __all__ = [
     "histogram",
     "inputs_of",
     "is_affine",
+    "isosurface",
     "merge",
     "mesh_edges",
     "mesh_layers",
