@@ -22,7 +22,8 @@ from ..plan import objects
 from . import open_file, volume_data
 
 SIDE = 1024  # pixels of the picture, unless asked otherwise
-MILLIMETRES = 1e-3  # in metres: the unit of anatomical data
+MILLIMETRES = 1e-3  # in metres: the unit of anatomical data,
+ANATOMICAL = ".nii", ".nii.gz", ".dcm", ".dicom", ".ima"  # or what their files are called
 FROM = (0.5, -0.8, 0.35)  # where the camera stands, as seen from the data
 LENS = 85.0  # mm, as for portraits
 ROOM = 1.02  # of the picture round the data
@@ -46,7 +47,7 @@ def make(path: Path, threshold: float | None = None):
     bpy.context.view_layer.update()
     corners = _corners(grid, np.array(ob.matrix_world))
     front = np.array(FROM) / np.linalg.norm(FROM)
-    turn = np.diag([-1.0, -1.0, 1.0]) if grid.meters == MILLIMETRES else np.eye(3)
+    turn = np.diag([-1.0, -1.0, 1.0]) if _is_anatomical(path, grid) else np.eye(3)
     scene.render.resolution_x = scene.render.resolution_y = SIDE
     scene.render.resolution_percentage = 100
     scene.camera = _camera(scene, corners, turn @ front)
@@ -54,6 +55,11 @@ def make(path: Path, threshold: float | None = None):
         _sun(scene, name, strength, turn @ np.array(origin))
     _sky(scene)
     return scene
+
+
+def _is_anatomical(path: Path, grid: leapray.ScalarGrid) -> bool:
+    named = path.is_dir() or path.name.lower().endswith(ANATOMICAL)
+    return named or grid.meters == MILLIMETRES
 
 
 def _corners(grid: leapray.ScalarGrid, world_from_object: NDArray) -> NDArray[np.float64]:

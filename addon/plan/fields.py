@@ -15,11 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 import leapray
-from leapray.scalar_grid import ScalarGrid
+from leapray.scalar_grid import Leaves, ScalarGrid
 
 from .. import arrays, model
 from ..store import memory_cache
 from . import objects
+from .coarser import coarser
 from .levels import MB
 from .planned import Plan
 
@@ -120,24 +121,21 @@ class Fields:
         for number, threshold in enumerate(field.thresholds):
             if self.watch.stopped:
                 raise leapray.Stopped("The planning was stopped.")
-            if not samples.low < threshold < samples.high:
-                self.warnings.append(
-                    f"{name!r} has no surface at {threshold:.6g}, for its values lie between "
-                    f"{samples.low:.6g} and {samples.high:.6g}."
-                )
+            if why := _no_surface(field, samples, threshold):
+                self.warnings.append(f"{name!r} has no surface at {threshold:.6g}, for {why}.")
                 continue
             structure = self._structure(field, samples, threshold, factor, left)
             left -= structure.volume.info.nbytes + structure.nbytes
             found.append(Surface(n, number, structure, factor))
         return found
 
-    def _samples(self, field: model.Field, factor: int, room: float) -> Isosurfaces:
+    def _samples(self, field: model.Field, factor: int, room: float) -> leapray.Isosurfaces:
         """The samples that a field's surfaces share, from the cache or stored now."""
         key = *self._key(field, factor), "samples"
         samples = self.cache.get(key)
         if samples is None:
             began = time.perf_counter()
-            samples = Isosurfaces(
+            samples = leapray.Isosurfaces(
                 field.grid if factor == 1 else coarser(field.grid, factor),
                 above=field.above,
                 capped=field.capped,
@@ -154,7 +152,12 @@ class Fields:
         return "field", field.contents, arrays.digest((where,), told)
 
     def _structure(
-        self, field: model.Field, samples: Isosurfaces, threshold: float, factor: int, room: float
+        self,
+        field: model.Field,
+        samples: leapray.Isosurfaces,
+        threshold: float,
+        factor: int,
+        room: float,
     ) -> leapray.Structure:
         """From the cache, or made."""
         traverser = self.scene.settings.traverser
@@ -225,6 +228,18 @@ class Fields:
         }
 
 
+def _no_surface(field: model.Field, samples: leapray.Isosurfaces, threshold: float) -> str:
+    """Why there is none at a threshold, or ""."""
+    if not samples.low < threshold < samples.high:
+        return f"its values lie between {samples.low:.6g} and {samples.high:.6g}"
+    stored = field.grid.samples
+    if isinstance(stored, Leaves):
+        around = field.grid.offset + field.grid.scale * stored.background
+        if around >= threshold if field.above else around <= threshold:
+            return f"the inside would be all of space: round the data lies {around:.6g}"
+    return ""
+
+
 def _check_room(nbytes: int, room: float) -> None:
     """Raise OutOfMemory where so many bytes do not fit."""
     if nbytes > room:
@@ -253,55 +268,3 @@ def _placed(
         holdout=instance.holdout,
         volume_index=volume,
     )
-
-
-def coarser(grid, factor):
-    from dataclasses import replace
-
-    return replace(
-        grid,
-        samples=_dense(grid)[0][::factor, ::factor, ::factor],
-        world_from_index=np.asarray(grid.world_from_index) @ np.diag([factor] * 3 + [1.0]),
-    )
-
-
-def _dense(grid):
-    stored, first = grid.samples, np.zeros(3, int)
-    if not isinstance(stored, np.ndarray):
-        first, last = objects.lattice(grid)
-        first, size = first + 1, last - first
-        dense = np.full(size[::-1], stored.background)
-        for at, side, value in zip(
-            stored.tile_origins, stored.tile_sizes, stored.tile_values, strict=True
-        ):
-            x, y, z = at - first
-            dense[z : z + side, y : y + side, x : x + side] = value
-        for at, leaf in zip(stored.origins, stored.samples, strict=True):
-            x, y, z = at - first
-            dense[z : z + 8, y : y + 8, x : x + 8] = leaf
-        stored = dense
-    return stored, first
-
-
-class Isosurfaces:
-    """Stand-in."""
-
-    def __init__(self, grid, *, above, capped, threads, watch, max_nbytes):
-        self.grid, self.above = grid, above
-        stored, self.first = _dense(grid)
-        if stored.size * 4 > max_nbytes:
-            error = leapray.OutOfMemory("too much")
-            error.nbytes = stored.size * 4
-            raise error
-        self.values = grid.offset + grid.scale * np.asarray(stored, np.float64)
-        self.low, self.high = self.values.min(), self.values.max()
-
-    def at(self, threshold, *, threads, watch):
-        values = self.values - threshold
-        values = values if self.above else -values
-        span = max(np.abs(values).max(), 1e-30)
-        matrix = np.array(self.grid.world_from_index)
-        matrix[:3, 3] += matrix[:3, :3] @ self.first
-        return leapray.Volume(
-            (0.5 + 0.5 * values / span).clip(0, 1).astype(np.float32), object_from_index=matrix
-        )

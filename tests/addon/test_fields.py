@@ -11,6 +11,7 @@ import scenes
 import leapray
 from addon import model, pipeline
 from addon.plan import objects, plan
+from addon.plan.coarser import coarser
 from addon.store.memory_cache import Cache
 from leapray.scalar_grid import Leaves, ScalarGrid
 
@@ -177,6 +178,65 @@ def test_bad_places_and_thresholds_are_sentences():
     assert len(frame.warnings) == 3 and len(frame.report["volumes"]) == 1
     for number, words in enumerate(("span space", "threshold is not finite", "no inverse")):
         assert any(f"'Volume {number}'" in w and words in w for w in frame.warnings)
+
+
+@pytest.mark.parametrize("mean", [True, False])
+def test_a_coarser_field_has_the_same_ball(mean):
+    """The mean of eight linear values is the value at their middle.
+
+    A quarter of the voxel's square by 1 / radius is what the field is off, at the radius of the
+    nearest sample; of means as much again.
+    """
+    grid = ball_grid(n=41, dtype=np.float32)
+    grid = grid if mean else dataclasses.replace(grid, no_data=-1e9)
+    made = coarser(grid, 4)
+    assert made.samples.shape == (11, 11, 11)
+    where_is = made.world_from_index @ (5, 5, 5, 1)
+    middle = (41 - 1) / 2 * grid.world_from_index[0, 0] + grid.world_from_index[0, 3]
+    index = np.array((5, 5, 5)) * 4 + (1.5 if mean else 0.0)
+    assert where_is[:3] == pytest.approx(
+        grid.world_from_index[:3, :3] @ index + grid.world_from_index[:3, 3]
+    ) and middle == pytest.approx(0.0, abs=1e-9)
+    frame = pipeline.render(scene([field(made)], [place(object_index=1)]))
+    radius = np.linalg.norm(frame.passes["Position"][where(frame, 1)], axis=1)
+    assert np.abs(radius - 1).max() < (4 * 2.6 / 40) ** 2 / 4 * (2.0 if mean else 1.3)
+
+
+def test_coarser_leaves_are_the_coarser_array():
+    rng = np.random.default_rng(5)
+    array = np.full((64, 64, 64), -7.0, np.float32)
+    origins, blocks = [], []
+    for x, y, z in 8 * rng.permutation(list(np.ndindex(4, 4, 4)))[:20]:
+        block = rng.normal(size=(8, 8, 8)).astype(np.float32)
+        array[z : z + 8, y : y + 8, x : x + 8] = block
+        origins.append((x - 32, y - 32, z - 32))
+        blocks.append(block)
+    array[32:, 32:, 32:] = 3.0  # a tile of 32 samples,
+    array[40:48, :8, :8] = 5.0  # and one of 8
+    leaves = Leaves(
+        np.array(origins, np.int32),
+        np.array(blocks),
+        -7.0,
+        np.array([(0, 0, 0), (-32, -32, 8)], np.int32),
+        np.array([32, 8], np.int32),
+        np.array([3.0, 5.0]),
+    )
+    for factor in (2, 4, 8):
+        want = coarser(ScalarGrid("array", array, np.eye(4)), factor)
+        got = coarser(ScalarGrid("leaves", leaves, np.eye(4)), factor)
+        np.testing.assert_allclose(got.world_from_index, want.world_from_index)
+        dense = np.full_like(want.samples, -7.0)
+        parts = got.samples
+        low = 32 // factor
+        cells = [(o, 8, s) for o, s in zip(parts.origins, parts.samples, strict=True)]
+        cells += list(zip(parts.tile_origins, parts.tile_sizes, parts.tile_values, strict=True))
+        for origin, side, values in cells:
+            first = origin + low
+            last = np.minimum(first + side, dense.shape[0])
+            block = np.broadcast_to(values, (side,) * 3)
+            cut = tuple(slice(max(-first[k], 0), last[k] - first[k]) for k in (2, 1, 0))
+            dense[tuple(slice(max(first[k], 0), last[k]) for k in (2, 1, 0))] = block[cut]
+        np.testing.assert_allclose(dense, want.samples, atol=1e-5)
 
 
 # ---- memory and caches --------------------------------------------------------------
