@@ -88,7 +88,7 @@ def first_threshold(
     that peak and the rest. Values of computed tomography below -1024 HU, and the outermost
     0.01 % of others, do not count.
     threads: 0, all cores. watch stops the call by Stopped. Raises LeapRayError where the field
-    has no values, or only one that is no fog's.
+    has no values or only one.
     Source: Otsu 1979.
     """
     if grid.kind == "level set":
@@ -97,19 +97,27 @@ def first_threshold(
         return 0.5, "all that has a label"
     fine = histogram(grid, 1 << 16, threads=threads, watch=watch)
     middles = (fine.edges[:-1] + fine.edges[1:]) / 2
-    if grid.kind == "fog":
-        dense = np.where(middles > 0, fine.counts, 0)
-        if dense.any():
-            mean = float((dense * middles).sum() / dense.sum())
-            return mean / 2, f"half the mean density of what is not empty, {mean:.3g}"
+    dense = np.where(fine.edges[:-1] > 0, fine.counts, 0)
+    if grid.kind == "fog" and dense.any():
+        mean = float((dense * middles).sum() / dense.sum())
+        return mean / 2, f"half the mean density of what is not empty, {mean:.3g}"
     if np.count_nonzero(fine.counts) < 2:
-        value = fine.edges[np.argmax(fine.counts)]
-        raise LeapRayError(f"{_about(grid)} has the same value everywhere, about {value:g}")
+        return _from_background(grid, float(middles[np.argmax(fine.counts)]))
     lo, hi = _inner_range(grid, fine)
     inner = _cut(fine, lo, hi)
     if len(inner.counts) < FINE // 8 < len(fine.counts):  # a few values lie far out
         inner = histogram(grid, FINE, (lo, hi), threads=threads, watch=watch)
     return _between_classes(inner if np.count_nonzero(inner.counts) > 1 else fine)
+
+
+def _from_background(grid: ScalarGrid, value: float) -> tuple[float, str]:
+    """A threshold for a field whose samples all have that value."""
+    samples = grid.samples
+    if isinstance(samples, Leaves):
+        around = grid.offset + grid.scale * samples.background
+        if not math.isclose(around, value, rel_tol=1e-5):
+            return (around + value) / 2, "midway between the one value and the background"
+    raise LeapRayError(f"{_about(grid)} has the same value everywhere, about {value:g}")
 
 
 def _about(grid: ScalarGrid) -> str:
@@ -325,7 +333,7 @@ def _half_width(counts: NDArray[np.float64], peak: int) -> int:
     """Bins from the peak to half its height, on the steeper side."""
     low = np.flatnonzero(counts <= counts[peak] / 2)
     left, right = low[low < peak], low[low > peak]
-    sides = [peak - k for k in left[-1:]] + [k - peak for k in right[:1]]
+    sides = [peak - left[-1]] * bool(len(left)) + [right[0] - peak] * bool(len(right))
     return int(min(sides, default=1))
 
 
