@@ -24,10 +24,10 @@ from . import open_file, volume_data
 SIDE = 1024  # pixels of the picture, unless asked otherwise
 MILLIMETRES = 1e-3  # in metres: the unit of anatomical data,
 ANATOMICAL = ".nii", ".nii.gz", ".dcm", ".dicom", ".ima"  # or what their files are called
-FROM = (0.5, -0.8, 0.35)  # where the camera stands, as seen from the data
+FROM = (0.5, -0.8, 0.2)  # where the camera stands, as seen from the data
 LENS = 85.0  # mm, as for portraits
 ROOM = 1.02  # of the picture round the data
-KEY, FILL = (4.0, (-0.6, -0.7, 0.9)), (0.5, (0.9, -0.2, 0.3))  # strength, and where it comes from
+KEY, FILL = (4.0, (-0.5, -0.9, 0.6)), (0.5, (0.9, -0.3, 0.2))  # strength, and where it comes from
 SKY = (0.05, 0.055, 0.065)
 
 

@@ -333,7 +333,7 @@ def _half_width(counts: NDArray[np.float64], peak: int) -> int:
     """Bins from the peak to half its height, on the steeper side."""
     low = np.flatnonzero(counts <= counts[peak] / 2)
     left, right = low[low < peak], low[low > peak]
-    sides = [peak - left[-1]] * bool(len(left)) + [right[0] - peak] * bool(len(right))
+    sides = [peak - k for k in left[-1:]] + [k - peak for k in right[:1]]
     return int(min(sides, default=1))
 
 
