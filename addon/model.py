@@ -68,6 +68,8 @@ class Field:
     thresholds: tuple[float, ...]  # of each surface, in the data's units; at least one
     above: bool = True  # inside is what exceeds the threshold, else what falls below it
     capped: bool = True  # surfaces are closed where the data end
+    smoothing: float = 0.0  # the standard deviation of a Gaussian, in samples
+    least: int = 0  # parts of fewer samples are left out
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -545,6 +545,23 @@ class Isosurfaces:
         "Invert",
         "Take for the inside what lies outside: below the threshold, of level sets above it",
     )
+    smoothing: float = setting(
+        0.0,
+        "Smoothing",
+        "Samples over which the data are averaged by a Gaussian, as its standard deviation: less "
+        "noise, rounder edges",
+        0.0,
+        16.0,
+        soft_maximum=4.0,
+    )
+    least: int = setting(
+        0,
+        "Smallest Part",
+        "Parts of fewer samples are left out, such as specks of noise",
+        0,
+        WHOLE_MAX,
+        soft_maximum=10000,
+    )
     capped: bool = setting(
         True,
         "Cap",

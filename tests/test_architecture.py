@@ -58,7 +58,7 @@ LAYERS = {
         "plan.coarser plan.culling plan.light_planes plan.mesh_colors plan.objects plan.planned",
         "plan.probes",
         "tiles store.volume_files",
-        "plan.error_metric plan.mesh_split plan.proximity plan.sample_types",
+        "plan.error_metric plan.field_filters plan.mesh_split plan.proximity plan.sample_types",
         "store.disk_cache store.memory_cache",
         "plan.levels",
         "plan.fields plan.separation",

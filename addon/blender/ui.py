@@ -339,7 +339,7 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         for number in range(2, own.surfaces + 1):
             column.prop(own, f"threshold_{number}")
         column.separator()
-        for name in ("invert", "capped"):
+        for name in ("smoothing", "least", "invert", "capped"):
             column.prop(own, name)
         if values:
             self.draw_values(column.box(), own, values)

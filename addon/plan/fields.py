@@ -19,7 +19,7 @@ from leapray.scalar_grid import Leaves, ScalarGrid
 
 from .. import arrays, model
 from ..store import memory_cache
-from . import objects
+from . import field_filters, objects
 from .coarser import coarser
 from .levels import MB
 from .planned import Plan
@@ -117,10 +117,9 @@ class Fields:
     def _surfaces(self, n: int, name: str, factor: int, room: float) -> list[Surface]:
         """On a lattice that many times coarser; OutOfMemory where they do not fit."""
         field, found, left = self.scene.fields[n], [], room
-        samples = self._samples(field, factor, room)
         for number, threshold in enumerate(field.thresholds):
-            if self.watch.stopped:
-                raise leapray.Stopped("The planning was stopped.")
+            self._check_cancelled()
+            samples = self._samples(field, threshold, factor, room)
             if why := _no_surface(field, samples, threshold):
                 self.warnings.append(f"{name!r} has no surface at {threshold:.6g}, for {why}.")
                 continue
@@ -129,14 +128,23 @@ class Fields:
             found.append(Surface(n, number, structure, factor))
         return found
 
-    def _samples(self, field: model.Field, factor: int, room: float) -> leapray.Isosurfaces:
-        """The samples that a field's surfaces share, from the cache or stored now."""
-        key = *self._key(field, factor), "samples"
+    def _check_cancelled(self) -> None:
+        if self.watch.stopped:
+            raise leapray.Stopped("The planning was stopped.")
+
+    def _samples(
+        self, field: model.Field, threshold: float, factor: int, room: float
+    ) -> leapray.Isosurfaces:
+        """The samples that a field's surfaces share, from the cache or stored now.
+
+        Where small parts are left out, each threshold has its own.
+        """
+        key = *self._key(field, factor), "samples", threshold if field.least else None
         samples = self.cache.get(key)
         if samples is None:
             began = time.perf_counter()
             samples = leapray.Isosurfaces(
-                field.grid if factor == 1 else coarser(field.grid, factor),
+                self._filtered(field, threshold, factor),
                 above=field.above,
                 capped=field.capped,
                 threads=self.threads,
@@ -146,8 +154,18 @@ class Fields:
             self.seconds["voxelize"] += time.perf_counter() - began
         return self.cache.put(key, samples)
 
+    def _filtered(self, field: model.Field, threshold: float, factor: int) -> ScalarGrid:
+        """What the surfaces are taken from: coarser, smoothed, without small parts, as asked."""
+        grid, check = coarser(field.grid, factor), self._check_cancelled
+        if field.smoothing:
+            grid = field_filters.smoothed(grid, field.smoothing / factor, check)
+        if field.least:
+            least = -(-field.least // factor**3)
+            grid = field_filters.without_islands(grid, threshold, field.above, least, check)
+        return grid
+
     def _key(self, field: model.Field, factor: int) -> tuple:
-        told = repr((field.above, field.capped, factor)).encode()
+        told = repr((field.above, field.capped, field.smoothing, field.least, factor)).encode()
         where = np.asarray(field.grid.world_from_index)
         return "field", field.contents, arrays.digest((where,), told)
 

@@ -10,7 +10,7 @@ import scenes
 
 import leapray
 from addon import model, pipeline
-from addon.plan import objects, plan
+from addon.plan import field_filters, objects, plan
 from addon.plan.coarser import coarser
 from addon.store.memory_cache import Cache
 from leapray.scalar_grid import Leaves, ScalarGrid
@@ -237,6 +237,74 @@ def test_coarser_leaves_are_the_coarser_array():
             cut = tuple(slice(max(-first[k], 0), last[k] - first[k]) for k in (2, 1, 0))
             dense[tuple(slice(max(first[k], 0), last[k]) for k in (2, 1, 0))] = block[cut]
         np.testing.assert_allclose(dense, want.samples, atol=1e-5)
+
+
+# ---- filters ---------------------------------------------------------------------------
+
+
+def never() -> None:
+    """Nobody stops."""
+
+
+@pytest.mark.parametrize("sigma", [0.7, 1.5])
+def test_smoothing_is_a_gaussian(sigma):
+    values = np.random.default_rng(2).normal(size=(20, 17, 23)).astype(np.float32)
+    got = field_filters.smoothed(ScalarGrid("noise", values, np.eye(4)), sigma, never).samples
+    axis = np.arange(-np.ceil(3 * sigma), np.ceil(3 * sigma) + 1)
+    weights = np.exp(-(axis**2) / (2 * sigma**2))
+    want = values.astype(np.float64)
+    for k in range(3):
+        pad = [(len(axis) // 2,) * 2 if k == a else (0, 0) for a in range(3)]
+        rows = np.pad(want, pad, mode="edge")
+        want = np.apply_along_axis(np.convolve, k, rows, weights / weights.sum(), "valid")
+    np.testing.assert_allclose(got, want, atol=1e-5)
+
+
+def test_smoothing_leaves_out_what_has_no_value():
+    values = np.full((9, 9, 9), 4, np.int16)
+    values[4, 4, 4] = values[0, 0, 0] = -32768
+    got = field_filters.smoothed(ScalarGrid("holes", values, np.eye(4), no_data=-32768), 1.0, never)
+    assert got.no_data is None and np.isnan(got.samples[4, 4, 4])
+    np.testing.assert_allclose(got.samples[~np.isnan(got.samples)], 4.0, rtol=1e-6)
+    assert np.isnan(got.samples).sum() == 2
+
+
+def test_labels_are_smoothed_as_one_region():
+    labels = np.zeros((12, 12, 12), np.uint8)
+    labels[:, :, 3:7], labels[:, :, 7:] = 3, 200
+    got = field_filters.smoothed(ScalarGrid("labels", labels, np.eye(4), kind="labels"), 1.0, never)
+    assert got.samples.max() <= 1.0 + 1e-6 and abs(got.samples[6, 6, 7:10] - 1).max() < 1e-2
+    assert got.samples[6, 6, 2] < 0.5 < got.samples[6, 6, 3]
+
+
+def test_small_parts_are_left_out_and_large_ones_stay():
+    """Against a labelling of scipy's."""
+    ndimage = pytest.importorskip("scipy.ndimage")
+    rng = np.random.default_rng(3)
+    values = ndimage.gaussian_filter(rng.normal(size=(40, 30, 50)), 1.2) * 100
+    for above, threshold in ((True, 12.0), (False, -12.0)):
+        grid = ScalarGrid("noise", values, np.eye(4))
+        labels, n = ndimage.label(values >= threshold if above else values <= threshold)
+        sizes = np.bincount(labels.ravel())
+        assert n > 50 and (sizes[1:] < 20).sum() > 10 and (sizes[1:] >= 20).sum() > 5
+        got = field_filters.without_islands(grid, threshold, above, 20, never).samples
+        inside = got >= threshold if above else got <= threshold
+        np.testing.assert_array_equal(inside, (labels > 0) & (sizes[labels] >= 20))
+        np.testing.assert_array_equal(got[inside], values[inside])
+
+
+def test_filters_reach_the_picture():
+    grid = ball_grid()
+    specks = grid.samples.copy()
+    specks[2:38:5, 2:38:5, 0:3] = 4000
+    made = field(dataclasses.replace(grid, samples=specks), contents="specks")
+    rough = pipeline.render(scene([made], [place(object_index=1)]))
+    clean = pipeline.render(scene([dataclasses.replace(made, least=50)], [place(object_index=1)]))
+    alone = pipeline.render(scene([field()], [place(object_index=1)]))
+    assert where(rough, 1).sum() > where(alone, 1).sum() + 50
+    np.testing.assert_array_equal(where(clean, 1), where(alone, 1))
+    soft = pipeline.render(scene([dataclasses.replace(made, smoothing=2.0)]))
+    assert (soft.passes["Depth"] != rough.passes["Depth"]).any()
 
 
 # ---- memory and caches --------------------------------------------------------------

@@ -50,6 +50,8 @@ def read_field(ob, original, depsgraph, notes) -> model.Field | None:
         thresholds=thresholds(grid, contents, own),
         above=(grid.kind != "level set") != own.invert,
         capped=own.capped,
+        smoothing=own.smoothing,
+        least=own.least,
     )
 
 
