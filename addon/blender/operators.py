@@ -107,7 +107,7 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
 
 
 class OBJECT_OT_leapray_import(bpy.types.Operator, ImportHelper):
-    """Add a volume of measured data (NIfTI, DICOM, NRRD, MRC, TIFF, OpenVDB or raw numbers)"""
+    """Add measured data (NIfTI, DICOM, NRRD, MRC, TIFF, OpenVDB, raw) where their file says"""
 
     bl_idname = "object.leapray_import"
     bl_label = "Import Volume"
@@ -123,6 +123,11 @@ class OBJECT_OT_leapray_import(bpy.types.Operator, ImportHelper):
         name="Grid",
         description="The name of a grid, channel or series of the file; empty: the first",
     )
+
+    def invoke(self, context, event) -> set[str]:
+        if self.properties.is_property_set("filepath"):  # a file was dropped
+            return self.execute(context)
+        return ImportHelper.invoke(self, context, event)
 
     def execute(self, context) -> set[str]:
         try:

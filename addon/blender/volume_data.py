@@ -22,6 +22,7 @@ from ..plan import objects
 from . import properties
 from .read import volumes
 
+SMALLEST, LARGEST = 1e-3, 1e5  # units of the scene that imported data may be long
 BINS = 128
 HEIGHT = 128  # pixels of the histogram's picture, as wide as it has bins
 BAR, BACK = (0.55, 0.55, 0.55, 1.0), (0.11, 0.11, 0.11, 1.0)
@@ -175,5 +176,12 @@ def _box(ob, grid: leapray.ScalarGrid) -> bpy.types.Object:
 
 
 def scene_units(scene, grid: leapray.ScalarGrid) -> float:
-    """Units of the scene in one of the data; 1 where the data do not say."""
-    return (grid.meters / scene.unit_settings.scale_length) if grid.meters else 1.0
+    """Units of the scene in one of the data; 1 where the data do not say.
+
+    Data that would then be too small or too large are taken to be one unit long.
+    """
+    unit = grid.meters / scene.unit_settings.scale_length if grid.meters else 1.0
+    size = np.ptp(objects.lattice(grid), axis=0) - 2.0
+    sides = size * np.linalg.norm(np.asarray(grid.world_from_index)[:3, :3], axis=0)
+    longest = float(sides.max()) or 1.0
+    return unit if SMALLEST <= unit * longest <= LARGEST else 1.0 / longest

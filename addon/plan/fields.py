@@ -37,6 +37,17 @@ class Surface:
     structure: leapray.Structure
     factor: int  # samples of the data along a side of a voxel
 
+    @property
+    def voxel_size(self) -> float:
+        """The longest side of a voxel, in the field's object space."""
+        matrix = self.structure.volume.info.object_from_index
+        return float(np.linalg.norm(matrix[:3, :3], axis=0).max())
+
+    @property
+    def error(self) -> float:
+        """How far the surface may lie from that of the data, about: half a voxel, if coarser."""
+        return self.voxel_size / 2 if self.factor > 1 else 0.0
+
 
 class Fields:
     """The surfaces of all fields that are placed, within so many bytes as room."""
@@ -225,7 +236,6 @@ class Fields:
     def _row(self, surface: Surface) -> dict[str, object]:
         field, info = self.scene.fields[surface.field], surface.structure.volume.info
         users = [each for each in self.instances if each.field == surface.field]
-        voxel = np.linalg.norm(info.object_from_index[:3, :3], axis=0)
         return {
             "name": users[0].name,
             "field": field.name,
@@ -234,10 +244,10 @@ class Fields:
             "why": f"a threshold of {field.thresholds[surface.number]:g}",
             "threshold": field.thresholds[surface.number],
             "size": list(info.size),
-            "voxel_size": float(voxel.max()),
+            "voxel_size": surface.voxel_size,
             "sample_type": info.dtype,
             "coarser": surface.factor,
-            "error_footprints": 0.0,
+            "error_footprints": None if surface.factor > 1 else 0.0,  # not measured
             "nbytes": info.nbytes + surface.structure.nbytes,
             "volume_nbytes": info.nbytes,
             "structure_nbytes": surface.structure.nbytes,
@@ -285,4 +295,5 @@ def _placed(
         visible_transmission=instance.visible_transmission,
         holdout=instance.holdout,
         volume_index=volume,
+        error=surface.error * objects.scale(instance.world_from_object),
     )

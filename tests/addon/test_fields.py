@@ -321,6 +321,7 @@ def test_what_does_not_fit_is_made_coarser_and_both_sizes_are_named():
     radius = np.linalg.norm(frame.passes["Position"][where(frame, 1)], axis=1)
     assert np.abs(radius - 1).max() < (2.6 / int(told[1])) ** 2
     (row,) = frame.report["volumes"]
+    assert frame.passes["Error"][where(frame, 1)].min() > 0 and row["error_footprints"] is None
     assert row["nbytes"] <= 6 * plan.MB and row["coarser"] == 160 // int(told[1])
 
 

@@ -80,6 +80,17 @@ def test_a_scan_lies_where_its_file_says_in_the_scenes_units(scale_length, scene
     assert np.abs(distance - RADIUS * unit).max() < 2 * SPACING * unit and distance.std() < unit
 
 
+def test_what_would_be_too_small_to_be_seen_is_a_unit_long(scene, tmp_path):
+    ob = imported(scan(tmp_path, meters=1e-10))  # a map of a molecule
+    longest = (max(SIZE) - 1) * SPACING
+    assert tuple(ob.scale) == pytest.approx((1 / longest,) * 3)
+
+
+def test_a_dropped_file_is_imported_without_a_dialog(scene, tmp_path):
+    done = bpy.ops.object.leapray_import("INVOKE_DEFAULT", filepath=str(scan(tmp_path)))
+    assert done == {"FINISHED"} and bpy.context.object.name == "scan"
+
+
 def test_a_given_threshold_is_in_the_datas_units(scene, tmp_path):
     ob = imported(scan(tmp_path))
     ob.pass_index = 1
