@@ -433,6 +433,48 @@ def test_a_saved_scene_renders_again(scene, tmp_path):
     np.testing.assert_array_equal(before, after)
 
 
+def test_a_keyed_threshold_moves_the_surface(scene, tmp_path):
+    path = vdb_files.write(tmp_path / "ball.vdb", vdb_files.fog())
+    data = volume("Ball", path, automatic=False)
+    put("Ball", data)
+    for frame, value in ((1, 0.5), (11, 1.5)):
+        data.leapray.threshold = value
+        data.leapray.keyframe_insert("threshold", frame=frame)
+    for curve in fcurves(data):
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+    for frame, value in ((1, 0.5), (6, 1.0), (11, 1.5)):
+        scene.frame_set(frame)
+        assert read(*SIZE).fields[0].thresholds == pytest.approx((value,))
+    scene.frame_set(1)
+    heights = []
+    scene.render.resolution_x = scene.render.resolution_y = 8
+    for scene.frame_current in (1, 11):
+        bpy.ops.render.render()
+        (report,) = engine.reports.values()
+        heights += [row["threshold"] for row in report["volumes"]]
+    assert heights == pytest.approx([0.5, 1.5])
+
+
+def fcurves(block):
+    action = block.animation_data.action
+    if bpy.app.version < (5, 0):
+        return action.fcurves
+    return action.layers[0].strips[0].channelbags[0].fcurves
+
+
+def test_frames_of_one_file_keep_their_volumes(scene, tmp_path):
+    path = vdb_files.write(tmp_path / "ball.vdb", vdb_files.level_set())
+    put("Ball", volume("Ball", path))
+    scene.render.use_persistent_data = True
+    scene.render.resolution_x = scene.render.resolution_y = 8
+    took = []
+    for _ in range(2):
+        bpy.ops.render.render()
+        took.append(next(iter(engine.reports.values()))["seconds"]["structure"])
+    assert took[0] > 0 == took[1]
+
+
 def test_the_engine_renders_volumes(scene, tmp_path):
     path = vdb_files.write(tmp_path / "ball.vdb", vdb_files.level_set())
     put("Ball", volume("Ball", path), pass_index=1)
