@@ -37,10 +37,9 @@ def make(path: Path, threshold: float | None = None):
     threshold: of the surface, in the data's units; None: the automatic one. Raises LeapRayError
     where the file cannot be read.
     """
-    grid = leapray.read_volume(path)
     open_file.empty_scene()
     scene = bpy.context.scene
-    ob = volume_data.add(scene, path.absolute())
+    ob, grid = volume_data.add(scene, path.absolute())
     if threshold is not None:
         ob.data.leapray.automatic = False
         ob.data.leapray.threshold = threshold

@@ -131,7 +131,7 @@ class OBJECT_OT_leapray_import(bpy.types.Operator, ImportHelper):
 
     def execute(self, context) -> set[str]:
         try:
-            ob = volume_data.add(context.scene, Path(self.filepath), self.grid)
+            ob, _ = volume_data.add(context.scene, Path(self.filepath), self.grid)
         except leapray.LeapRayError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

@@ -45,8 +45,9 @@ def of(setting: Setting, **more: Any) -> Any:
         return bpy.props.BoolProperty(**told)
     told["subtype"] = setting.unit
     if setting.kind is str:
-        options = {"ANIMATABLE", RELATIVE} if setting.unit in PATHS else {"ANIMATABLE"}
-        return bpy.props.StringProperty(options=options, **told)
+        if setting.unit in PATHS:
+            told["options"] = {RELATIVE}
+        return bpy.props.StringProperty(**told)
     limits = {
         "min": setting.minimum,
         "max": setting.maximum,

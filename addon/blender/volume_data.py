@@ -135,8 +135,8 @@ def dropped() -> list[str]:
 # ---- new objects -------------------------------------------------------------
 
 
-def add(scene, path: Path, grid: str = "") -> bpy.types.Object:
-    """A new volume object of a file's data, where the file says they are; its surface grey.
+def add(scene, path: Path, grid: str = "") -> tuple[bpy.types.Object, leapray.ScalarGrid]:
+    """A new volume object of a file's data, where the file says they are, and these; it is grey.
 
     Its child, an empty, shows the box of the data in the viewport, which draws OpenVDB alone.
     Raises LeapRayError where the file cannot be read; then nothing is added.
@@ -159,7 +159,7 @@ def add(scene, path: Path, grid: str = "") -> bpy.types.Object:
     scene.collection.objects.link(ob)
     if volume.leapray.file:
         scene.collection.objects.link(_box(ob, data))
-    return ob
+    return ob, data
 
 
 def _box(ob, grid: leapray.ScalarGrid) -> bpy.types.Object:

@@ -95,34 +95,34 @@ class Fields:
 
     def _make(self, n: int, name: str, room: float) -> None:
         """The surfaces of a field on the finest lattice that fits into room."""
-        factor, needs = 1, 0
+        factor = 1
         while factor <= COARSEST:
             try:
                 found = self._surfaces(n, name, factor, room)
             except leapray.Stopped:
                 raise
-            except leapray.OutOfMemory as error:
-                factor, needs = 2 * factor, needs or error.nbytes or 0
+            except leapray.OutOfMemory:
+                factor *= 2
                 continue
             except leapray.LeapRayError as error:
                 self.warnings.append(f"{name!r} is skipped: {error}.")
                 return
             self.surfaces += found
             if factor > 1 and found:
-                self.warnings.append(self._coarser(n, name, factor, needs, room))
+                self.warnings.append(self._coarser(n, name, factor, room))
             return
         raise objects.SceneError(
             f"With {name!r} at its coarsest level the scene needs more than the "
             f"{self.scene.settings.memory_mb} MB of its budget."
         )
 
-    def _coarser(self, n: int, name: str, factor: int, needs: int, room: float) -> str:
+    def _coarser(self, n: int, name: str, factor: int, room: float) -> str:
+        """The sentence on a field whose own samples do not fit."""
         size = np.ptp(objects.lattice(self._grid(n)), axis=0) - 1
         whole, made = (" x ".join(str(-(-int(side) // by)) for side in size) for by in (1, factor))
         return (
-            f"{name!r} is rendered with {made} samples of its {whole}, for those take "
-            f"{max(needs, room) / MB:.0f} MB and {room / MB:.0f} MB of the memory budget are left "
-            "for them."
+            f"{name!r} is rendered with {made} samples of its {whole}, which do not fit into the "
+            f"{room / MB:.0f} MB of the memory budget that are left for them."
         )
 
     def _surfaces(self, n: int, name: str, factor: int, room: float) -> list[Surface]:
