@@ -5,6 +5,7 @@ from ._abi import LR_VERSION as __version__
 from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
 from .arrays import NORMALS
 from .attributes import VERTEX, WHITE, Attributes, Texture
+from .formats import RawLayout, read_volume, volume_grids
 from .imaging import SKIPS, Clearance, FirstCells, first_cells
 from .programs import (
     INPUTS,
@@ -34,6 +35,8 @@ from .rendering import (
     World,
     branches_for,
 )
+from .scalar_grid import Leaves, ScalarGrid
+from .thresholds import Histogram, first_threshold, histogram
 from .tracing import (
     HIT_TESTS,
     METRICS,
@@ -75,9 +78,11 @@ __all__ = [
     "Clip",
     "FieldColor",
     "FirstCells",
+    "Histogram",
     "Hits",
     "Instance",
     "LeapRayError",
+    "Leaves",
     "Light",
     "Lobe",
     "Material",
@@ -85,7 +90,9 @@ __all__ = [
     "Option",
     "OutOfMemory",
     "Program",
+    "RawLayout",
     "Record",
+    "ScalarGrid",
     "Scene",
     "Step",
     "Stopped",
@@ -106,6 +113,8 @@ __all__ = [
     "compile_program",
     "distance",
     "first_cells",
+    "first_threshold",
+    "histogram",
     "inputs_of",
     "is_affine",
     "merge",
@@ -113,10 +122,12 @@ __all__ = [
     "mesh_layers",
     "numbers_of",
     "operate",
+    "read_volume",
     "trace",
     "trace_options",
     "traverser",
     "traversers",
     "variants",
+    "volume_grids",
     "voxelize",
 ]

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""OpenVDB, by the module `openvdb` that comes with Blender and with many systems.
+
+Leaves and tiles are found by asking for the depth of the tree at the corners of its nodes, level
+by level; values are then copied by blocks. Per leaf a copy would take 0.1 ms, most of it to start
+the copy, so that a block of 64 leaves costs little more than one of them. What is inactive counts
+as what it holds: in a level set the inside, which no surface crosses, is inactive.
+"""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scalar_grid import LEAF, Leaves, ScalarGrid
+from .common import (
+    Format,
+    Request,
+    check_matrix,
+    choose_frame,
+    library,
+    reading,
+    refuse,
+)
+
+# Samples along the nodes of OpenVDB's usual tree: below the root, and below those.
+UPPER, LOWER = 4096, 128
+BLOCK = 32  # samples along what is copied at a time, where leaves are few
+FEW = 12  # of the 64 blocks of a lower node, beyond which it is copied whole
+MOST = 10_000  # upper nodes: a grid this wide has strayed
+DTYPES = {"float": "f4", "double": "f8", "half": "f4", "int32": "i4", "int64": "i8", "bool": "?"}
+CLASSES = {"level set": "level set", "fog volume": "fog"}
+
+
+def read(request: Request) -> ScalarGrid:
+    path = request.path
+    with reading(path, "OpenVDB"):
+        openvdb = _openvdb()
+        told: list[str] = []
+        choose_frame(request, 1, told)
+        name = _choose(request, openvdb, told)
+        grid = openvdb.read(str(path), name)
+        if tuple(_levels(grid)) != (5, 4, 3):
+            raise refuse(path, f"the tree of the grid {name!r} is not OpenVDB's usual one")
+        return ScalarGrid(
+            name,
+            _leaves(path, grid),
+            check_matrix(path, _matrix(path, grid)),
+            kind=CLASSES.get(str(grid.metadata.get("class", "")), "scalar"),
+            source=str(path),
+            warnings=tuple(told),
+        )
+
+
+def grids(path: Path) -> list[str]:
+    with reading(path, "OpenVDB"):
+        found = _openvdb().readAllGridMetadata(str(path))
+        return list(dict.fromkeys(grid.name for grid in found))
+
+
+def _openvdb():
+    """The module: of the system, or the one inside a running Blender."""
+    blender = sys.modules.get("bpy")
+    if blender is not None and hasattr(blender.utils, "expose_bundled_modules"):
+        blender.utils.expose_bundled_modules()
+    return library("openvdb", "openvdb (which comes with Blender)")
+
+
+def _choose(request: Request, openvdb, told: list[str]) -> str:
+    """The name of the grid that is asked for, else of the first of numbers."""
+    path = request.path
+    found = openvdb.readAllGridMetadata(str(path))
+    names = ", ".join(repr(grid.name) for grid in found) or "none"
+    asked = [grid for grid in found if request.grid in (None, grid.name)]
+    if not asked:
+        wanted = "no grid" if request.grid is None else f"no grid {request.grid!r}"
+        raise refuse(path, f"it has {wanted}; there are {names}")
+    scalar = [grid for grid in asked if grid.valueTypeName in DTYPES]
+    if not scalar:
+        kind = asked[0].valueTypeName
+        raise refuse(
+            path, f"the grid {asked[0].name!r} holds {kind}, and one number a sample is needed"
+        )
+    name = scalar[0].name
+    if request.grid is None and len(scalar) > 1:
+        told.append(f"{path} has the grids {names}, of which {name!r} was read")
+    return name
+
+
+def _levels(grid) -> list[int]:
+    dims = grid.nodeLog2Dims
+    return [n for n in (dims() if callable(dims) else dims) if n]
+
+
+def _matrix(path: Path, grid) -> NDArray[np.float64]:
+    """world_from_index of the grid's transform. Raises LeapRayError for a frustum."""
+    transform = grid.transform
+    if not transform.isLinear:
+        raise refuse(
+            path, f"the grid {grid.name!r} lies in a frustum, and an affine transform is needed"
+        )
+    matrix = np.eye(4)
+    matrix[:3, 3] = transform.indexToWorld((0.0, 0.0, 0.0))
+    for axis in range(3):
+        unit = np.eye(3)[axis].tolist()
+        matrix[:3, axis] = np.subtract(transform.indexToWorld(unit), matrix[:3, 3])
+    return matrix
+
+
+def _leaves(path: Path, grid) -> Leaves:
+    """All that the tree holds."""
+    dtype = np.dtype(DTYPES[grid.valueTypeName])
+    tree = _Tree(grid, dtype)
+    for corner in _upper_corners(path, grid):
+        tree.visit_upper(corner)
+    n = len(tree.tile_sizes)
+    samples = np.concatenate(tree.samples) if tree.samples else np.empty((0,) + (LEAF,) * 3, dtype)
+    numbers = np.dtype("u1") if dtype.kind == "b" else dtype
+    return Leaves(
+        np.array(tree.origins, np.int32).reshape(-1, 3),
+        samples.view(numbers),
+        float(grid.background),
+        np.array(tree.tile_origins, np.int32).reshape(n, 3),
+        np.array(tree.tile_sizes, np.int32),
+        np.array(tree.tile_values, dtype).astype(numbers),
+    )
+
+
+def _upper_corners(path: Path, grid) -> Iterator[tuple[int, int, int]]:
+    """First samples of the nodes below the root within the box of leaves and active tiles."""
+    boxes = np.array(
+        [grid.evalLeafBoundingBox(), grid.evalActiveVoxelBoundingBox()], np.int64
+    ).reshape(2, 2, 3)
+    boxes = boxes[(boxes[:, 0] <= boxes[:, 1]).all(axis=1)]
+    if not len(boxes):
+        return
+    first, last = boxes[:, 0].min(axis=0) // UPPER, boxes[:, 1].max(axis=0) // UPPER
+    if np.prod(last - first + 1.0) > MOST:
+        raise refuse(path, f"the grid {grid.name!r} spans {last - first} nodes of {UPPER} samples")
+    yield from _corners(tuple((first * UPPER).tolist()), tuple((last * UPPER + 1).tolist()), UPPER)
+
+
+def _corners(first: tuple, end: tuple, step: int) -> Iterator[tuple[int, int, int]]:
+    ranges = (range(a, b, step) for a, b in zip(first, end, strict=True))
+    yield from itertools.product(*ranges)
+
+
+class _Tree:
+    """What has been found of a grid."""
+
+    def __init__(self, grid, dtype: np.dtype) -> None:
+        self.grid = grid
+        self.accessor = grid.getConstAccessor()
+        self.depth = self.accessor.getValueDepth  # -1: background, 0..2: tiles, 3: a leaf's
+        self.background = grid.background
+        self.origins: list[tuple[int, int, int]] = []
+        self.samples: list[NDArray] = []
+        self.tile_origins: list[tuple[int, int, int]] = []
+        self.tile_sizes: list[int] = []
+        self.tile_values: list[float] = []
+        self.whole = np.empty((LOWER,) * 3, dtype)
+        self.part = np.empty((BLOCK,) * 3, dtype)
+
+    def visit_upper(self, corner: tuple[int, int, int]) -> None:
+        if self.depth(corner) <= 0:
+            self.add_tile(corner, UPPER)
+            return
+        for below in _corners(corner, tuple(x + UPPER for x in corner), LOWER):
+            if self.depth(below) == 1:
+                self.add_tile(below, LOWER)
+            else:
+                self.visit_lower(below)
+
+    def visit_lower(self, corner: tuple[int, int, int]) -> None:
+        leaves = []
+        depth = self.depth
+        for below in _corners(corner, tuple(x + LOWER for x in corner), LEAF):
+            if depth(below) == 3:
+                leaves.append(below)
+            else:
+                self.add_tile(below, LEAF)
+        if leaves:
+            self.copy_leaves(corner, np.array(leaves))
+
+    def copy_leaves(self, corner: tuple[int, int, int], leaves: NDArray[np.int64]) -> None:
+        """Add the leaves of one lower node, copied with their neighbours."""
+        blocks, numbers = np.unique(
+            (leaves - corner) // BLOCK @ [LOWER * LOWER, LOWER, 1], return_inverse=True
+        )
+        if len(blocks) > FEW:
+            self.copy_block(self.whole, corner, leaves)
+            return
+        for number in range(len(blocks)):
+            inside = leaves[numbers.ravel() == number]
+            first = tuple((inside[0] // BLOCK * BLOCK).tolist())
+            self.copy_block(self.part, first, inside)
+
+    def copy_block(self, block: NDArray, first: tuple, leaves: NDArray[np.int64]) -> None:
+        """Add leaves that lie in one block; OpenVDB writes it as if its axes were x, y, z."""
+        self.grid.copyToArray(block, ijk=first)
+        n = len(block) // LEAF
+        split = block.reshape(n, LEAF, n, LEAF, n, LEAF)
+        i, j, k = ((leaves - first) // LEAF).T
+        self.samples.append(split[i, :, j, :, k, :].transpose(0, 3, 2, 1).copy())
+        self.origins.extend(map(tuple, leaves.tolist()))
+
+    def add_tile(self, corner: tuple[int, int, int], size: int) -> None:
+        value = self.accessor.getValue(corner)
+        if value != self.background:
+            self.tile_origins.append(corner)
+            self.tile_sizes.append(size)
+            self.tile_values.append(value)
+
+
+def _is_vdb(head: bytes) -> bool:
+    return head.startswith(b" BDV")
+
+
+FORMAT = Format("OpenVDB", (".vdb",), read, grids, _is_vdb)
