@@ -45,6 +45,11 @@ TOPICS = {
         "normals from the triangles.",
         "voxelize FILTERS MeshInfo mesh_layers mesh_edges Attributes Texture VERTEX WHITE",
     ),
+    "Measured volumes": (
+        "Files of scanners, microscopes and simulations become a scalar grid: numbers on a "
+        "lattice, and where it lies. [formats.md](formats.md) says what is read of each format.",
+        "read_volume volume_grids RawLayout ScalarGrid Leaves first_threshold histogram Histogram",
+    ),
     "Texture programs": (
         "A texture may carry a program that computes the colour from what is looked up in the "
         "image. A program is compiled from three values, red, green and blue; a value is a number "

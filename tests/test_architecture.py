@@ -20,6 +20,7 @@ from pathlib import Path
 
 import pytest
 
+import build
 import build_core
 import leapray
 from leapray import _abi, _lib
@@ -491,9 +492,14 @@ def test_the_readme_is_right_about_the_library():
 def test_the_extension_has_the_version_and_the_wheel_of_the_core():
     manifest = tomllib.loads((ROOT / "addon" / "blender_manifest.toml").read_text())
     assert manifest["version"] == leapray.__version__
-    assert [Path(wheel).name for wheel in manifest["wheels"]] == [
-        f"leapray-{leapray.__version__}-py3-none-{build_core.PLATFORM}.whl"
-    ]
+    core, *readers = (Path(wheel).name for wheel in manifest["wheels"])
+    assert core == f"leapray-{leapray.__version__}-py3-none-{build_core.PLATFORM}.whl"
+    pins = re.findall(r"^(\w+)==(.*)", (ROOT / build.VOLUMES).read_text(), re.M)
+    assert [name.split("-")[:2] for name in readers] == sorted(map(list, pins))
+    assert all(name.endswith("-none-any.whl") for name in readers)
+    extra = tomllib.loads((ROOT / "native" / "pyproject.toml").read_text())["project"]
+    needed = {re.match(r"\w+", item)[0] for item in extra["optional-dependencies"]["volumes"]}
+    assert needed < {name for name, _ in pins}
 
 
 def test_the_pins_name_what_is_installed():

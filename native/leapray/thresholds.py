@@ -47,7 +47,7 @@ def histogram(
     threads: int = 0,
     watch: Watch | None = None,
 ) -> Histogram:
-    """Count the samples of a field by their values.
+    """Count the samples of a grid by their values.
 
     bins: at most so many; of whole numbers each bin holds as many as the others, so that
     there may be fewer. limits: values beyond which samples are left out; those of the field
@@ -80,12 +80,13 @@ def histogram(
 def first_threshold(
     grid: ScalarGrid, *, threads: int = 0, watch: Watch | None = None
 ) -> tuple[float, str]:
-    """A value whose surface is likely to show something, and a sentence on how it was found.
+    """A value of a grid whose surface is likely to show something, and how it was found.
 
-    0 for a level set, 0.5 for labels (all regions), for fog half the mean of what is not empty.
-    Otherwise Otsu's threshold; where that lies inside the peak of a background that is far
-    larger than the object, the lowest point between that peak and the rest. Values of computed
-    tomography below -1024 HU, and the outermost 0.01 % of others, do not count.
+    The second is a sentence. The value is 0 for a level set, 0.5 for labels (all regions), for
+    fog half the mean of what is not empty. Otherwise it is Otsu's threshold; where that lies
+    inside the peak of a background that is far larger than the object, the lowest point between
+    that peak and the rest. Values of computed tomography below -1024 HU, and the outermost
+    0.01 % of others, do not count.
     threads: 0, all cores. watch stops the call by Stopped. Raises LeapRayError where the field
     has no values or only one.
     Source: Otsu 1979.

@@ -22,8 +22,10 @@ def test_the_zip_holds_the_addon_the_core_and_the_licence(archive):
     with zipfile.ZipFile(archive) as package:
         assert package.testzip() is None
         names = set(package.namelist())
-        (wheel,) = (name for name in names if name.endswith(".whl"))
-        assert f'"./{wheel}"' in package.read("blender_manifest.toml").decode()
+        wheels = [name for name in names if name.endswith(".whl")]
+        manifest = package.read("blender_manifest.toml").decode()
+        assert len(wheels) > 5 and all(f'"./{name}"' in manifest for name in wheels)
+        (wheel,) = (name for name in wheels if name.startswith("wheels/leapray-"))
         with package.open(wheel) as file, zipfile.ZipFile(file) as core:
             assert {"leapray/libleapray.so", "leapray/__init__.py"} <= set(core.namelist())
     assert archive.name.endswith("-linux_x64.zip")
