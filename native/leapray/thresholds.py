@@ -96,20 +96,28 @@ def first_threshold(
     if grid.kind == "labels":
         return 0.5, "all that has a label"
     fine = histogram(grid, 1 << 16, threads=threads, watch=watch)
-    if np.count_nonzero(fine.counts) < 2:
-        value = fine.edges[np.argmax(fine.counts)]
-        raise LeapRayError(f"{_about(grid)} has the same value everywhere, about {value:g}")
     middles = (fine.edges[:-1] + fine.edges[1:]) / 2
-    if grid.kind == "fog":
-        dense = np.where(middles > 0, fine.counts, 0)
-        if dense.any():
-            mean = float((dense * middles).sum() / dense.sum())
-            return mean / 2, f"half the mean density of what is not empty, {mean:.3g}"
+    dense = np.where(fine.edges[:-1] > 0, fine.counts, 0)
+    if grid.kind == "fog" and dense.any():
+        mean = float((dense * middles).sum() / dense.sum())
+        return mean / 2, f"half the mean density of what is not empty, {mean:.3g}"
+    if np.count_nonzero(fine.counts) < 2:
+        return _from_background(grid, float(middles[np.argmax(fine.counts)]))
     lo, hi = _inner_range(grid, fine)
     inner = _cut(fine, lo, hi)
     if len(inner.counts) < FINE // 8 < len(fine.counts):  # a few values lie far out
         inner = histogram(grid, FINE, (lo, hi), threads=threads, watch=watch)
     return _between_classes(inner if np.count_nonzero(inner.counts) > 1 else fine)
+
+
+def _from_background(grid: ScalarGrid, value: float) -> tuple[float, str]:
+    """A threshold for a field whose samples all have that value."""
+    samples = grid.samples
+    if isinstance(samples, Leaves):
+        around = grid.offset + grid.scale * samples.background
+        if not math.isclose(around, value, rel_tol=1e-5):
+            return (around + value) / 2, "midway between the one value and the background"
+    raise LeapRayError(f"{_about(grid)} has the same value everywhere, about {value:g}")
 
 
 def _about(grid: ScalarGrid) -> str:

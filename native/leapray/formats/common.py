@@ -6,6 +6,7 @@ from __future__ import annotations
 import importlib
 import logging
 import math
+import struct
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,6 +22,7 @@ from ..scalar_grid import ScalarGrid
 
 HEAD = 512  # bytes at a file's start by which formats know their own
 LOGGERS = ("nibabel.global", "nrrd", "pydicom", "tifffile")
+STUMBLES = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, struct.error)
 RAS_FROM_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
@@ -81,31 +83,52 @@ def library(module: str, package: str) -> ModuleType:
 
 
 @contextmanager
-def reading(path: Path, format_name: str) -> Iterator[None]:
-    """Turn whatever a library raises meanwhile into one sentence, and keep it from printing."""
-    loggers = [logging.getLogger(name) for name in LOGGERS]
-    before = [logger.disabled for logger in loggers]
+def reading(path: Path, format_name: str) -> Iterator[list[str]]:
+    """Turn whatever a library raises meanwhile into one sentence, and keep it from printing.
+
+    Gives a list that what libraries log as errors is added to.
+    """
+    logged = _Logged()
+    loggers = [(logger, logger.propagate) for logger in map(logging.getLogger, LOGGERS)]
     try:
-        for logger in loggers:
-            logger.disabled = True
+        for logger, _ in loggers:
+            logger.propagate = False
+            logger.addHandler(logged)
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            yield
+            yield logged.errors
     except LeapRayError:
         raise
     except MemoryError:
-        raise OutOfMemory(f"there is no room in memory for the samples of {path}") from None
+        raise OutOfMemory(
+            f"there is no room in memory for the samples that {path} tells of"
+        ) from None
     except Exception as error:  # whatever a broken file makes of a library
-        raise LeapRayError(f"{path} cannot be read as {format_name}: {first_line(error)}") from None
+        raise LeapRayError(f"{path} cannot be read as {format_name}: {_reason(error)}") from None
     finally:
-        for logger, disabled in zip(loggers, before, strict=True):
-            logger.disabled = disabled
+        for logger, propagate in loggers:
+            logger.propagate = propagate
+            logger.removeHandler(logged)
 
 
-def first_line(error: Exception) -> str:
-    """What an exception says, on one line, or its name."""
+class _Logged(logging.Handler):
+    """Keeps what is logged as an error, and drops the rest."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.errors: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.errors.append(record.getMessage())
+
+
+def _reason(error: Exception) -> str:
+    """What an exception says, on one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[0][:200].rstrip(".") if lines else type(error).__name__
+    said = lines[0][:200].rstrip(".") if lines else type(error).__name__
+    if isinstance(error, KeyError) and " " not in said:
+        return f"it lacks {said}"
+    return f"it is broken ({said})" if isinstance(error, STUMBLES) else said
 
 
 def refuse(path: Path, why: str) -> LeapRayError:

@@ -99,10 +99,9 @@ def read(request: Request) -> ScalarGrid:
     with reading(path, "DICOM"):
         pydicom = library("pydicom", "pydicom")
         told: list[str] = []
-        chosen = _choose(request, _series_of(pydicom, path), told)
+        chosen = _choose(request, _series_of(pydicom, path, told), told)
         head = chosen[0].header
-        for slice_ in chosen[:1]:
-            _check_kind(slice_)
+        _check_kind(chosen[0])
         frames, matrix = place(path, chosen, told)
         frame = choose_frame(request, len(frames), told)
         slices, weights = frames[frame]
@@ -127,17 +126,19 @@ def read(request: Request) -> ScalarGrid:
 
 def grids(path: Path) -> list[str]:
     with reading(path, "DICOM"):
-        found = _series_of(library("pydicom", "pydicom"), path)
+        found = _series_of(library("pydicom", "pydicom"), path, [])
         return sorted(found, key=lambda uid: -len(found[uid]))
 
 
 # ---- which slices ----------------------------------------------------------------
 
 
-def _series_of(pydicom, path: Path) -> dict[str, list[Slice]]:
+def _series_of(pydicom, path: Path, told: list[str]) -> dict[str, list[Slice]]:
     """The slices of each series of a folder, or of the series of one file."""
     own = None
     if path.is_file():
+        if not is_dicom_file(path):
+            raise refuse(path, "it is no DICOM")
         first = list(_slices(pydicom, path))
         if not first:
             raise refuse(path, "it holds no picture")
@@ -151,11 +152,13 @@ def _series_of(pydicom, path: Path) -> dict[str, list[Slice]]:
             for slice_ in _slices(pydicom, file):
                 if own in (None, slice_.series):
                     found.setdefault(slice_.series, []).append(slice_)
-        except Exception as error:  # one broken file among many is told below
-            broken.append(f"{file.name} ({error})")
+        except Exception:  # one broken file among many is told below
+            broken.append(file.name)
     if not found:
-        why = f"; {broken[0]} cannot be read" if broken else ""
+        why = f"; {broken[0]} is broken" if broken else ""
         raise refuse(path, f"it holds no DICOM pictures{why}")
+    if broken:
+        told.append(f"{path} holds {len(broken)} broken files, {broken[0]} among them")
     return found
 
 

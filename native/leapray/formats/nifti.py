@@ -7,6 +7,7 @@ The place of the samples is the sform, else the qform, else the spacing alone, a
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ from .common import (
 
 METERS = {"meter": 1.0, "mm": 1e-3, "micron": 1e-6}
 LABELS = (1002, 1005)  # intents: label, name of a brain region
+PACKED = 1032  # bytes that one of gzip's can stand for
 COLORS = ("RGB", "RGBA")
 
 
@@ -77,6 +79,10 @@ def _samples(request: Request, image, told: list[str]) -> NDArray:
         raise refuse(request.path, f"{sides(shape[::-1])} samples make no volume")
     if max(shape[4:], default=1) > 1:
         raise refuse(request.path, f"its {sides(shape[::-1])} samples hold more than one number")
+    nbytes = math.prod(shape) * image.get_data_dtype().itemsize
+    most = request.path.stat().st_size * (PACKED if request.path.suffix.lower() == ".gz" else 1)
+    if nbytes > most:
+        raise refuse(request.path, f"its samples take {nbytes} bytes, more than the file can hold")
     n = shape[3] if len(shape) > 3 else 1
     frame = choose_frame(request, n, told)
     stored = image.dataobj.get_unscaled() if n == 1 else _frame(image, len(shape), frame)

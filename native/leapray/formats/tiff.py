@@ -42,9 +42,11 @@ Spacing = tuple[tuple[float, float, float], float]  # x, y, z in units of so man
 
 def read(request: Request) -> ScalarGrid:
     path = request.path
-    with reading(path, "TIFF"), library("tifffile", "tifffile").TiffFile(path) as file:
+    with reading(path, "TIFF") as logged, library("tifffile", "tifffile").TiffFile(path) as file:
         told: list[str] = []
         series = _largest(path, file, told)
+        if any("offset" in error for error in logged):  # the chain of pages
+            raise refuse(path, f"it is cut short or broken after {len(file.pages)} pages")
         axes = _axes(path, series)
         name, channel = _channel(request, axes, series.shape)
         frames = series.shape[axes.index("T")] if "T" in axes else 1

@@ -32,7 +32,9 @@ from .common import (
 UPPER, LOWER = 4096, 128
 BLOCK = 32  # samples along what is copied at a time, where leaves are few
 FEW = 12  # of the 64 blocks of a lower node, beyond which it is copied whole
+AROUND = 2  # upper nodes around the box of what is active where inactive tiles are sought
 MOST = 10_000  # upper nodes: a grid this wide has strayed
+USUAL = "density"  # the grid that is meant where none is named
 DTYPES = {"float": "f4", "double": "f8", "half": "f4", "int32": "i4", "int64": "i8", "bool": "?"}
 CLASSES = {"level set": "level set", "fog volume": "fog"}
 
@@ -49,7 +51,7 @@ def read(request: Request) -> ScalarGrid:
             raise refuse(path, f"the tree of the grid {name!r} is not OpenVDB's usual one")
         return ScalarGrid(
             name,
-            _leaves(path, grid),
+            _leaves(path, grid, told),
             check_matrix(path, _matrix(path, grid)),
             kind=CLASSES.get(str(grid.metadata.get("class", "")), "scalar"),
             source=str(path),
@@ -75,18 +77,19 @@ def _choose(request: Request, openvdb, told: list[str]) -> str:
     """The name of the grid that is asked for, else of the first of numbers."""
     path = request.path
     found = openvdb.readAllGridMetadata(str(path))
-    names = ", ".join(repr(grid.name) for grid in found) or "none"
+    if not found:
+        raise refuse(path, "it has no grids")
+    names = ", ".join(repr(grid.name) for grid in found)
     asked = [grid for grid in found if request.grid in (None, grid.name)]
     if not asked:
-        wanted = "no grid" if request.grid is None else f"no grid {request.grid!r}"
-        raise refuse(path, f"it has {wanted}; there are {names}")
+        raise refuse(path, f"it has no grid {request.grid!r}; there are {names}")
     scalar = [grid for grid in asked if grid.valueTypeName in DTYPES]
     if not scalar:
         kind = asked[0].valueTypeName
         raise refuse(
             path, f"the grid {asked[0].name!r} holds {kind}, and one number a sample is needed"
         )
-    name = scalar[0].name
+    name = next((grid.name for grid in scalar if grid.name == USUAL), scalar[0].name)
     if request.grid is None and len(scalar) > 1:
         told.append(f"{path} has the grids {names}, of which {name!r} was read")
     return name
@@ -112,12 +115,11 @@ def _matrix(path: Path, grid) -> NDArray[np.float64]:
     return matrix
 
 
-def _leaves(path: Path, grid) -> Leaves:
+def _leaves(path: Path, grid, told: list[str]) -> Leaves:
     """All that the tree holds."""
     dtype = np.dtype(DTYPES[grid.valueTypeName])
     tree = _Tree(grid, dtype)
-    for corner in _upper_corners(path, grid):
-        tree.visit_upper(corner)
+    _visit_all(path, grid, tree, told)
     n = len(tree.tile_sizes)
     samples = np.concatenate(tree.samples) if tree.samples else np.empty((0,) + (LEAF,) * 3, dtype)
     numbers = np.dtype("u1") if dtype.kind == "b" else dtype
@@ -131,18 +133,29 @@ def _leaves(path: Path, grid) -> Leaves:
     )
 
 
-def _upper_corners(path: Path, grid) -> Iterator[tuple[int, int, int]]:
-    """First samples of the nodes below the root within the box of leaves and active tiles."""
-    boxes = np.array(
-        [grid.evalLeafBoundingBox(), grid.evalActiveVoxelBoundingBox()], np.int64
-    ).reshape(2, 2, 3)
+def _visit_all(path: Path, grid, tree: _Tree, told: list[str]) -> None:
+    """Visit all nodes below the root: those that hold leaves and active tiles, then around.
+
+    Only nodes of inactive tiles alone lie outside the box that OpenVDB tells.
+    """
+    boxes = np.array([grid.evalLeafBoundingBox(), grid.evalActiveVoxelBoundingBox()], np.int64)
     boxes = boxes[(boxes[:, 0] <= boxes[:, 1]).all(axis=1)]
     if not len(boxes):
-        return
+        boxes = np.zeros((1, 2, 3), np.int64)
     first, last = boxes[:, 0].min(axis=0) // UPPER, boxes[:, 1].max(axis=0) // UPPER
     if np.prod(last - first + 1.0) > MOST:
-        raise refuse(path, f"the grid {grid.name!r} spans {last - first} nodes of {UPPER} samples")
-    yield from _corners(tuple((first * UPPER).tolist()), tuple((last * UPPER + 1).tolist()), UPPER)
+        across = " x ".join(f"{n:d}" for n in (last - first + 1) * UPPER)
+        raise refuse(path, f"the grid {grid.name!r} spans {across} samples, more than are read")
+    visited: set[tuple[int, int, int]] = set()
+    for around in range(AROUND + 1):
+        low, end = (first - around) * UPPER, (last + around) * UPPER + 1
+        corners = set(_corners(tuple(low.tolist()), tuple(end.tolist()), UPPER)) - visited
+        for corner in sorted(corners):
+            tree.visit_upper(corner)
+        visited |= corners
+        if tree.n_nodes + 1 >= grid.nonLeafCount():  # the root is one
+            return
+    told.append(f"{path}: far off the grid {grid.name!r} has inactive tiles, which were left out")
 
 
 def _corners(first: tuple, end: tuple, step: int) -> Iterator[tuple[int, int, int]]:
@@ -163,6 +176,7 @@ class _Tree:
         self.tile_origins: list[tuple[int, int, int]] = []
         self.tile_sizes: list[int] = []
         self.tile_values: list[float] = []
+        self.n_nodes = 0  # of both levels between root and leaves
         self.whole = np.empty((LOWER,) * 3, dtype)
         self.part = np.empty((BLOCK,) * 3, dtype)
 
@@ -170,6 +184,7 @@ class _Tree:
         if self.depth(corner) <= 0:
             self.add_tile(corner, UPPER)
             return
+        self.n_nodes += 1
         for below in _corners(corner, tuple(x + UPPER for x in corner), LOWER):
             if self.depth(below) == 1:
                 self.add_tile(below, LOWER)
@@ -177,6 +192,7 @@ class _Tree:
                 self.visit_lower(below)
 
     def visit_lower(self, corner: tuple[int, int, int]) -> None:
+        self.n_nodes += 1
         leaves = []
         depth = self.depth
         for below in _corners(corner, tuple(x + LOWER for x in corner), LEAF):
