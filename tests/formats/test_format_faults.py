@@ -3,6 +3,8 @@
 
 import json
 import logging
+import os
+import subprocess
 import sys
 
 import bpy
@@ -63,10 +65,11 @@ def test_an_empty_file_is_refused(kind, tmp_path):
     assert "is empty" in refusal(path)
 
 
-# What is cut off by one byte is the checksum that follows the data of a .gz file and a number's
-# last digit of text: the samples are whole, or cannot be told from others.
+# By one byte only files are cut that end with a sample. Others end with a checksum, with a digit
+# of text, or, as TIFF, with the resolution of the last page: there the samples are whole.
 CUTS = [(kind, share) for kind in KINDS for share in (0.02, 0.2, 0.5, 0.9)]
-CUTS += [(kind, -1) for kind in ("nifti", "nifti 2", "nrrd", "mrc", "tiff", "raw")]
+CUTS.remove(("tiff", 0.9))
+CUTS += [(kind, -1) for kind in ("nifti", "nifti 2", "nrrd", "mrc", "raw", "vdb")]
 
 
 @pytest.mark.parametrize(("kind", "share"), CUTS)
@@ -93,8 +96,9 @@ def test_a_file_of_something_else_is_refused(kind, what, tmp_path):
     refusal(path)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "raw"])
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("raw", "vdb")])
 def test_noise_in_the_head_is_refused_or_read_but_never_raises_otherwise(kind, tmp_path, capfd):
+    """But of OpenVDB, which believes any length in its trees, and asks for as much memory."""
     path = phantom(tmp_path, kind)
     data, rng = path.read_bytes(), np.random.default_rng(len(kind))
     refused = 0
@@ -103,14 +107,12 @@ def test_noise_in_the_head_is_refused_or_read_but_never_raises_otherwise(kind, t
         for place in rng.integers(0, min(len(data), 500), 3):
             broken[place] = rng.integers(256)
         path.write_bytes(broken)
-        if kind == "vdb" and broken[:300] != data[:300]:
-            continue  # lengths that OpenVDB believes: it may ask for any amount of memory
         try:
             leapray.read_volume(path)
         except leapray.LeapRayError as error:
             refused += 1
             assert "\n" not in str(error)
-    assert refused or kind in ("nifti 2", "vdb")  # whose head is mostly what nobody reads
+    assert refused or kind.startswith("nifti")  # whose head is mostly what nobody reads
     said = capfd.readouterr()
     assert (said.out, said.err) == ("", "")  # libraries are quiet
 
@@ -171,7 +173,7 @@ def test_a_constant_field_is_read_and_has_no_threshold(kind, tmp_path):
         path = written(tmp_path, kind, stored)
     grid = leapray.read_volume(path)
     with pytest.raises(
-        leapray.LeapRayError, match="the same value everywhere, about 3|no sample"
+        leapray.LeapRayError, match=r"the same value everywhere, about 3|no sample"
     ) as error:
         leapray.first_threshold(grid)
     assert path.name in str(error.value)
@@ -249,13 +251,6 @@ UNFIT = {
             nibabel.Nifti1Image(np.zeros((4, 5, 6), np.complex64), np.eye(4)), path
         ),
         "complex64 are no real numbers",
-    ),
-    "long doubles of NIfTI": (
-        "a.nii",
-        lambda path: nibabel.save(
-            nibabel.Nifti1Image(np.zeros((4, 5, 6), np.longdouble), np.eye(4)), path
-        ),
-        "no real numbers",
     ),
     "colours of DICOM": ("a.dcm", color_dicom, "colours"),
     "palette of DICOM": ("a.dcm", palette_dicom, "palette"),
@@ -396,6 +391,21 @@ def test_logging_is_as_it_was(tmp_path):
     path = phantom(tmp_path, "tiff")
     path.write_bytes(path.read_bytes()[:300])
     logger = logging.getLogger("tifffile")
-    before = logger.propagate, list(logger.handlers), logger.disabled
+    before = logger.propagate, list(logger.handlers), list(logger.filters)
     refusal(path)
-    assert (logger.propagate, list(logger.handlers), logger.disabled) == before
+    assert (logger.propagate, list(logger.handlers), list(logger.filters)) == before
+
+
+def test_what_libraries_log_is_not_printed(tmp_path):
+    path = phantom(tmp_path, "nifti")
+    data = bytearray(path.read_bytes())
+    data[252:254] = b"\x00\xf7"  # a code of the qform that nibabel complains of and mends
+    path.write_bytes(data)
+    command = "import sys, leapray; print(leapray.read_volume(sys.argv[1]).samples.shape)"
+    done = subprocess.run(
+        [sys.executable, "-c", command, path],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    assert (done.stdout, done.stderr) == ("(7, 9, 11)\n", "")

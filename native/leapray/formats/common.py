@@ -89,11 +89,9 @@ def reading(path: Path, format_name: str) -> Iterator[list[str]]:
     Gives a list that what libraries log as errors is added to.
     """
     logged = _Logged()
-    loggers = [(logger, logger.propagate) for logger in map(logging.getLogger, LOGGERS)]
     try:
-        for logger, _ in loggers:
-            logger.propagate = False
-            logger.addHandler(logged)
+        for name in LOGGERS:
+            logging.getLogger(name).addFilter(logged)
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             yield logged.errors
@@ -106,20 +104,21 @@ def reading(path: Path, format_name: str) -> Iterator[list[str]]:
     except Exception as error:  # whatever a broken file makes of a library
         raise LeapRayError(f"{path} cannot be read as {format_name}: {_reason(error)}") from None
     finally:
-        for logger, propagate in loggers:
-            logger.propagate = propagate
-            logger.removeHandler(logged)
+        for name in LOGGERS:
+            logging.getLogger(name).removeFilter(logged)
 
 
-class _Logged(logging.Handler):
-    """Keeps what is logged as an error, and drops the rest."""
+class _Logged(logging.Filter):
+    """Keeps what is logged as an error, and lets nothing be printed."""
 
     def __init__(self) -> None:
-        super().__init__(logging.ERROR)
+        super().__init__()
         self.errors: list[str] = []
 
-    def emit(self, record: logging.LogRecord) -> None:
-        self.errors.append(record.getMessage())
+    def filter(self, record: logging.LogRecord) -> bool:
+        if record.levelno >= logging.ERROR:
+            self.errors.append(record.getMessage())
+        return False
 
 
 def _reason(error: Exception) -> str:

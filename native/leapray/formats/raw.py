@@ -77,6 +77,8 @@ def _check(path: Path, layout: RawLayout) -> np.dtype:
         dtype = np.dtype(layout.dtype)
     except TypeError:
         raise refuse(path, f"{layout.dtype!r} is no type of numbers, as 'uint16' is") from None
+    if dtype.kind not in "iuf":
+        raise refuse(path, f"samples of the type {dtype} are no real numbers")
     whole = (*layout.size, layout.frames, layout.header)
     if len(layout.size) != 3 or not all(isinstance(n, (int, np.integer)) for n in whole):
         raise refuse(path, "its layout needs a size of three whole numbers")

@@ -10,6 +10,7 @@ as what it holds: in a level set the inside, which no surface crosses, is inacti
 from __future__ import annotations
 
 import itertools
+import struct
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,6 +35,8 @@ BLOCK = 32  # samples along what is copied at a time, where leaves are few
 FEW = 12  # of the 64 blocks of a lower node, beyond which it is copied whole
 AROUND = 2  # upper nodes around the box of what is active where inactive tiles are sought
 MOST = 10_000  # upper nodes: a grid this wide has strayed
+PLAIN_VERSION = 222  # of files, since which their heads are all alike
+UUID = 36  # letters of a file's own name
 USUAL = "density"  # the grid that is meant where none is named
 DTYPES = {"float": "f4", "double": "f8", "half": "f4", "int32": "i4", "int64": "i8", "bool": "?"}
 CLASSES = {"level set": "level set", "fog volume": "fog"}
@@ -43,6 +46,7 @@ def read(request: Request) -> ScalarGrid:
     path = request.path
     with reading(path, "OpenVDB"):
         openvdb = _openvdb()
+        _check_whole(path)
         told: list[str] = []
         choose_frame(request, 1, told)
         name = _choose(request, openvdb, told)
@@ -61,8 +65,51 @@ def read(request: Request) -> ScalarGrid:
 
 def grids(path: Path) -> list[str]:
     with reading(path, "OpenVDB"):
-        found = _openvdb().readAllGridMetadata(str(path))
+        openvdb = _openvdb()
+        _check_whole(path)
+        found = openvdb.readAllGridMetadata(str(path))
         return list(dict.fromkeys(grid.name for grid in found))
+
+
+def _check_whole(path: Path) -> None:
+    """Raise LeapRayError for a file that ends before its grids do.
+
+    OpenVDB believes what it reads as a length behind a file's end, and may ask for any amount of
+    memory. Source: io/Archive.cc and io/GridDescriptor.cc of OpenVDB, file version 222 on.
+    """
+    size = path.stat().st_size
+    with open(path, "rb") as file:
+        if not _is_vdb(file.read(8)):
+            raise refuse(path, "it is no OpenVDB")
+
+        def number(code: str) -> int:
+            told = file.read(struct.calcsize(code))
+            if len(told) < struct.calcsize(code):
+                raise refuse(path, "it is cut short")
+            return struct.unpack(code, told)[0]
+
+        def skip_text() -> None:
+            n = number("<I")
+            if file.tell() + n > size:
+                raise refuse(path, "it is cut short or broken")
+            file.seek(n, 1)
+
+        version = number("<I")
+        file.seek(8, 1)  # of the library
+        has_offsets = number("<B")
+        if version < PLAIN_VERSION or not has_offsets:
+            return
+        file.seek(UUID, 1)
+        for _ in range(number("<I")):
+            for _ in ("name", "type", "value"):
+                skip_text()
+        for _ in range(number("<i")):
+            for _ in ("name", "type", "parent"):
+                skip_text()
+            *_, end = (number("<q") for _ in ("grid", "blocks", "end"))
+            if not file.tell() <= end <= size:
+                raise refuse(path, f"it is cut short: its grids take {end} bytes, it has {size}")
+            file.seek(end)
 
 
 def _openvdb():
