@@ -19,9 +19,12 @@ T = TypeVar("T")
 
 BLOCK = 1 << 20  # samples that are counted at a time, which fit the processor's cache
 CACHED = 1 << 16  # numbers whose bins are found at a time
+FIRST = 1 << 14  # bins of the whole range; more would cost more than the samples
 FINE = 4096  # bins in which thresholds are sought
+ZOOMS = 4  # times that a histogram is counted again between the values that most samples have
 TAIL = 1e-4  # share of samples at either end that may be artefacts, as of metal
-WIDTH = 3.5  # half-widths at half the height up to which a peak's own noise reaches (Gaussian 4 s)
+WIDTH = 4.0  # half-widths at half the height up to which a peak's noise reaches: 4.7 deviations
+FOOT = 0.1  # of a peak's height, below which a count is no longer of the peak's middle
 RARE = 1e-5  # share of samples beyond the background that are no second class
 AIR = -1024.0  # HU, below which scanners write what they did not measure
 
@@ -95,7 +98,7 @@ def first_threshold(
         return 0.0, "the surface of a level set is at 0"
     if grid.kind == "labels":
         return 0.5, "all that has a label"
-    fine = histogram(grid, 1 << 16, threads=threads, watch=watch)
+    fine = histogram(grid, FIRST, threads=threads, watch=watch)
     middles = (fine.edges[:-1] + fine.edges[1:]) / 2
     dense = np.where(fine.edges[:-1] > 0, fine.counts, 0)
     if grid.kind == "fog" and dense.any():
@@ -103,10 +106,13 @@ def first_threshold(
         return mean / 2, f"half the mean density of what is not empty, {mean:.3g}"
     if np.count_nonzero(fine.counts) < 2:
         return _from_background(grid, float(middles[np.argmax(fine.counts)]))
-    lo, hi = _inner_range(grid, fine)
-    inner = _cut(fine, lo, hi)
-    if len(inner.counts) < FINE // 8 < len(fine.counts):  # a few values lie far out
-        inner = histogram(grid, FINE, (lo, hi), threads=threads, watch=watch)
+    inner = _without_tails(grid, fine)
+    for _ in range(ZOOMS):
+        if len(inner.counts) >= FINE // 8 or _is_whole(grid, fine):
+            break
+        ends = float(inner.edges[0]), float(inner.edges[-1])  # a few values lie far out
+        fine = histogram(grid, FIRST, ends, threads=threads, watch=watch)
+        inner = _without_tails(grid, fine)
     return _between_classes(inner if np.count_nonzero(inner.counts) > 1 else fine)
 
 
@@ -265,22 +271,24 @@ def _edges(lo: float, hi: float, bins: int, whole: bool) -> NDArray[np.float64]:
 # ---- choosing ----------------------------------------------------------------------
 
 
-def _inner_range(grid: ScalarGrid, fine: Histogram) -> tuple[float, float]:
-    """Values between which a threshold is sought."""
+def _is_whole(grid: ScalarGrid, seen: Histogram) -> bool:
+    """Whether each bin already stands for one stored number."""
+    samples = grid.samples.samples if isinstance(grid.samples, Leaves) else grid.samples
+    return samples.dtype.kind in "iu" and seen.edges[1] - seen.edges[0] < 1.5 * abs(grid.scale)
+
+
+def _without_tails(grid: ScalarGrid, fine: Histogram) -> Histogram:
+    """The values among which a threshold is sought, in at most FINE bins."""
     share = np.cumsum(fine.counts) / fine.counts.sum()
-    lo = fine.edges[int(np.searchsorted(share, TAIL, "right"))]
-    hi = fine.edges[min(int(np.searchsorted(share, 1 - TAIL)) + 1, len(fine.counts))]
-    return (max(float(lo), AIR) if grid.quantity == "HU" else float(lo)), float(hi)
-
-
-def _cut(fine: Histogram, lo: float, hi: float) -> Histogram:
-    """A histogram between two values, in at most FINE bins."""
-    first, end = np.searchsorted(fine.edges, (lo, hi), "left")
-    n = max(int(end - first), 1)
-    width = -(-n // FINE)
-    starts = np.arange(first, first + n, width)
-    counts = np.add.reduceat(fine.counts[: first + n], starts)
-    return Histogram(np.append(fine.edges[starts], fine.edges[first + n]), counts)
+    first = int(np.searchsorted(share, TAIL, "right"))
+    if grid.quantity == "HU":
+        first = max(first, int(np.searchsorted(fine.edges, AIR)))
+    end = min(int(np.searchsorted(share, 1 - TAIL)) + 1, len(fine.counts))
+    if end <= first:
+        return fine
+    starts = np.arange(first, end, -(-(end - first) // FINE))
+    counts = np.add.reduceat(fine.counts[:end], starts)
+    return Histogram(np.append(fine.edges[starts], fine.edges[end]), counts)
 
 
 def _between_classes(seen: Histogram) -> tuple[float, str]:
@@ -291,7 +299,7 @@ def _between_classes(seen: Histogram) -> tuple[float, str]:
     otsu = _otsu(counts, middles)
     peak = int(np.argmax(smooth))
     reach = WIDTH * max(_half_width(smooth, peak), 1)
-    if abs(otsu - peak) > reach:
+    if abs(otsu - peak) > reach or smooth[otsu] < FOOT * smooth[peak]:
         return float(edges[otsu + 1]), "Otsu's threshold between two classes of values"
     above, below = counts.copy(), counts.copy()
     above[: min(int(peak + reach) + 1, len(counts))] = 0
@@ -333,8 +341,7 @@ def _half_width(counts: NDArray[np.float64], peak: int) -> int:
     """Bins from the peak to half its height, on the steeper side."""
     low = np.flatnonzero(counts <= counts[peak] / 2)
     left, right = low[low < peak], low[low > peak]
-    sides = [peak - left[-1]] * bool(len(left)) + [right[0] - peak] * bool(len(right))
-    return int(min(sides, default=1))
+    return int(min([*(peak - left[-1:]), *(right[:1] - peak)], default=1))
 
 
 def _lowest(counts: NDArray[np.float64]) -> int:
