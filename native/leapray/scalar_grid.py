@@ -49,5 +49,5 @@ class ScalarGrid:
     no_data: float | None = None  # stored number that means none; NaN always does
     label_names: dict[int, str] = field(default_factory=dict)
     label_colors: dict[int, tuple[float, float, float]] = field(default_factory=dict)  # sRGB 0..1
-    source: str = ""  # the file or folder that it was read from
     warnings: tuple[str, ...] = ()  # sentences on what was read with a doubt
+    source: str = ""  # the file or folder that it was read from
