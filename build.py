@@ -7,7 +7,7 @@
     compare SCENE.blend    the same frame by Cycles and by LeapRay, and a report
     study NAME             measure: speed, accuracy, stability
     test [--quick] ...     the project's checks; what follows goes to pytest
-    test --sanitize address|thread, --analyze, --portable, --fuzz MINUTES
+    test --sanitize address|thread, --analyze, --portable, --coverage, --fuzz MINUTES
                            the core compiled or read in other ways; see CONTRIBUTING.md
     build                  the core, and its wheel in dist/
     package                the extension for Blender, in dist/
@@ -470,13 +470,9 @@ def blender_module():
 
 
 def test(words):
-    """Run pytest in the project's folder; --quick leaves out what is marked slow."""
-    if "--quick" in words:
-        words = [word for word in words if word != "--quick"] + ["-m", "not slow"]
+    """Hand over to the project's checks."""
     os.chdir(ROOT)
-    other = words and words[0] in ("--sanitize", "--portable", "--analyze", "--fuzz")
-    command = ["tests/checks.py"] if other else ["-m", "pytest"]
-    os.execv(sys.executable, [sys.executable, *command, *words])
+    os.execv(sys.executable, [sys.executable, "tests/checks.py", *words])
 
 
 def make_packages(verb):

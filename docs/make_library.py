@@ -85,8 +85,8 @@ TOPICS = {
         "A scene places structures in the world, lights them and gives them materials. It is "
         "rendered tile by tile by a path tracer. [leapray.h](../native/include/leapray.h) defines "
         "the units and conventions of each member.",
-        "Scene Camera Instance Light Material Lobe World PASSES SAMPLING PIXEL_FILTERS "
-        "branches_for Record",
+        "Scene Camera Instance Clip FieldColor Light Material Lobe World PASSES SAMPLING "
+        "PIXEL_FILTERS branches_for Record",
     ),
     "Errors and cancellation": (
         "The core refuses what it cannot do with an exception whose text is one sentence. Long "

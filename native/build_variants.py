@@ -5,13 +5,14 @@
 
     address    AddressSanitizer and UndefinedBehaviorSanitizer; allocations can be made to fail
     thread     ThreadSanitizer
+    coverage   counts how often every line and branch is reached
     portable   no vector instructions, for any processor
     aarch64    the same for 64-bit ARM, which nothing here can run
 
-The first two by the system's gcc, as the runtime of AddressSanitizer does not link under
-ziglang, the others by ziglang. The tests and their scripts take the package from the folder
-that LEAPRAY_PACKAGE names; Python itself and numpy stay as they are, so that a sanitizer
-watches the core alone.
+The first three by the system's gcc, whose gcov reads the counts, and as the runtime of
+AddressSanitizer does not link under ziglang; the others by ziglang. The tests and their
+scripts take the package from the folder that LEAPRAY_PACKAGE names; Python itself and
+numpy stay as they are, so that a sanitizer watches the core alone.
 """
 
 from __future__ import annotations
@@ -74,6 +75,7 @@ VARIANTS = {
             ("TSAN_OPTIONS", "halt_on_error=1:exitcode=66:ignore_noninstrumented_modules=1"),
         ),
     ),
+    "coverage": Variant(("-O1", "--coverage", "-fprofile-update=atomic")),
     "portable": Variant(("-DLR_PORTABLE",), target="x86_64-linux-gnu.2.28", x86=False),
     "aarch64": Variant((), target="aarch64-linux-gnu.2.28", x86=False),
 }

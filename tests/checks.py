@@ -1,17 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Checks of the core that compile or read it in other ways: `build.py test` hands over to this.
+"""The project's checks, which `build.py test` hands over to.
 
+nothing, or --quick                all tests; --quick leaves out what is marked slow
 --sanitize address [PYTEST ...]    tests/core under AddressSanitizer and its kin
 --sanitize thread [PYTEST ...]     what has threads, under ThreadSanitizer
 --portable [PYTEST ...]            the same without vector instructions, or other tests; for ARM,
                                    too, it is compiled
 --analyze [FILE.c ...]             gcc's analyser over native/src
+--coverage [PYTEST ...]            tests/core, or other tests; then which lines and branches of
+                                   native/src they reach
 --fuzz [MINUTES]                   each fuzz target that long
+anything else                      goes to pytest
 """
 
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -45,6 +50,39 @@ def pytest(variant: str, words: list[str]) -> int:
     return build_variants.run(variant, ["-m", "pytest", "-p", "no:cacheprovider", *words])
 
 
+def whole(quick: str) -> int:
+    """All tests: in several processes at first, then alone what measures time or shows windows."""
+    processes = str(min(os.cpu_count() or 1, 4))
+    beside = ["-n", processes, "--dist", "loadfile", "-m", f"not alone{quick}"]
+    codes = [
+        subprocess.run([sys.executable, "-m", "pytest", *options], check=False).returncode
+        for options in (beside, ["-m", f"alone{quick}"])
+    ]
+    return max(codes)
+
+
+def coverage(words: list[str]) -> int:
+    """Run tests over a core that counts what they reach; tables of it lie in its folder."""
+    folder = build_core.OBJECTS / "coverage"
+    for counts in folder.rglob("*.gcda"):
+        counts.unlink()
+    code = pytest("coverage", words or [*QUICK, "tests/core"])
+    places = ["--root", str(build_core.NATIVE), "--filter", "src/", str(folder)]
+    tables = ["--txt", "--print-summary", "--html-details", str(folder / "coverage.html")]
+    report = [
+        "-m",
+        "gcovr",
+        *places,
+        *tables,
+        "--txt-metric",
+        "branch",
+        "--sort",
+        "uncovered-number",
+    ]
+    done = subprocess.run([sys.executable, *report], cwd=build_core.NATIVE, check=False)
+    return code or done.returncode
+
+
 def script(*words: str) -> int:
     """Run a script of this project, which takes this process's place."""
     os.execv(sys.executable, [sys.executable, *words])
@@ -58,10 +96,18 @@ def check(asked: str, words: list[str]) -> int:
         return pytest("portable", [*QUICK, *(words or PORTABLE)])
     if asked == "--analyze":
         return script("native/analyze.py", *words)
+    if not asked or (asked == "--quick" and not words):
+        return whole(" and not slow" if asked else "")
+    if asked == "--coverage":
+        return coverage(words)
     if asked == "--fuzz":
         return script("tests/fuzz/run.py", "all", "--sanitize", "--minutes", *(words or ["1"]))
-    print(__doc__)
-    return 2
+    if asked == "--sanitize":
+        print(__doc__)
+        return 2
+    words = [asked, *words]
+    quick = QUICK if "--quick" in words else []
+    return script("-m", "pytest", *quick, *(word for word in words if word != "--quick"))
 
 
 if __name__ == "__main__":

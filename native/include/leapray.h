@@ -892,6 +892,27 @@ typedef struct lr_world {
     int32_t max_bounces;     /* as of lr_light; of a world with an image */
 } lr_world;
 
+/* A solid that cuts an instance: hits of the instance on one side of it count, the others are
+ * passed through. The faces of the cut are an instance of the solid's own structure, of which the
+ * hits inside the volume that is cut count. */
+typedef struct lr_clip {
+    const lr_volume *volume;      /* must live longer */
+    double world_from_object[16]; /* invertible */
+    double margin;  /* in occupancy, 0 or more: hits that lie so little on the wrong side count */
+    int32_t inside; /* nonzero: hits inside the solid count; else those outside */
+    int32_t reserved;
+} lr_clip;
+
+/* A scalar field that colours the hits of an instance. The program makes linear RGB of the colour
+ * (value, length of the gradient, 0, 1) with value = offset + scale * occupancy and the gradient
+ * per unit of world length; both are 0 and offset beyond the lattice. */
+typedef struct lr_field_color {
+    const lr_volume *volume;      /* must live longer, as must the program */
+    double world_from_object[16]; /* invertible */
+    const lr_program *program;
+    double scale, offset;
+} lr_field_color;
+
 typedef struct lr_instance {
     const lr_structure *structure; /* not of a rectilinear volume */
     double world_from_object[16];  /* invertible */
@@ -903,6 +924,9 @@ typedef struct lr_instance {
     int32_t volume_index;          /* the value of the volume pass */
     int32_t holdout;               /* the camera sees a hole in the picture: alpha 0, no light */
     double error;                  /* of its surface, in world space, for the error pass */
+    const lr_clip *clips;          /* [n_clips]; light is not bent or absorbed inside what is cut */
+    uint64_t n_clips;
+    const lr_field_color *field_color; /* in place of the colours that the volume keeps; or NULL */
 } lr_instance;
 
 typedef struct lr_scene_desc {

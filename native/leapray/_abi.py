@@ -651,6 +651,26 @@ class lr_world(ctypes.Structure):
     )
 
 
+class lr_clip(ctypes.Structure):
+    _fields_ = (
+        ("volume", ctypes.POINTER(lr_volume)),
+        ("world_from_object", ctypes.c_double * 16),
+        ("margin", ctypes.c_double),
+        ("inside", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
+    )
+
+
+class lr_field_color(ctypes.Structure):
+    _fields_ = (
+        ("volume", ctypes.POINTER(lr_volume)),
+        ("world_from_object", ctypes.c_double * 16),
+        ("program", ctypes.POINTER(lr_program)),
+        ("scale", ctypes.c_double),
+        ("offset", ctypes.c_double),
+    )
+
+
 class lr_instance(ctypes.Structure):
     _fields_ = (
         ("structure", ctypes.POINTER(lr_structure)),
@@ -662,6 +682,9 @@ class lr_instance(ctypes.Structure):
         ("volume_index", ctypes.c_int32),
         ("holdout", ctypes.c_int32),
         ("error", ctypes.c_double),
+        ("clips", ctypes.POINTER(lr_clip)),
+        ("n_clips", ctypes.c_uint64),
+        ("field_color", ctypes.POINTER(lr_field_color)),
     )
 
 

@@ -17,7 +17,9 @@ from ._abi import LR_BOUNCES_MAX
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import choice, empty, members, numbers, pointer, record
 from .attributes import Texture
+from .programs import Program
 from .tracing import Structure, trace_options
+from .volume import Volume
 
 # Channels of every pass, by Blender's names; those that show what is seen first come from the
 # pixel's centre, the others are means over its samples.
@@ -162,6 +164,35 @@ class World:
 
 
 @dataclass(frozen=True)
+class Clip:
+    """A solid that cuts an instance, of which the hits on one side of it count.
+
+    The faces of the cut are an instance of the solid's own structure, which is cut by the volume
+    that they are seen in (inside=True).
+    """
+
+    volume: Volume  # a solid
+    world_from_object: ArrayLike  # (4, 4)
+    inside: bool = False  # the hits inside the solid count, else those outside
+    margin: float = 0.0  # in occupancy: hits that lie so little on the wrong side count
+
+
+@dataclass(frozen=True)
+class FieldColor:
+    """A scalar field that colours hits: program makes linear RGB of (value, slope, 0, 1).
+
+    The value is offset + scale * occupancy, the slope the length of its gradient per unit of
+    world length; beyond the lattice they are offset and 0.
+    """
+
+    volume: Volume
+    world_from_object: ArrayLike  # (4, 4)
+    program: Program
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
 class Instance:
     """A structure placed in the world.
 
@@ -181,6 +212,8 @@ class Instance:
     volume_index: int = 0  # of the Volume pass
     error: float = 0.0  # of the surface, in world space, for the Error pass
     holdout: bool = False  # the camera sees a hole in the picture
+    clips: Sequence[Clip] = ()  # inside what is cut light is neither bent nor absorbed
+    field_color: FieldColor | None = None  # in place of the colours that the volume keeps
 
 
 class Record:
@@ -237,11 +270,12 @@ class Scene:
         mist: tuple[float, float, str] = (5.0, 25.0, "QUADRATIC"),
         nested: bool = True,
     ) -> None:
-        self._structures = [i.structure for i in instances]  # kept alive
+        self._instances = tuple(instances)  # kept alive, with what they name
         self._told = f"{len(instances)} instances, {len(lights)} lights, {len(materials)} materials"
         lobes = _lobes(materials)
+        clips, colors = _clips(instances), _field_colors(instances)
         tables = {
-            "instances": _instances(instances),
+            "instances": _instances(instances, clips, colors),
             "lights": _lights(lights),
             "materials": _materials(materials, lobes),
             "slots": numbers(slots, np.uint32, "slots"),
@@ -267,7 +301,7 @@ class Scene:
             ctypes.byref(desc), ctypes.byref(self.handle), ctypes.byref(error)
         )
         check(status, error)
-        del lobes  # copied
+        del lobes, clips, colors  # copied
         weakref.finalize(self, lib.lr_scene_free, self.handle)
 
     def __repr__(self) -> str:
@@ -404,10 +438,17 @@ def _fill(row: np.void, thing: object, of: str) -> None:
             row[name] = numbers(value, dtype, what)
 
 
-def _instances(instances: Sequence[Instance]) -> NDArray:
+def _instances(instances: Sequence[Instance], clips: NDArray, colors: NDArray) -> NDArray:
+    """clips and colors: those of all instances, one after the other."""
     table = np.zeros(len(instances), record(_abi.lr_instance))
     if not len(instances):
         return table
+    table["n_clips"] = [len(instance.clips) for instance in instances]
+    first = np.cumsum(table["n_clips"]) - table["n_clips"]
+    table["clips"] = clips.ctypes.data + first * clips.itemsize
+    colored = np.array([instance.field_color is not None for instance in instances])
+    at = np.cumsum(colored) - 1
+    table["field_color"] = np.where(colored, colors.ctypes.data + at * colors.itemsize, 0)
     table["world_from_object"] = [
         _vector(instance.world_from_object, f"the matrix of instance {i}", (4, 4)).ravel()
         for i, instance in enumerate(instances)
@@ -423,6 +464,40 @@ def _instances(instances: Sequence[Instance]) -> NDArray:
         table[name] = numbers(values, table.dtype[name], f"{name} of the instances")
     table["holdout"] = [bool(i.holdout) for i in instances]
     table["visibility"] = [_visibility(i) for i in instances]
+    return table
+
+
+def _address(handle: Any) -> int | None:
+    return ctypes.cast(handle, ctypes.c_void_p).value
+
+
+def _clips(instances: Sequence[Instance]) -> NDArray:
+    """The clips of all instances, one after the other."""
+    clips = [(i, clip) for i, instance in enumerate(instances) for clip in instance.clips]
+    table = np.zeros(len(clips), record(_abi.lr_clip))
+    for row, (i, clip) in zip(table, clips, strict=True):
+        row["volume"] = _address(clip.volume.handle)
+        matrix = _vector(clip.world_from_object, f"the matrix of a clip of instance {i}", (4, 4))
+        row["world_from_object"] = matrix.ravel()
+        row["margin"] = numbers(clip.margin, np.float64, f"the margin of a clip of instance {i}")
+        row["inside"] = bool(clip.inside)
+    return table
+
+
+def _field_colors(instances: Sequence[Instance]) -> NDArray:
+    """The fields that colour instances, one after the other."""
+    colors = [(i, each.field_color) for i, each in enumerate(instances) if each.field_color]
+    table = np.zeros(len(colors), record(_abi.lr_field_color))
+    for row, (i, color) in zip(table, colors, strict=True):
+        row["volume"] = _address(color.volume.handle)
+        row["program"] = ctypes.addressof(color.program.packed)
+        matrix = _vector(
+            color.world_from_object, f"the matrix of the field that colours instance {i}", (4, 4)
+        )
+        row["world_from_object"] = matrix.ravel()
+        for name in ("scale", "offset"):
+            value = getattr(color, name)
+            row[name] = numbers(value, np.float64, f"{name} of the field that colours instance {i}")
     return table
 
 

@@ -337,6 +337,7 @@ def test_an_empty_view_layer_among_others_is_named_and_shows_the_world(scene, tm
     assert told == ["View layer 'Nothing here' shows nothing that can be rendered"]
 
 
+@pytest.mark.alone
 def test_reading_is_cancelled_too(scene, monkeypatch):
     for number in range(50):
         put(f"Copy {number}", mesh())

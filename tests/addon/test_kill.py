@@ -33,7 +33,7 @@ PHASES = (*SIGNS, "writing")
 BLOWS = 20
 LANES = 2  # renders at once, each in a folder of its own
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
 
 
 class Run:

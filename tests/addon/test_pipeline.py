@@ -251,6 +251,7 @@ def resident() -> int:
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 def test_cancelling_at_any_moment_ends_soon_and_leaves_nothing():
     scene = heavy()
     ended = []

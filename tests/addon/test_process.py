@@ -22,6 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 VARIABLES = dict(os.environ, PYTHONPATH=f"{ROOT}{os.pathsep}{ROOT / 'native'}")
 SAMPLES = 60000  # takes minutes
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture(scope="module")
 def blend(tmp_path_factory) -> Path:

@@ -13,6 +13,8 @@ from driver import pixels
 
 import build
 
+pytestmark = pytest.mark.alone
+
 # ---- the zip ---------------------------------------------------------------
 
 
@@ -51,6 +53,15 @@ def test_it_is_enabled_and_brings_its_own_core(installed):
     assert "ENGINE LEAPRAY" in done.stdout
     (core,) = (line for line in done.stdout.splitlines() if line.startswith("CORE"))
     assert core.startswith(f"CORE {installed.inside(installed.room)}/")
+
+
+def test_it_brings_the_readers_of_volumes(installed):
+    names = "mrcfile, nibabel, nrrd, pydicom, tifffile"
+    words = f"import {names}; print('READERS', nibabel.__file__)"
+    done = installed.run("-b", "--python-exit-code", "3", "--python-expr", words)
+    assert done.returncode == 0, done.stdout
+    (place,) = (line for line in done.stdout.splitlines() if line.startswith("READERS"))
+    assert place.startswith(f"READERS {installed.inside(installed.room)}/")
 
 
 # ---- commands ----------------------------------------------------------------

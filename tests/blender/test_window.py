@@ -18,6 +18,7 @@ import build
 
 SUZANNE = build.ROOT / "blend_samples" / "suzanne.blend"
 CANCELS = 20
+pytestmark = pytest.mark.alone
 STOPS_WITHIN = 0.5  # seconds
 # A busy machine that draws Blender's window without a graphics card may need longer now and then.
 LATE, LATEST = 2, 1.0  # cancels, seconds

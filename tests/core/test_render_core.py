@@ -356,6 +356,7 @@ def test_the_seed_moves_samples_but_not_their_mean(crowd, whole):
     assert abs(other.mean() - whole["Combined"].mean()) < 0.01
 
 
+@pytest.mark.alone
 def test_a_told_watch_ends_a_tile_within_100_milliseconds(crowd):
     watch = leapray.Watch()
     ended = []

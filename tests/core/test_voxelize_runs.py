@@ -79,6 +79,7 @@ def test_progress_rises_to_one():
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.7, 0.95])
 def test_stopping_ends_within_100_ms(share):
     vertices, triangles = meshes.icosphere(6)  # 81,920 triangles
@@ -126,6 +127,7 @@ def test_stopping_gives_the_memory_back():
     assert resident() - before < 120e6  # eight runs hold some 480 MB; the allocator keeps a little
 
 
+@pytest.mark.alone
 def test_ctrl_c_ends_within_100_ms():
     vertices, triangles = meshes.icosphere(6)
     told = []

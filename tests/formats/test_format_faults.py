@@ -4,6 +4,7 @@
 import json
 import logging
 import os
+import re
 import subprocess
 import sys
 
@@ -321,6 +322,16 @@ def test_the_samples_of_a_detached_header_are_looked_for(tmp_path):
     (data,) = (file for file in tmp_path.iterdir() if file.suffix != ".nhdr")
     data.unlink()
     assert data.name in refusal(tmp_path / "a.nhdr")
+
+
+def test_samples_in_several_files_are_refused(tmp_path):
+    phantoms.write_nrrd(tmp_path / "a.nhdr", phantoms.samples(), np.eye(4))
+    text = (tmp_path / "a.nhdr").read_text()
+    for several in ("LIST", "slice%03d.raw 1 7 1"):
+        changed = re.sub(r"data file: .*", f"data file: {several}", text)
+        assert changed != text
+        (tmp_path / "a.nhdr").write_text(changed)
+        assert "in several files" in refusal(tmp_path / "a.nhdr")
 
 
 # ---- raw -------------------------------------------------------------------------

@@ -89,7 +89,7 @@ def test_fog_half_floats_and_transforms(tmp_path):
     got = leapray.read_volume(save(tmp_path / "a.vdb", grid))
     assert got.kind == "fog" and got.name == "smoke"
     assert_allclose(got.world_from_index, phantoms.PLACES["oblique"], atol=1e-12)
-    assert leapray.first_threshold(got)[0] == pytest.approx(0.375, abs=1e-5)  # a bin
+    assert leapray.first_threshold(got)[0] == pytest.approx(0.375, abs=1e-4)  # a bin
 
 
 def test_fog_of_one_density_has_a_surface(tmp_path):

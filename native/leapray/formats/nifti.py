@@ -85,18 +85,18 @@ def _samples(request: Request, image, told: list[str]) -> NDArray:
         raise refuse(request.path, f"its samples take {nbytes} bytes, more than the file can hold")
     n = shape[3] if len(shape) > 3 else 1
     frame = choose_frame(request, n, told)
-    stored = image.dataobj.get_unscaled() if n == 1 else _frame(image, len(shape), frame)
+    stored = image.dataobj.get_unscaled() if n == 1 else _frame(request.path, image.dataobj, frame)
     return stored.reshape((*shape, 1)[:3], order="F").T
 
 
-def _frame(image, n_axes: int, frame: int) -> NDArray:
+def _frame(path: Path, proxy, frame: int) -> NDArray:
     """One frame of several, of which a compressed file is read no further than needed."""
     from nibabel.fileslice import fileslice
+    from nibabel.openers import ImageOpener
 
-    proxy = image.dataobj
-    place = (slice(None),) * 3 + (frame,) + (0,) * (n_axes - 4)
-    with proxy._get_fileobj() as file:
-        return fileslice(file, place, proxy.shape, proxy._dtype, proxy.offset, order="F")
+    place = (slice(None),) * 3 + (frame,) + (0,) * (len(proxy.shape) - 4)
+    with ImageOpener(str(path)) as file:
+        return fileslice(file, place, proxy.shape, proxy.dtype, proxy.offset, order="F")
 
 
 def _matrix(path: Path, header, told: list[str]) -> NDArray[np.float64]:

@@ -73,6 +73,8 @@ def _stored(nrrd, path: Path, header: dict[str, Any], file: IO[bytes]) -> NDArra
     if dtype.kind not in "iuf":
         raise refuse(path, f"samples of the type {header['type']} are no real numbers")
     beside = header.get("data file", header.get("datafile"))
+    if beside is not None and re.search(r"^LIST\b|%\d*d", str(beside)):
+        raise refuse(path, "its samples lie in several files, and one is needed")
     data = path if beside is None else path.parent / str(beside)
     if beside is not None and not data.is_file():
         raise refuse(path, f"there is no file {data}, which is to hold the samples")

@@ -4,11 +4,27 @@
 #ifndef LR_GRID_TRILINEAR_H
 #define LR_GRID_TRILINEAR_H
 
+#include "base/affine.h"
 #include "grid/objects.h"
 
 LR_INLINE double lr_mix(double a, double b, double u)
 {
     return a + u * (b - a);
+}
+
+/* The storage cell c of a point of object space, and the place p in it; false beyond the lattice.
+ * Not of a rectilinear volume. */
+LR_INLINE bool lr_cell_at(const lr_volume *v, const double object[3], int32_t c[3], double p[3])
+{
+    const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
+    lr_map_point(v->storage_from_object, object, p);
+    for (int a = 0; a < 3; a++) {
+        if (!(p[a] > LR_PAD - 1 && p[a] < n[a] + LR_PAD))
+            return false;
+        c[a] = (int32_t)p[a];
+        p[a] -= c[a];
+    }
+    return true;
 }
 
 /* p in cell coordinates 0..1. */

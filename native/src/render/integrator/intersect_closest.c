@@ -95,39 +95,44 @@ static bool fill_batch(const lr_scene *scene, bool leaving, const lr_pair *pairs
     return leaves;
 }
 
-/* Keep what comes before the nearest hits so far: reads the batch's hits; writes the wave's. */
-static void keep_nearest(const lr_intersect_options *options, const lr_pair *pairs, uint32_t n,
-                         const lr_batch *batch, lr_hit_queue *hits)
+/* Keep hit k of the batch, at t of the wave's ray, where it comes before the nearest hit so far:
+ * reads the batch's hit; writes the wave's. */
+static void keep_if_nearer(const lr_intersect_options *options, lr_pair pair, uint32_t k, double t,
+                           const lr_batch *batch, lr_hit_queue *hits)
 {
     const lr_hits *from = &batch->hit, *to = &hits->hit;
-    for (uint32_t k = 0; k < n; k++) {
-        const uint32_t i = pairs[k].ray, instance = pairs[k].instance;
-        const double t = from->t[k];
-        if (options->steps)
-            to->steps[i] += from->steps[k];
-        if (!(t < INFINITY) || t > hits->t[i] || (t == hits->t[i] && instance > hits->instance[i]))
-            continue;
-        hits->instance[i] = instance;
-        if (options->any)
-            continue;
-        hits->t[i] = t;
-        to->ci[i] = from->ci[k];
-        to->cj[i] = from->cj[k];
-        to->ck[i] = from->ck[k];
-        to->nx[i] = from->nx[k];
-        to->ny[i] = from->ny[k];
-        to->nz[i] = from->nz[k];
-        to->gx[i] = from->gx[k];
-        to->gy[i] = from->gy[k];
-        to->gz[i] = from->gz[k];
-        to->id[i] = from->id[k];
-        to->triangle[i] = from->triangle[k];
-    }
+    const uint32_t i = pair.ray;
+    if (!(t < INFINITY) || t > hits->t[i] || (t == hits->t[i] && pair.instance > hits->instance[i]))
+        return;
+    hits->instance[i] = pair.instance;
+    if (options->any)
+        return;
+    hits->t[i] = t;
+    to->ci[i] = from->ci[k];
+    to->cj[i] = from->cj[k];
+    to->ck[i] = from->ck[k];
+    to->nx[i] = from->nx[k];
+    to->ny[i] = from->ny[k];
+    to->nz[i] = from->nz[k];
+    to->gx[i] = from->gx[k];
+    to->gy[i] = from->gy[k];
+    to->gz[i] = from->gz[k];
+    to->id[i] = from->id[k];
+    to->triangle[i] = from->triangle[k];
 }
 
-/* Trace a filled batch in its instance: reads its rays; writes its hits. */
+/* Add the cells that a batch has visited to those of the wave's rays. */
+static void add_steps(const lr_pair *pairs, uint32_t n, const lr_batch *batch, lr_hit_queue *hits)
+{
+    for (uint32_t k = 0; k < n; k++)
+        hits->hit.steps[pairs[k].ray] += batch->hit.steps[k];
+}
+
+/* Trace a filled batch in its instance: reads its rays; writes its hits, of which `only_t` has
+ * no more than t. */
 static lr_status trace_batch(const lr_context *context, const lr_intersect_options *options,
-                             uint32_t instance, bool leaves, uint32_t n, const lr_batch *batch)
+                             uint32_t instance, bool leaves, bool only_t, uint32_t n,
+                             const lr_batch *batch)
 {
     const lr_rays rays = {
         .ox = batch->ray.ox,
@@ -140,18 +145,93 @@ static lr_status trace_batch(const lr_context *context, const lr_intersect_optio
         .t_max = batch->t_max,
         .start = leaves ? batch->start : NULL,
     };
-    const lr_hits only_t = {.t = batch->hit.t};
+    const lr_hits distances = {.t = batch->hit.t};
     lr_hits all = batch->hit;
     if (!options->steps)
         all.steps = NULL;
     const lr_watch stop = {.stop = context->watch != NULL ? context->watch->stop : NULL};
     return lr_trace(context->scene->instances[instance].structure, &rays, n, &context->tile->trace,
-                    options->any ? &only_t : &all, context->counters, &stop, context->error);
+                    only_t ? &distances : &all, context->counters, &stop, context->error);
 }
 
-/* Trace the sorted pairs, a batch for each instance: reads rays; writes hits, and the batch. */
+/* A ray ends nowhere once it has passed through so many surfaces that are cut away. */
+static const uint32_t MOST_PASSED = 1 << 16;
+
+/* Make ray `to` of the batch go on from hit k, beyond its surface. */
+static void pass_through(uint32_t k, uint32_t to, const double p[3], const double d[3],
+                         lr_batch *batch)
+{
+    const lr_hits *hit = &batch->hit;
+    const bool inside = d[0] * hit->gx[k] + d[1] * hit->gy[k] + d[2] * hit->gz[k] > 0;
+    batch->start[to] = (lr_start){{hit->ci[k], hit->cj[k], hit->ck[k]}, inside ? -1 : 1};
+    batch->t_passed[to] = batch->t_passed[k] + hit->t[k];
+    batch->t_max[to] = batch->t_max[k] - hit->t[k];
+    batch->t_min[to] = 0;
+    lr_put_ray(&batch->ray, to, p, d);
+}
+
+/* Trace a filled batch in an instance that is cut: reads rays; writes hits, batch and pairs. */
+static lr_status trace_cut(const lr_context *context, const lr_intersect_options *options,
+                           bool leaves, lr_pair *pairs, uint32_t n, lr_hit_queue *hits,
+                           lr_batch *batch)
+{
+    const lr_placed *placed = &context->scene->instances[pairs[0].instance];
+    lr_status status = LR_OK;
+    memset(batch->t_passed, 0, n * sizeof *batch->t_passed);
+    for (uint32_t left = n, round = 0; left > 0 && round < MOST_PASSED; round++) {
+        status = trace_batch(context, options, pairs[0].instance, leaves, false, left, batch);
+        if (status != LR_OK)
+            break;
+        if (options->steps)
+            add_steps(pairs, left, batch, hits);
+        uint32_t passed = 0;
+        for (uint32_t k = 0; k < left; k++) {
+            const double t = batch->hit.t[k];
+            double p[3], d[3], world[3];
+            if (!(t < INFINITY))
+                continue;
+            lr_get_ray(&batch->ray, k, p, d);
+            for (int a = 0; a < 3; a++)
+                p[a] += t * d[a];
+            lr_map_point(placed->world_from_object, p, world);
+            if (lr_clips_keep(placed->clips, placed->n_clips, world)) {
+                keep_if_nearer(options, pairs[k], k, batch->t_passed[k] + t, batch, hits);
+                continue;
+            }
+            pass_through(k, passed, p, d, batch);
+            pairs[passed++] = pairs[k];
+        }
+        left = passed;
+        leaves = true;
+    }
+    for (uint32_t k = 0; k < n; k++)
+        batch->t_min[k] = options->t_min;
+    return status;
+}
+
+/* Trace a filled batch: reads rays; writes hits, and the batch and the pairs. */
+static lr_status trace_instance(const lr_context *context, const lr_intersect_options *options,
+                                bool leaves, lr_pair *pairs, uint32_t n, lr_hit_queue *hits,
+                                lr_batch *batch)
+{
+    const uint32_t instance = pairs[0].instance;
+    if (context->scene->instances[instance].n_clips > 0)
+        return trace_cut(context, options, leaves, pairs, n, hits, batch);
+    const lr_status status =
+        trace_batch(context, options, instance, leaves, options->any, n, batch);
+    if (status != LR_OK)
+        return status;
+    if (options->steps)
+        add_steps(pairs, n, batch, hits);
+    for (uint32_t k = 0; k < n; k++)
+        keep_if_nearer(options, pairs[k], k, batch->hit.t[k], batch, hits);
+    return LR_OK;
+}
+
+/* Trace the sorted pairs, a batch for each instance: reads rays; writes hits, and batch and
+ * pairs. */
 static lr_status trace_pairs(const lr_context *context, const lr_intersect_options *options,
-                             const lr_pair *pairs, uint32_t n, const lr_ray_queue *rays,
+                             lr_pair *pairs, uint32_t n, const lr_ray_queue *rays,
                              lr_hit_queue *hits, lr_batch *batch)
 {
     for (uint32_t first = 0, end; first < n; first = end) {
@@ -161,10 +241,9 @@ static lr_status trace_pairs(const lr_context *context, const lr_intersect_optio
         const bool leaves = fill_batch(context->scene, options->leaving, pairs + first, end - first,
                                        rays, hits, batch);
         const lr_status status =
-            trace_batch(context, options, instance, leaves, end - first, batch);
+            trace_instance(context, options, leaves, pairs + first, end - first, hits, batch);
         if (status != LR_OK)
             return status;
-        keep_nearest(options, pairs + first, end - first, batch, hits);
     }
     return LR_OK;
 }

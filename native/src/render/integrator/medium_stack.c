@@ -15,20 +15,13 @@ enum { HELD = 64 }; /* branches that are put aside: the hierarchy is no higher *
 static bool holds(const lr_volume *v, const double object[3], int32_t *id)
 {
     double p[3], corner[8];
-    int32_t c[3], nearest[3];
-    lr_map_point(v->storage_from_object, object, p);
-    const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
-    for (int a = 0; a < 3; a++) {
-        if (!(p[a] > LR_PAD - 1 && p[a] < n[a] + LR_PAD))
-            return false;
-        c[a] = (int32_t)p[a];
-        p[a] -= c[a];
-        nearest[a] = c[a] + (p[a] > 0.5);
-    }
+    int32_t c[3];
+    if (!lr_cell_at(v, object, c, p))
+        return false;
     lr_corners(v, c, corner);
     if (!(lr_trilinear(corner, p) >= v->threshold))
         return false;
-    *id = lr_id(v, nearest[0], nearest[1], nearest[2]);
+    *id = lr_id(v, c[0] + (p[0] > 0.5), c[1] + (p[1] > 0.5), c[2] + (p[2] > 0.5));
     return true;
 }
 

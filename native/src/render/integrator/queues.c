@@ -57,6 +57,7 @@ static void take_wave(lr_arena *arena, uint64_t n, uint32_t height, lr_wave *wav
     m->batch.ray = take_rays(arena, n);
     m->batch.t_min = lr_arena_take_doubles(arena, n);
     m->batch.t_max = lr_arena_take_doubles(arena, n);
+    m->batch.t_passed = lr_arena_take_doubles(arena, n);
     m->batch.start = lr_arena_take(arena, n, sizeof *m->batch.start);
     m->batch.hit = take_hits(arena, n);
 }

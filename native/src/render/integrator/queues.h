@@ -74,6 +74,7 @@ typedef struct lr_hit_queue {
 typedef struct lr_batch {
     lr_rays_buffer ray;
     double *t_min, *t_max;
+    double *t_passed; /* where it starts on the wave's ray, in an instance that is cut */
     lr_start *start;
     lr_hits hit;
 } lr_batch;

@@ -181,7 +181,10 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
     if (!point->bends && !(lr_dot(point->normal, point->view) > 0)) /* at the rim of the field */
         memcpy(point->normal, point->facing, sizeof point->normal);
     locate(placed, shading_point, c, p);
-    lr_volume_color(volume, c, p, hit->id[i], hit->triangle[i], 0.0, point->color);
+    if (placed->color.volume != NULL)
+        lr_field_color_at(&placed->color, shading_point->position, point->color);
+    else
+        lr_volume_color(volume, c, p, hit->id[i], hit->triangle[i], 0.0, point->color);
     memcpy(shading_point->origin, shading_point->position, sizeof shading_point->origin);
     shading_point->is_offset = terminator_offset(placed, shading_point, hit->id[i], c, p, offset);
     for (int a = 0; a < 3 && shading_point->is_offset; a++)

@@ -48,6 +48,9 @@ static lr_status check_instance(const lr_scene_desc *desc, uint64_t i, lr_error 
     if (instance->structure == NULL)
         return lr_fail(error, LR_E_ARGUMENT, "instance %llu has no structure",
                        (unsigned long long)i);
+    if (instance->clips == NULL && instance->n_clips > 0)
+        return lr_fail(error, LR_E_ARGUMENT, "the clips of instance %llu are NULL but not empty",
+                       (unsigned long long)i);
     if ((instance->visibility & ~(uint32_t)VISIBILITY_ALL) != 0)
         return lr_fail(error, LR_E_ARGUMENT,
                        "instance %llu has visibility %u, the flags go up to %d",
@@ -157,6 +160,33 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
     return LR_OK;
 }
 
+/* What cuts the instances, and what colours them. */
+static lr_status place_fields(const lr_scene_desc *desc, lr_scene *scene, lr_error *error)
+{
+    uint64_t n = 0;
+    for (uint64_t i = 0; i < desc->n_instances; i++)
+        n += desc->instances[i].n_clips;
+    if (n > INT32_MAX)
+        return lr_fail(error, LR_E_SIZE, "a scene holds up to %d clips, there are %llu", INT32_MAX,
+                       (unsigned long long)n);
+    scene->clips = calloc((size_t)n + 1, sizeof *scene->clips);
+    if (scene->clips == NULL)
+        return lr_fail_memory(error, n * sizeof *scene->clips, "the clips of the instances");
+    lr_placed_clip *next = scene->clips;
+    lr_status status = LR_OK;
+    for (uint64_t i = 0; i < desc->n_instances && status == LR_OK; i++) {
+        const lr_instance *instance = &desc->instances[i];
+        lr_placed *placed = &scene->instances[i];
+        placed->clips = next;
+        placed->n_clips = instance->n_clips;
+        for (uint64_t k = 0; k < instance->n_clips && status == LR_OK; k++)
+            status = lr_clip_place(&instance->clips[k], i, next++, error);
+        if (instance->field_color != NULL && status == LR_OK)
+            status = lr_field_color_place(instance->field_color, i, &placed->color, error);
+    }
+    return status;
+}
+
 /* What instances may do to rays. */
 static void judge(lr_scene *scene)
 {
@@ -168,7 +198,7 @@ static void judge(lr_scene *scene)
             flags |= scene->materials[scene->slots[placed->first_material + k]].flags;
         const bool solid = lr_structure_volume(placed->structure)->desc.kind != LR_KIND_SHEET;
         placed->clear = (flags & LR_MATERIAL_CLEAR) != 0;
-        placed->enterable = solid && (flags & media) != 0;
+        placed->enterable = solid && (flags & media) != 0 && placed->n_clips == 0;
         scene->has_clear |= placed->clear;
         scene->has_media |= placed->enterable;
         scene->shines |= (flags & LR_MATERIAL_EMITS) != 0;
@@ -186,6 +216,8 @@ static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error 
     lr_status status = LR_OK;
     for (uint64_t i = 0; i < desc->n_instances && status == LR_OK; i++)
         status = place(&desc->instances[i], i, &scene->instances[i], &boxes[i], error);
+    if (status == LR_OK)
+        status = place_fields(desc, scene, error);
     if (status == LR_OK)
         status = lr_hierarchy_build(boxes, (uint32_t)desc->n_instances, &scene->hierarchy, error);
     if (status == LR_OK)
@@ -270,6 +302,7 @@ void lr_scene_free(lr_scene *scene)
     lr_light_tree_free(&scene->light_tree);
     free(scene->hierarchy.nodes);
     free(scene->instances);
+    free(scene->clips);
     free(scene->lights);
     free(scene->materials);
     free(scene->lobes);

@@ -8,6 +8,8 @@
 #include "render/lights/environment.h"
 #include "render/lights/light_tree.h"
 #include "render/scene/bvh.h"
+#include "render/scene/clip.h"
+#include "render/scene/field_color.h"
 
 /* An instance, as seen from a ray. */
 typedef struct lr_placed {
@@ -21,13 +23,17 @@ typedef struct lr_placed {
     bool clear;     /* lets some light straight through */
     bool enterable; /* a solid that bends or absorbs light */
     bool holdout;
+    const lr_placed_clip *clips; /* [n_clips] */
+    uint64_t n_clips;
+    lr_placed_color color;
 } lr_placed;
 
 struct lr_scene {
     lr_camera camera;
     lr_placed *instances;
     uint32_t n_instances;
-    lr_light *lights; /* directions of unit length */
+    lr_placed_clip *clips; /* of all instances */
+    lr_light *lights;      /* directions of unit length */
     uint64_t n_lights;
     lr_light_tree light_tree;
     lr_material *materials;

@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later */
+#include "render/scene/field_color.h"
+
+#include "base/affine.h"
+#include "base/error.h"
+#include "grid/attributes/shader_program.h"
+#include "grid/trilinear.h"
+
+lr_status lr_field_color_place(const lr_field_color *color, uint64_t instance,
+                               lr_placed_color *placed, lr_error *error)
+{
+    const lr_volume *v = color->volume;
+    if (v == NULL || !v->finished || v->planes[0] != NULL || color->program == NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "instance %llu must take its colours from a finished volume that is not "
+                       "rectilinear, by a program",
+                       (unsigned long long)instance);
+    if (!isfinite(color->scale) || !isfinite(color->offset))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the field that colours instance %llu must have a finite scale and offset, "
+                       "it has %g and %g",
+                       (unsigned long long)instance, color->scale, color->offset);
+    if (!lr_affine_invert(color->world_from_object, placed->object_from_world))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the field that colours instance %llu must have a finite, affine and "
+                       "invertible matrix",
+                       (unsigned long long)instance);
+    placed->volume = v;
+    placed->program = color->program;
+    placed->scale = color->scale / v->one;
+    placed->offset = color->offset;
+    return lr_program_check(color->program, error);
+}
+
+void lr_field_color_at(const lr_placed_color *color, const double world[3], double rgb[3])
+{
+    const lr_volume *v = color->volume;
+    double object[3], p[3], corner[8], value = 0, g[3], g_object[3], g_world[3] = {0};
+    int32_t c[3];
+    lr_map_point(color->object_from_world, world, object);
+    if (lr_cell_at(v, object, c, p)) {
+        lr_corners(v, c, corner);
+        value = lr_trilinear(corner, p);
+        lr_trilinear_gradient(corner, p, g);
+        lr_map_gradient(v->storage_from_object, g, g_object);
+        lr_map_gradient(color->object_from_world, g_object, g_world);
+    }
+    const double slope = fabs(color->scale) * sqrt(lr_dot(g_world, g_world));
+    const float told[4] = {(float)(color->offset + color->scale * value), (float)slope, 0, 1};
+    float made[3];
+    lr_program_color(color->program, told, made);
+    for (int a = 0; a < 3; a++)
+        rgb[a] = isfinite(made[a]) ? made[a] : 0;
+}

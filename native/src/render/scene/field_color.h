@@ -1,0 +1,24 @@
+/* Colours of hits by a scalar field.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_RENDER_SCENE_FIELD_COLOR_H
+#define LR_RENDER_SCENE_FIELD_COLOR_H
+
+#include "base/base.h"
+
+/* A field as hits ask it. */
+typedef struct lr_placed_color {
+    const lr_volume *volume; /* NULL: there is none */
+    const lr_program *program;
+    double object_from_world[16];
+    double scale, offset; /* of stored values */
+} lr_placed_color;
+
+/* LR_E_ARGUMENT with a sentence that names the instance, LR_E_SIZE as lr_program_run. */
+lr_status lr_field_color_place(const lr_field_color *color, uint64_t instance,
+                               lr_placed_color *placed, lr_error *error);
+
+/* Linear RGB at a point of world space. */
+void lr_field_color_at(const lr_placed_color *color, const double world[3], double rgb[3]);
+
+#endif
