@@ -63,11 +63,11 @@ def render(args: argparse.Namespace) -> int:
     """Render a frame, or several; writes each picture and the JSON beside it."""
     args.scene = resolved(args.scene) if str(args.scene).startswith("~") else args.scene
     measured = args.scene.suffix.lower() != ".blend"
-    if not (measured and args.scene.is_dir()):
+    name = args.scene.name.partition(".")[0] if measured else args.scene.stem
+    if not (measured and name and args.scene.is_dir()):
         check_file(args.scene)
     if args.threshold is not None and not measured:
         raise LeapRayError(f"--threshold is for measured data, and {args.scene} is a scene")
-    name = args.scene.name.partition(".")[0] if measured else args.scene.stem
     output = resolved(args.output or Path(f"{name}.png"), args.scene)
     if output.suffix.lower() not in FORMATS:
         raise LeapRayError(f"--output must end in {' or '.join(FORMATS)}, and is {output}")
