@@ -40,7 +40,7 @@ LAYERS = {
         "programs",
         "volume attributes",
         "scalar_source",
-        "isosurface",
+        "isosurfaces label_volume scalar_filters",
         "voxelization tracing",
         "rendering",
         "imaging",

@@ -6,7 +6,8 @@ from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
 from .arrays import NORMALS
 from .attributes import VERTEX, WHITE, Attributes, Texture
 from .imaging import SKIPS, Clearance, FirstCells, first_cells
-from .isosurface import Isosurfaces, isosurface
+from .isosurfaces import Isosurfaces, isosurface
+from .label_volume import labels
 from .programs import (
     INPUTS,
     Program,
@@ -33,6 +34,7 @@ from .rendering import (
     World,
     branches_for,
 )
+from .scalar_filters import coarser, smooth, without_islands
 from .scalar_grid import Leaves, ScalarGrid
 from .tracing import (
     HIT_TESTS,
@@ -103,6 +105,7 @@ __all__ = [
     "__version__",
     "add_counters",
     "branches_for",
+    "coarser",
     "build",
     "compile_program",
     "distance",
@@ -110,15 +113,18 @@ __all__ = [
     "inputs_of",
     "is_affine",
     "isosurface",
+    "labels",
     "merge",
     "mesh_edges",
     "mesh_layers",
     "numbers_of",
     "operate",
+    "smooth",
     "trace",
     "trace_options",
     "traverser",
     "traversers",
     "variants",
     "voxelize",
+    "without_islands",
 ]
