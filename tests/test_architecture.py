@@ -44,7 +44,7 @@ LAYERS = {
         "formats",
         "volume attributes",
         "scalar_source",
-        "isosurface",
+        "isosurfaces label_volume scalar_filters",
         "voxelization tracing",
         "rendering",
         "imaging",

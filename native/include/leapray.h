@@ -257,8 +257,8 @@ LR_API lr_status lr_samples_begin(const lr_samples_desc *desc, lr_samples **samp
                                   lr_error *error);
 LR_API void lr_samples_free(lr_samples *samples); /* NULL is fine */
 
-/* A part is a layer of bricks: slices first..first + n - 1 of numbers along z. Parts may run side
- * by side. How many there are: n_parts. LR_E_ARGUMENT for a part that is none. */
+/* A part of the samples is a layer of bricks: slices *first..*first + *n - 1 of numbers along z.
+ * Parts may run side by side; there are *n_parts. LR_E_ARGUMENT for a part that is none. */
 LR_API lr_status lr_samples_part(const lr_samples *samples, int32_t part, int32_t *n_parts,
                                  int32_t *first, int32_t *n, lr_error *error);
 
@@ -306,6 +306,13 @@ LR_API lr_status lr_isosurface_begin(lr_samples *samples, double threshold, lr_v
 LR_API lr_status lr_isosurface_part(lr_volume *volume, int32_t part, const lr_watch *watch,
                                     lr_error *error);
 LR_API lr_status lr_isosurface_finish(lr_volume *volume, lr_error *error);
+
+/* small[nz][ny][nx] is 1 on those samples inside (nonzero in inside[nz][ny][nx]) whose component
+ * has fewer than `least` of them, else 0. Samples that share a cell are of one component. LR_E_SIZE
+ * for too many, LR_E_ARGUMENT for a lattice without samples, LR_E_MEMORY, LR_E_STOPPED. */
+LR_API lr_status lr_small_components(const uint8_t *inside, int32_t nx, int32_t ny, int32_t nz,
+                                     uint64_t least, uint8_t *small, const lr_watch *watch,
+                                     lr_error *error);
 
 /* ---- programs ----------------------------------------------------------- */
 
@@ -718,7 +725,10 @@ typedef enum lr_root {
 typedef enum lr_normal {
     LR_NORMAL_CENTRAL = 0,  /* central differences, interpolated: smooth */
     LR_NORMAL_ANALYTIC = 1, /* the gradient of the field itself: faceted at cell borders */
-    LR_NORMAL_SMOOTH = 2 /* the gradients of the eight cells around, blended: smooth, and slower */
+    LR_NORMAL_SMOOTH = 2, /* the gradients of the eight cells around, blended: smooth, and slower */
+    LR_NORMAL_SOBEL =
+        3, /* central differences, averaged over nine: for noisy samples, and slower */
+    LR_NORMAL_ZUCKER_HUMMEL = 4 /* as sobel, by the distance: turns least with the lattice */
 } lr_normal;
 
 typedef struct lr_trace_options {

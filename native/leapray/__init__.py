@@ -7,7 +7,8 @@ from .arrays import NORMALS
 from .attributes import VERTEX, WHITE, Attributes, Texture
 from .formats import RawLayout, read_volume, volume_grids
 from .imaging import SKIPS, Clearance, FirstCells, first_cells
-from .isosurface import Isosurfaces, isosurface
+from .isosurfaces import Isosurfaces, isosurface
+from .label_volume import labels
 from .programs import (
     INPUTS,
     Program,
@@ -36,6 +37,7 @@ from .rendering import (
     World,
     branches_for,
 )
+from .scalar_filters import coarser, smooth, without_islands
 from .scalar_grid import Leaves, ScalarGrid
 from .thresholds import Histogram, first_threshold, histogram
 from .tracing import (
@@ -111,6 +113,7 @@ __all__ = [
     "__version__",
     "add_counters",
     "branches_for",
+    "coarser",
     "build",
     "compile_program",
     "distance",
@@ -120,12 +123,14 @@ __all__ = [
     "inputs_of",
     "is_affine",
     "isosurface",
+    "labels",
     "merge",
     "mesh_edges",
     "mesh_layers",
     "numbers_of",
     "operate",
     "read_volume",
+    "smooth",
     "trace",
     "trace_options",
     "traverser",
@@ -133,4 +138,5 @@ __all__ = [
     "variants",
     "volume_grids",
     "voxelize",
+    "without_islands",
 ]

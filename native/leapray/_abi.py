@@ -192,6 +192,8 @@ class lr_normal(IntEnum):
     LR_NORMAL_CENTRAL = 0
     LR_NORMAL_ANALYTIC = 1
     LR_NORMAL_SMOOTH = 2
+    LR_NORMAL_SOBEL = 3
+    LR_NORMAL_ZUCKER_HUMMEL = 4
 
 
 class lr_projection(IntEnum):
@@ -285,7 +287,7 @@ LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT, LR_TRAVERSER_RECTILINEAR = lr_traverse
 LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
 LR_HIT_EXTREMA, LR_HIT_FACES, LR_HIT_UNIFORM = lr_hit_test
 LR_ROOT_NEWTON, LR_ROOT_BISECT, LR_ROOT_CUBIC, LR_ROOT_LINEAR = lr_root
-LR_NORMAL_CENTRAL, LR_NORMAL_ANALYTIC, LR_NORMAL_SMOOTH = lr_normal
+LR_NORMAL_CENTRAL, LR_NORMAL_ANALYTIC, LR_NORMAL_SMOOTH, LR_NORMAL_SOBEL, LR_NORMAL_ZUCKER_HUMMEL = lr_normal
 LR_PERSPECTIVE, LR_ORTHOGRAPHIC = lr_projection
 LR_VISIBLE_CAMERA, LR_VISIBLE_SHADOW, LR_VISIBLE_DIFFUSE, LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION = lr_visibility
 LR_LIGHT_SUN, LR_LIGHT_POINT, LR_LIGHT_SPOT, LR_LIGHT_AREA = lr_light_kind
@@ -1009,6 +1011,16 @@ PROTOTYPES = {
         ctypes.POINTER(lr_volume),
         ctypes.POINTER(lr_error),
     )),
+    "lr_small_components": (ctypes.c_int, (
+        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.c_uint64,
+        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
     "lr_operate": (ctypes.c_float, (
         ctypes.c_int32,
         ctypes.c_float,
@@ -1297,6 +1309,7 @@ ABOUT = {
     "LR_NORMAL_CENTRAL": "central differences, interpolated: smooth",
     "LR_NORMAL_ANALYTIC": "the gradient of the field itself: faceted at cell borders",
     "LR_NORMAL_SMOOTH": "the gradients of the eight cells around, blended: smooth, and slower",
+    "LR_NORMAL_ZUCKER_HUMMEL": "as sobel, by the distance: turns least with the lattice",
     "LR_VISIBLE_SHADOW": "instances: stop light; lights: are stopped by instances",
     "LR_LIGHT_SPOT": "a point light behind a hole, within a cone",
     "LR_LIGHT_AREA": "shines to one side",

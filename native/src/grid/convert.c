@@ -62,22 +62,33 @@ void lr_columns_begin(const lr_columns *c, int32_t type, size_t n)
     }
 }
 
+/* Rows whose numbers all lie inside are the rule, and quick. */
 #define ADD(id, number, whole, least, most)                                                        \
-    static void add_all_##id(const number *row, size_t n, number *low, number *high)               \
+    static bool any_none_##id(const number *row, size_t n, bool has_none, number no_data)          \
     {                                                                                              \
-        for (size_t i = 0; i < n; i++) {                                                           \
-            low[i] = row[i] < low[i] ? row[i] : low[i];                                            \
-            high[i] = row[i] > high[i] ? row[i] : high[i];                                         \
-        }                                                                                          \
+        number any = 0;                                                                            \
+        for (size_t i = 0; i < n && !(whole); i++)                                                 \
+            any += (number)(row[i] - row[i] != 0); /* of infinities, too */                        \
+        for (size_t i = 0; i < n && has_none; i++)                                                 \
+            any = row[i] == no_data ? 1 : any;                                                     \
+        return any != 0;                                                                           \
     }                                                                                              \
-    static void add_some_##id(const number *row, size_t n, number no_data, number *low,            \
-                              number *high, uint8_t *none)                                         \
+    static void add_##id(const lr_columns *c, const number *row, size_t n, bool has_none,          \
+                         number no_data)                                                           \
     {                                                                                              \
+        number *low = c->low, *high = c->high;                                                     \
+        if (!any_none_##id(row, n, has_none, no_data)) {                                           \
+            for (size_t i = 0; i < n; i++) {                                                       \
+                low[i] = row[i] < low[i] ? row[i] : low[i];                                        \
+                high[i] = row[i] > high[i] ? row[i] : high[i];                                     \
+            }                                                                                      \
+            return;                                                                                \
+        }                                                                                          \
         for (size_t i = 0; i < n; i++) {                                                           \
-            const bool outside = row[i] == no_data || row[i] != row[i];                            \
+            const bool outside = (has_none && row[i] == no_data) || row[i] != row[i];              \
             low[i] = !outside && row[i] < low[i] ? row[i] : low[i];                                \
             high[i] = !outside && row[i] > high[i] ? row[i] : high[i];                             \
-            none[i] |= outside;                                                                    \
+            c->none[i] |= outside;                                                                 \
         }                                                                                          \
     }
 LR_NUMBERS(ADD)
@@ -98,11 +109,7 @@ void lr_columns_add(lr_columns *c, int32_t type, double no_data, const void *row
     switch (type) {
 #define ADD(id, number, whole, least, most)                                                        \
     case id:                                                                                       \
-        if (whole && isnan(no_data))                                                               \
-            add_all_##id(row, n, c->low, c->high);                                                 \
-        else                                                                                       \
-            add_some_##id(row, n, whole &&isnan(no_data) ? 0 : (number)no_data, c->low, c->high,   \
-                          c->none);                                                                \
+        add_##id(c, row, n, !isnan(no_data), isnan(no_data) ? 0 : (number)no_data);                \
         break;
         LR_NUMBERS(ADD)
 #undef ADD
@@ -188,9 +195,28 @@ double lr_stored_of(const lr_samples_map *m, double number)
 #define EACH_WHOLE_0 REAL
 LR_NUMBERS(EACH_WHOLE)
 
+/* Floats that stay what they are, or change signs: nothing is rounded. */
+static void keep_floats(const lr_samples_map *m, double no_data, const float *from, size_t n,
+                        float *to)
+{
+    const float gain = (float)m->gain, outside = (float)m->outside, none = (float)no_data;
+    for (size_t i = 0; i < n; i++) {
+        float x = gain * from[i];
+        x = x > FLT_MAX ? FLT_MAX : x;
+        x = x < -FLT_MAX ? -FLT_MAX : x;
+        x = x != x ? outside : x;
+        to[i] = from[i] == none ? outside : x;
+    }
+}
+
 void lr_store_numbers(const lr_samples_map *m, int32_t type, double no_data, const void *numbers,
                       size_t n, void *samples)
 {
+    if (type == LR_NUMBER_F32 && m->sample_type == LR_F32 && !m->rounded && fabs(m->gain) == 1.0 &&
+        m->base == 0.0) {
+        keep_floats(m, no_data, numbers, n, samples);
+        return;
+    }
     switch (type) {
 #define STORE(id, number, whole, least, most)                                                      \
     case id:                                                                                       \

@@ -68,10 +68,11 @@ static void scan_row(lr_samples *s, const layer *l, int32_t by, int32_t bz, lr_c
     for (int32_t bx = 0; bx < s->table_size[0]; bx++) {
         const size_t at = lr_place_of(s->table_size, bx, by, bz);
         const span x = span_of(bx, s->desc.nx, open);
-        bool none = l->z.beyond || y.beyond || x.beyond;
+        const bool beyond = l->z.beyond || y.beyond || x.beyond;
+        bool none = false;
         if (any && x.lo <= x.hi)
             lr_columns_range(c, type, (size_t)x.lo, (size_t)x.hi, &s->low[at], &s->high[at], &none);
-        s->none[at] = none;
+        s->none[at] = (uint8_t)((beyond ? LR_NONE_BEYOND : 0) | (none ? LR_NONE_NUMBER : 0));
         s->rounds[at] = c->rounds;
     }
 }
@@ -221,7 +222,7 @@ lr_status lr_samples_scan_leaves(lr_samples *s, const int32_t *origins, const vo
         for (int k = 0; k < LR_SIDE * LR_SIDE; k++)
             lr_columns_add(&c, type, s->no_data, row + (size_t)k * nbytes, LR_SIDE);
         lr_columns_range(&c, type, 0, LR_SIDE - 1, &s->low[at], &s->high[at], &none);
-        s->none[at] = none;
+        s->none[at] = none ? LR_NONE_NUMBER : 0;
         s->rounds[at] = c.rounds;
     }
     return status;
@@ -255,7 +256,7 @@ static void put_tile(lr_samples *s, const int32_t b[3], int32_t n, double value)
         for (int32_t y = 0; y < n; y++)
             for (int32_t x = 0; x < n; x++) {
                 const size_t at = lr_place_of(s->table_size, b[0] + x, b[1] + y, b[2] + z);
-                s->none[at] = none;
+                s->none[at] = none ? LR_NONE_NUMBER : 0;
                 s->rounds[at] = !none && (double)(float)value != value;
                 if (!none)
                     s->low[at] = s->high[at] = value;

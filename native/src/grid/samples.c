@@ -114,7 +114,7 @@ void lr_samples_get_range(const lr_samples *s, lr_samples_range *range)
     for (size_t at = 0, n = lr_samples_count(s); at < n; at++) {
         range->low = fmin(range->low, s->low[at]);
         range->high = fmax(range->high, s->high[at]);
-        range->has_none |= s->none[at];
+        range->has_none |= (s->none[at] & LR_NONE_NUMBER) != 0;
         range->fits_floats &= !s->rounds[at];
     }
 }

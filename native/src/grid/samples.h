@@ -11,14 +11,16 @@
 #include "grid/convert.h"
 #include "grid/layout.h"
 
+enum { LR_NONE_BEYOND = 1, LR_NONE_NUMBER = 2 /* beyond the lattice; a number that is none */ };
+
 struct lr_samples {
     lr_samples_desc desc;
     lr_samples_map map;     /* outside and inside as they are stored */
     double no_data;         /* NaN: none */
     int32_t table_size[3];  /* bricks per axis */
     double *low, *high;     /* [table]: of the bricks' numbers, once allocated of their samples */
-    uint8_t *none;          /* [table]: 1 where some number lies outside, */
-    uint8_t *rounds;        /* 1 where some number is no float */
+    uint8_t *none;          /* [table]: whether samples lie outside, and why */
+    uint8_t *rounds;        /* [table]: 1 where some number is no float */
     uint32_t *table;        /* brick << 8; NULL until allocated */
     uint32_t n_bricks;      /* with the two constant ones */
     unsigned char *samples; /* [n_bricks][LR_CELLS] of map.sample_type */

@@ -102,14 +102,19 @@ class Isosurfaces:
             return self._constant(False, watch)
         if inside(first):
             return self._constant(True, watch)
-        number = _edge(inside, first, last, self._law.number(threshold), self._source)
-        level = self._map.gain * number - self._map.base
+        level = self._level(inside, self._law.number(threshold))
         if self._samples is not None:
             return self._samples.surface(level, threads, watch)
         self._map.threshold = level
         samples = _Samples(self._source, threads, watch)
         samples.store(self._source, self._map, self._max_nbytes, threads, watch)
         return samples.surface(float(np.float32(level)), threads, watch)
+
+    def _level(self, inside: Callable[[float], bool], number: float) -> float:
+        """The threshold as samples are stored: as given, unless rounding parts them otherwise."""
+        numbers = (*_neighbours(inside, *self._range, self._source), number)
+        outer, inner, level = (self._map.gain * n - self._map.base for n in numbers)
+        return level if outer < level <= inner else inner
 
     def _constant(self, inside: bool, watch: Watch) -> Volume:
         """Of samples that are all outside, or all inside but for those that are none."""
@@ -152,23 +157,19 @@ class _Law:
         return lambda number: self.value(number) <= threshold
 
 
-def _edge(inside, first: float, last: float, number: float, source: Source) -> float:
-    """The threshold as a stored number: the one given, unless that parts the numbers otherwise.
-
-    first lies outside, last inside.
-    """
+def _neighbours(
+    inside: Callable[[float], bool], first: float, last: float, source: Source
+) -> tuple[float, float]:
+    """The last number that lies outside and the next, of first (outside) to last (inside)."""
     key, of_key = _ordinals(source)
-    low, high = key(first), key(last)
-    way = 1 if high > low else -1
-    while abs(high - low) > 1:
-        middle = (low + high) // 2
+    outer, inner = key(first), key(last)
+    while abs(inner - outer) > 1:
+        middle = (outer + inner) // 2
         if inside(of_key(middle)):
-            high = middle
+            inner = middle
         else:
-            low = middle
-    outer, inner = of_key(low), of_key(high)
-    between = outer < number <= inner if way > 0 else inner <= number < outer
-    return number if between else inner
+            outer = middle
+    return of_key(outer), of_key(inner)
 
 
 def _ordinals(source: Source):
