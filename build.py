@@ -64,26 +64,25 @@ import re
 import select
 import shutil
 import subprocess
-import tempfile
 import time
-import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
 SUPPORTED = ("3.13", "3.11")  # of the Blenders whose wheels requirements.txt names
 
 # What each verb needs of the files that pin packages.
-RENDER, STUDY, PACKAGE, TEST = (
+RENDER, VOLUMES, STUDY, PACKAGE, TEST = (
     "requirements.txt",
+    "requirements-volumes.txt",
     "requirements-study.txt",
     "requirements-package.txt",
     "requirements-test.txt",
 )
 VERBS = {
-    "render": (RENDER,),
-    "compare": (RENDER, STUDY),
-    "study": (RENDER, STUDY),
-    "test": (RENDER, STUDY, PACKAGE, TEST),
+    "render": (RENDER, VOLUMES),
+    "compare": (RENDER, VOLUMES, STUDY),
+    "study": (RENDER, VOLUMES, STUDY),
+    "test": (RENDER, VOLUMES, STUDY, PACKAGE, TEST),
     "build": (RENDER, PACKAGE),
     "package": (RENDER, PACKAGE),
 }
@@ -476,55 +475,19 @@ def test(words):
     os.execv(sys.executable, [sys.executable, "tests/checks.py", *words])
 
 
-def make_wheel():
-    """The core as a wheel in dist/, for every Python from 3.11; returns its path."""
-    with tempfile.TemporaryDirectory() as folder:
-        pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet"]
-        here = ["--no-deps", "--no-build-isolation", "--wheel-dir", folder, str(ROOT / "native")]
-        if subprocess.run(pip + here).returncode:
-            raise Refusal("the wheel of the core was not made; what pip said stands above")
-        (wheel,) = Path(folder).glob("leapray-*.whl")
-        return moved(wheel)
+def make_packages(verb):
+    """Make the core's wheel or the extension, and say where it is."""
+    import build_core
+    import build_packages
 
-
-def make_extension():
-    """The extension for Blender in dist/, with the core's wheel inside; returns its path.
-
-    The tool that Blender ships is asked to check and to build; it leaves out
-    wheels that do not fit without a word, so the contents are looked at too.
-    """
-    wheel = make_wheel()
-    blender = Path(blender_module()).parent
-    (tool,) = blender.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py")
-    with tempfile.TemporaryDirectory() as folder:
-        source, made = Path(folder, "leapray"), Path(folder, "made")
-        shutil.copytree(ROOT / "addon", source, ignore=shutil.ignore_patterns("__pycache__"))
-        shutil.copy(ROOT / "LICENSE", source)
-        (source / "wheels").mkdir()
-        shutil.copy(wheel, source / "wheels")
-        made.mkdir()
-        for task in (
-            ["validate", str(source)],
-            ["build", "--split-platforms", "--source-dir", str(source), "--output-dir", str(made)],
-        ):
-            done = subprocess.run([sys.executable, str(tool), *task], stdout=subprocess.PIPE)
-            if done.returncode:
-                print(done.stdout.decode(), file=sys.stderr)
-                raise Refusal("Blender's own tool refuses the extension; what it said stands above")
-        (archive,) = made.glob("*.zip")
-        names = zipfile.ZipFile(archive).namelist()
-        if f"wheels/{wheel.name}" not in names:
-            raise Refusal(f"{archive.name} lacks wheels/{wheel.name}; does the manifest name it?")
-        return moved(archive)
-
-
-def moved(path):
-    """Put a finished file into dist/, whole or not at all; returns where it is."""
-    target = ROOT / "dist" / path.name
-    target.parent.mkdir(exist_ok=True)
-    beside = target.with_suffix(f".{os.getpid()}")
-    shutil.copyfile(path, beside)
-    return beside.replace(target)
+    try:
+        if verb == "build":
+            print(build_packages.make_wheel())
+        else:
+            blender = Path(blender_module()).parent
+            print(build_packages.make_extension(blender, ROOT / VOLUMES))
+    except build_core.BuildError as error:
+        raise Refusal(str(error)) from None
 
 
 def work(environment, verb, words):
@@ -534,7 +497,7 @@ def work(environment, verb, words):
     if verb in ("build", "package"):
         if words:
             raise Refusal(f"{verb} takes no further words, but got {' '.join(words)}")
-        print(make_wheel() if verb == "build" else make_extension())
+        make_packages(verb)
         return 0
     see_that_blender_loads(environment)
     if verb == "test":

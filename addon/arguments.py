@@ -110,8 +110,20 @@ def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
     )
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 
-    verb = verbs.add_parser("render", help="render a frame of a scene, or several")
-    verb.add_argument("scene", type=Path, metavar="SCENE.blend")
+    verb = verbs.add_parser("render", help="render a frame of a scene, or several; or a scan")
+    verb.add_argument(
+        "scene",
+        type=Path,
+        metavar="SCENE.blend|DATA",
+        help="a scene; or measured data, round which one is made: NIfTI, NRRD, MRC, TIFF, OpenVDB, "
+        "raw numbers, DICOM files or a folder of them",
+    )
+    verb.add_argument(
+        "--threshold",
+        type=number(None, None, float),
+        metavar="X",
+        help="of measured data: the value on the surface, in their units; default: found in them",
+    )
     verb.add_argument(
         "--output",
         type=Path,

@@ -20,7 +20,7 @@ import leapray
 from leapray import LeapRayError
 
 from . import arguments, pixel_report, process
-from .blender.open_file import open_scene, render_frame, set_format
+from .blender.open_file import be_registered, open_scene, render_frame, set_format
 from .settings import SETTINGS
 from .store import files
 from .store.files import check_file, check_folder, part_folder, resolved
@@ -62,8 +62,13 @@ def say(sentence: str) -> None:
 def render(args: argparse.Namespace) -> int:
     """Render a frame, or several; writes each picture and the JSON beside it."""
     args.scene = resolved(args.scene) if str(args.scene).startswith("~") else args.scene
-    check_file(args.scene)
-    output = resolved(args.output or Path(f"{args.scene.stem}.png"), args.scene)
+    measured = args.scene.suffix.lower() != ".blend"
+    name = args.scene.name.partition(".")[0] if measured else args.scene.stem
+    if not (measured and name and args.scene.is_dir()):
+        check_file(args.scene)
+    if args.threshold is not None and not measured:
+        raise LeapRayError(f"--threshold is for measured data, and {args.scene} is a scene")
+    output = resolved(args.output or Path(f"{name}.png"), args.scene)
     if output.suffix.lower() not in FORMATS:
         raise LeapRayError(f"--output must end in {' or '.join(FORMATS)}, and is {output}")
     figures = pixel_figures(args) if args.pixel else None
@@ -75,7 +80,7 @@ def render(args: argparse.Namespace) -> int:
     if args.cache_folder:
         args.cache_folder = str(resolved(Path(args.cache_folder), args.scene))
 
-    scene = open_scene(args.scene)
+    scene = open_data(args.scene, args.threshold) if measured else open_scene(args.scene)
     override(scene, args)
     if args.pixel:
         return trace_pixel(args, scene, figures)
@@ -94,6 +99,14 @@ def render(args: argparse.Namespace) -> int:
         warned.update(warnings)
         print(f"{target.picture}, and its figures in {target.figures}", flush=True)
     return 0
+
+
+def open_data(path: Path, threshold: float | None):
+    """A scene made round measured data."""
+    be_registered()
+    from .blender import data_scene
+
+    return data_scene.make(path, threshold)
 
 
 def pixel_figures(args: argparse.Namespace) -> Path | None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import leapray
 from leapray import Camera, Lobe, Program
+from leapray.scalar_grid import ScalarGrid
 
 from .memory import Resident
 from .settings import Modelling, Settings
@@ -55,11 +56,27 @@ class Image:
 
 
 @dataclass(frozen=True)
-class Instance:
-    """A mesh placed in the world."""
+class Field:
+    """A scalar field whose surfaces at some thresholds are rendered; instances share it.
+
+    The grid's world is the object's own space, its units those of the scene.
+    """
+
+    name: str
+    grid: ScalarGrid
+    contents: str  # a name for the grid's contents
+    thresholds: tuple[float, ...]  # of each surface, in the data's units; at least one
+    above: bool = True  # inside is what exceeds the threshold, else what falls below it
+    capped: bool = True  # surfaces are closed where the data end
+    smoothing: float = 0.0  # the standard deviation of a Gaussian, in samples
+    least: int = 0  # parts of fewer samples are left out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placed:
+    """A thing placed in the world, and what its object says of it."""
 
     name: str  # of the object, for messages
-    mesh: int  # index into Scene.meshes
     world_from_object: NDArray[np.float64]  # (4, 4)
     materials: tuple[int, ...]  # per slot, indices into Scene.materials; at least one
     object_index: int = 0  # Blender's pass index
@@ -69,6 +86,20 @@ class Instance:
     visible_glossy: bool = True
     visible_transmission: bool = True
     holdout: bool = False  # the camera sees a hole in the picture
+
+
+@dataclass(frozen=True, kw_only=True)
+class Instance(Placed):
+    """A mesh placed in the world."""
+
+    mesh: int  # index into Scene.meshes
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldInstance(Placed):
+    """A field placed in the world; surface n of it has the material in slot n, or in the last."""
+
+    field: int  # index into Scene.fields
 
 
 @dataclass(frozen=True)
@@ -130,6 +161,8 @@ class Scene:
     warnings: tuple[str, ...] = ()
     seconds_read: float = 0.0
     resident: Resident | None = None  # what the process took before the scene was read
+    fields: tuple[Field, ...] = ()
+    field_instances: tuple[FieldInstance, ...] = ()
 
 
 @dataclass

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The settings, each described once (no bpy).
 
-`Settings` is what the user chooses for a scene, `Modelling` for an object. Blender's
-properties, the options of the command line, what is refused before a render and
-docs/settings.md follow from the fields' descriptions; choices of the core's are its own.
+`Settings` is what the user chooses for a scene, `Modelling` for an object, `Isosurfaces` for
+the data of a volume. Blender's properties, the options of the command line, what is refused before
+a render and docs/settings.md follow from the fields' descriptions; choices of the core's are its
+own.
 """
 
 from __future__ import annotations
@@ -496,6 +497,75 @@ class Modelling:
         "Sample Type",
         "How the samples of the object's volume are stored",
         choices=(AS_SCENE, *SAMPLE_TYPE_CHOICES),
+    )
+
+
+def surface_value(label: str, tooltip: str) -> Any:
+    return setting(0.0, label, f"{tooltip}, in the units of the data", digits=4)
+
+
+@dataclass(frozen=True)
+class Isosurfaces:
+    """Which surfaces of a volume's data are rendered."""
+
+    file: str = setting(
+        "",
+        "Data File",
+        "Measured data in another format than OpenVDB, in place of the volume's own file; a name "
+        "that begins with // is relative to the .blend",
+        unit="FILE_PATH",
+    )
+    grid: str = setting(
+        "",
+        "Grid",
+        "The name of the grid that is rendered; empty: the active one if its values are single "
+        "numbers, else the first such grid",
+    )
+    frame: int = setting(
+        0,
+        "Frame",
+        "Which of several frames of the data file, from 0",
+        0,
+        WHOLE_MAX,
+    )
+    automatic: bool = setting(
+        True,
+        "Automatic Threshold",
+        "Find a first threshold in the data: 0 for level sets, half for densities, else what parts "
+        "the values best",
+    )
+    threshold: float = surface_value("Threshold", "The value on the surface")
+    surfaces: int = setting(
+        1, "Surfaces", "How many surfaces are rendered, each at a threshold", 1, 3
+    )
+    threshold_2: float = surface_value("Threshold 2", "The value on the second surface")
+    threshold_3: float = surface_value("Threshold 3", "The value on the third surface")
+    invert: bool = setting(
+        False,
+        "Invert",
+        "Take for the inside what lies outside: below the threshold, of level sets above it",
+    )
+    smoothing: float = setting(
+        0.0,
+        "Smoothing",
+        "Samples over which the data are averaged by a Gaussian, as its standard deviation: less "
+        "noise, rounder edges",
+        0.0,
+        16.0,
+        soft_maximum=4.0,
+    )
+    least: int = setting(
+        0,
+        "Smallest Part",
+        "Parts of fewer samples are left out, such as specks of noise",
+        0,
+        WHOLE_MAX,
+        soft_maximum=10000,
+    )
+    capped: bool = setting(
+        True,
+        "Cap",
+        "Close surfaces where the data end; off, they have a hole there",
     )
 
 

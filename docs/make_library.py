@@ -40,10 +40,21 @@ TOPICS = {
         "order. The core stores samples in sparse bricks of 8 x 8 x 8.",
         "Volume VolumeInfo VolumeBuilder merge",
     ),
+    "Isosurfaces": (
+        "A scalar grid is a field as files hold it: numbers on a lattice and what they mean. An "
+        "isosurface is a volume of them: the solid on one side of a threshold. Filters make grids of "
+        "grids.",
+        "isosurface Isosurfaces labels coarser smooth without_islands",
+    ),
     "Voxelization": (
         "`voxelize` turns triangles into a volume. Attributes let hits take colours and smooth "
         "normals from the triangles.",
         "voxelize FILTERS MeshInfo mesh_layers mesh_edges Attributes Texture VERTEX WHITE",
+    ),
+    "Measured volumes": (
+        "Files of scanners, microscopes and simulations become a scalar grid: numbers on a "
+        "lattice, and where it lies. [formats.md](formats.md) says what is read of each format.",
+        "read_volume volume_grids RawLayout ScalarGrid Leaves first_threshold histogram Histogram",
     ),
     "Texture programs": (
         "A texture may carry a program that computes the colour from what is looked up in the "

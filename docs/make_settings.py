@@ -18,17 +18,17 @@ if __name__ == "__main__":
 import generated  # noqa: E402
 
 from addon.blender.presets import PRESETS  # noqa: E402
-from addon.settings import SETTINGS, Modelling, Setting, described  # noqa: E402
+from addon.settings import SETTINGS, Isosurfaces, Modelling, Setting, described  # noqa: E402
 
 PAGE = ROOT / "docs" / "settings.md"
 UNITS = {"PIXEL": "pixels", "DISTANCE": "scene units"}
 
 HEAD = """# Settings
 
-What can be chosen for a scene and for an object, written by [make_settings.py](make_settings.py)
-from [settings.py](../addon/settings.py); change that, not the page. `samples` is
-`scene.leapray.samples` in Python and `--samples` on the command line of `render`. What is out of
-its range is refused. All can be keyed, but for {unkeyed}.
+What can be chosen for a scene, an object and a volume, written by
+[make_settings.py](make_settings.py) from [settings.py](../addon/settings.py); change that, not
+the page. `samples` is `scene.leapray.samples` in Python and `--samples` on the command line of
+`render`. What is out of its range is refused. All can be keyed, but for {unkeyed}.
 """
 
 
@@ -116,7 +116,10 @@ def page() -> str:
             table(own, options=False),
             "\nWhat is `scene` is as the scene's settings say; its other choices are as there.\n",
             choices({name: own[name] for name in own if name not in SETTINGS}),
-            "## Presets\n",
+            "## Of a volume\n",
+            "`volume.leapray` of a Volume datablock, in Python.\n",
+            table(described(Isosurfaces), options=False),
+            "\n## Presets\n",
             "What differs from the defaults. Presets leave alone "
             f"{listed(name for name, s in SETTINGS.items() if not s.in_presets)}.\n",
             presets(),

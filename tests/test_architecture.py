@@ -20,6 +20,7 @@ from pathlib import Path
 
 import pytest
 
+import build
 import build_core
 import leapray
 from leapray import _abi, _lib
@@ -37,8 +38,13 @@ LAYERS = {
         "_abi",
         "_lib",
         "arrays scalar_grid threads",
-        "programs",
+        "programs thresholds formats.common",
+        "formats.mrc formats.nifti formats.nrrd formats.raw formats.slices formats.tiff",
+        "formats.dicom formats.vdb",
+        "formats",
         "volume attributes",
+        "scalar_source",
+        "isosurfaces label_volume scalar_filters",
         "voxelization tracing",
         "rendering",
         "imaging",
@@ -49,12 +55,13 @@ LAYERS = {
         "arrays memory settings",
         "model process",
         "store.files",
-        "plan.culling plan.light_planes plan.mesh_colors plan.objects plan.probes",
+        "plan.coarser plan.culling plan.light_planes plan.mesh_colors plan.objects plan.planned",
+        "plan.probes",
         "tiles store.volume_files",
-        "plan.error_metric plan.mesh_split plan.proximity plan.sample_types",
+        "plan.error_metric plan.field_filters plan.mesh_split plan.proximity plan.sample_types",
         "store.disk_cache store.memory_cache",
         "plan.levels",
-        "plan.separation",
+        "plan.fields plan.separation",
         "plan.plan",
         "pixel_report",
         "pipeline",
@@ -63,9 +70,10 @@ LAYERS = {
         "blender.read.shaders blender.read.textures",
         "blender.read.materials",
         "blender.read.lights blender.read.meshes",
-        "blender.read.scene blender.result blender.properties blender.presets",
-        "blender.engine",
+        "blender.read.scene blender.read.volumes blender.result blender.properties blender.presets",
+        "blender.engine blender.volume_data",
         "blender.open_file",
+        "blender.data_scene",
         "study",
         "arguments",
         "cli blender.operators blender.ui_report",
@@ -488,9 +496,14 @@ def test_the_readme_is_right_about_the_library():
 def test_the_extension_has_the_version_and_the_wheel_of_the_core():
     manifest = tomllib.loads((ROOT / "addon" / "blender_manifest.toml").read_text())
     assert manifest["version"] == leapray.__version__
-    assert [Path(wheel).name for wheel in manifest["wheels"]] == [
-        f"leapray-{leapray.__version__}-py3-none-{build_core.PLATFORM}.whl"
-    ]
+    core, *readers = (Path(wheel).name for wheel in manifest["wheels"])
+    assert core == f"leapray-{leapray.__version__}-py3-none-{build_core.PLATFORM}.whl"
+    pins = re.findall(r"^(\w+)==(.*)", (ROOT / build.VOLUMES).read_text(), re.M)
+    assert [name.split("-")[:2] for name in readers] == sorted(map(list, pins))
+    assert all(name.endswith("-none-any.whl") for name in readers)
+    extra = tomllib.loads((ROOT / "native" / "pyproject.toml").read_text())["project"]
+    needed = {re.match(r"\w+", item)[0] for item in extra["optional-dependencies"]["volumes"]}
+    assert needed < {name for name, _ in pins}
 
 
 def test_the_pins_name_what_is_installed():

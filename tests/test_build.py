@@ -95,7 +95,7 @@ def project(tmp_path_factory) -> Path:
     status, out, err = finish(start(folder, "render", "a.blend"))
     assert (status, out) == (1, f"({THIS.replace('.', ', ')}) render a.blend\n"), err
     assert err.count("\n") == 1 and f"making .venv/{THIS}, once" in err
-    assert stamped(folder) == {build.RENDER}
+    assert stamped(folder) == set(build.VERBS["render"])
     stamp(folder, build.VERBS["test"])  # there is nothing in the others either
     return folder
 
@@ -264,9 +264,9 @@ def test_a_moved_project_works_at_once_with_its_own_code(copied):
 
 
 def test_a_verb_gets_the_sets_that_it_needs_and_keeps_the_others(copied):
-    stamp(copied, [build.RENDER])
+    stamp(copied, build.VERBS["render"])
     for verb, want in (
-        ("study", {build.RENDER, build.STUDY}),
+        ("study", set(build.VERBS["study"])),
         ("build", set(build.VERBS["build"])),
     ):
         before = stamped(copied)
@@ -278,7 +278,7 @@ def test_a_verb_gets_the_sets_that_it_needs_and_keeps_the_others(copied):
     assert finish(start(copied, "render"))[2] == ""  # what it does not need may be old
     (copied / build.RENDER).write_text("# other pins\n")
     finish(start(copied, "render"))
-    assert stamped(copied) == {build.RENDER, build.STUDY, build.PACKAGE}
+    assert stamped(copied) == {build.RENDER, build.VOLUMES, build.STUDY, build.PACKAGE}
 
 
 def test_an_environment_stamped_by_an_older_version_is_brought_up_to_date(copied):
@@ -364,7 +364,7 @@ def test_a_project_that_cannot_be_written_to_says_what_it_lacks(copied, closed, 
     if lacks == "environment":
         shutil.rmtree(copied / ".venv")
     if lacks == "set":
-        stamp(copied, [build.RENDER])
+        stamp(copied, build.VERBS["render"])
     if lacks == "core":
         shutil.copy(ROOT / "native" / "build_core.py", copied / "native")
         (copied / "native" / "src").mkdir()

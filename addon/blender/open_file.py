@@ -26,10 +26,7 @@ def open_scene(path: Path):
     check_file(path)
     import bpy
 
-    if not hasattr(bpy.types.Scene, "leapray"):
-        from .. import register
-
-        register()
+    be_registered()
     try:
         with quiet():
             bpy.ops.wm.open_mainfile(filepath=str(path.absolute()), load_ui=False)
@@ -38,6 +35,26 @@ def open_scene(path: Path):
     scene = bpy.context.scene
     scene.render.engine = "LEAPRAY"
     return scene
+
+
+def be_registered() -> None:
+    """Register LeapRay, if that has not been done."""
+    import bpy
+
+    if not hasattr(bpy.types.Scene, "leapray"):
+        from .. import register
+
+        register()
+
+
+def empty_scene() -> None:
+    """A new file with nothing in its scene, and LeapRay chosen."""
+    import bpy
+
+    be_registered()
+    with quiet():
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.context.scene.render.engine = "LEAPRAY"
 
 
 def set_format(scene, picture: Path, passes: Collection[str] | None = None) -> None:

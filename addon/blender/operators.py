@@ -3,15 +3,17 @@
 
 # Annotations stay values here, for Blender evaluates them.
 
+from pathlib import Path
+
 import bpy
-from bpy_extras.io_utils import ExportHelper
+from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 import leapray
 
 from ..plan import plan
 from ..settings import SETTINGS
 from ..store import volume_files
-from . import properties
+from . import properties, volume_data
 from .presets import PRESETS
 from .read import scene
 
@@ -104,22 +106,111 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
         return {"FINISHED"}
 
 
-def menu(self, context) -> None:
+class OBJECT_OT_leapray_import(bpy.types.Operator, ImportHelper):
+    """Add measured data (NIfTI, DICOM, NRRD, MRC, TIFF, OpenVDB, raw) where their file says"""
+
+    bl_idname = "object.leapray_import"
+    bl_label = "Import Volume"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filter_glob: bpy.props.StringProperty(
+        name="Files Shown",
+        description="Which files are shown",
+        default=";".join(f"*{suffix}" for suffix in volume_data.suffixes()),
+        options={"HIDDEN"},
+    )
+    grid: bpy.props.StringProperty(
+        name="Grid",
+        description="The name of a grid, channel or series of the file; empty: the first",
+    )
+
+    def invoke(self, context, event) -> set[str]:
+        if self.properties.is_property_set("filepath"):  # a file was dropped
+            return self.execute(context)
+        return ImportHelper.invoke(self, context, event)
+
+    def execute(self, context) -> set[str]:
+        try:
+            ob, _ = volume_data.add(context.scene, Path(self.filepath), self.grid)
+        except leapray.LeapRayError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for other in context.selected_objects:
+            other.select_set(False)
+        ob.select_set(True)
+        context.view_layer.objects.active = ob
+        return look(self, context, ob)
+
+
+class OBJECT_OT_leapray_look(bpy.types.Operator):
+    """Read the data of the active volume, to see the range of its values and how they are spread"""
+
+    bl_idname = "object.leapray_look"
+    bl_label = "Read Values"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.object is not None and context.object.type == "VOLUME"
+
+    def execute(self, context) -> set[str]:
+        return look(self, context, context.object)
+
+
+def look(operator, context, ob) -> set[str]:
+    """Read a volume's values for the panel; why that cannot be is a warning."""
+    try:
+        values = volume_data.look(ob, context.evaluated_depsgraph_get())
+    except leapray.LeapRayError as error:
+        operator.report({"WARNING"}, str(error))
+    else:
+        operator.report({"INFO"}, f"Automatic threshold {values.threshold:.6g}: {values.how}")
+    return {"FINISHED"}
+
+
+class IMAGE_FH_leapray_volume(bpy.types.FileHandler):
+    """Files of measured data that are dropped into the 3D viewport"""
+
+    bl_idname = "IMAGE_FH_leapray_volume"
+    bl_label = "Volume for LeapRay"
+    bl_import_operator = "object.leapray_import"
+    bl_file_extensions = ";".join(volume_data.dropped())
+
+    @classmethod
+    def poll_drop(cls, context) -> bool:
+        return context.area is not None and context.area.type == "VIEW_3D"
+
+
+def export_menu(self, context) -> None:
     """The entry of File > Export."""
     operator = OBJECT_OT_leapray_export_vdb
     self.layout.operator(operator.bl_idname, text="LeapRay Volume of Active Object (.vdb)")
 
 
-CLASSES = (RENDER_OT_leapray_preset, OBJECT_OT_leapray_export_vdb)
+def import_menu(self, context) -> None:
+    """The entry of File > Import."""
+    self.layout.operator(OBJECT_OT_leapray_import.bl_idname, text="Volume for LeapRay")
+
+
+CLASSES = (
+    RENDER_OT_leapray_preset,
+    OBJECT_OT_leapray_export_vdb,
+    OBJECT_OT_leapray_import,
+    OBJECT_OT_leapray_look,
+)
 
 
 def register() -> None:
     for each in CLASSES:
         bpy.utils.register_class(each)
-    bpy.types.TOPBAR_MT_file_export.append(menu)
+    bpy.utils.register_class(IMAGE_FH_leapray_volume)
+    bpy.types.TOPBAR_MT_file_export.append(export_menu)
+    bpy.types.TOPBAR_MT_file_import.append(import_menu)
 
 
 def unregister() -> None:
-    bpy.types.TOPBAR_MT_file_export.remove(menu)
+    bpy.types.TOPBAR_MT_file_import.remove(import_menu)
+    bpy.types.TOPBAR_MT_file_export.remove(export_menu)
+    bpy.utils.unregister_class(IMAGE_FH_leapray_volume)
     for each in reversed(CLASSES):
         bpy.utils.unregister_class(each)

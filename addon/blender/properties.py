@@ -17,8 +17,11 @@ import bpy
 import leapray
 
 from .. import model
-from ..settings import Choice, Setting, Switch, described
+from ..settings import Choice, Isosurfaces, Setting, Switch, described
 from . import result
+
+PATHS = "FILE_PATH", "DIR_PATH"
+RELATIVE = "PATH_SUPPORTS_BLEND_RELATIVE"  # a path may begin with //
 
 
 def menu(choices: Iterable[Choice]) -> list[tuple]:
@@ -31,9 +34,9 @@ def menu(choices: Iterable[Choice]) -> list[tuple]:
     ]
 
 
-def of(setting: Setting) -> Any:
-    """The property of a setting."""
-    told: dict[str, Any] = {"name": setting.label, "description": setting.tooltip}
+def of(setting: Setting, **more: Any) -> Any:
+    """The property of a setting; more: what else Blender is told of it."""
+    told: dict[str, Any] = {"name": setting.label, "description": setting.tooltip, **more}
     if setting.choices:
         default = setting.default or setting.choices[0].name
         return bpy.props.EnumProperty(items=menu(setting.choices), default=default, **told)
@@ -42,6 +45,8 @@ def of(setting: Setting) -> Any:
         return bpy.props.BoolProperty(**told)
     told["subtype"] = setting.unit
     if setting.kind is str:
+        if setting.unit in PATHS:
+            told["options"] = {RELATIVE}
         return bpy.props.StringProperty(**told)
     limits = {
         "min": setting.minimum,
@@ -55,13 +60,13 @@ def of(setting: Setting) -> Any:
     return bpy.props.IntProperty(**told)
 
 
-def of_all(owner: type) -> dict[str, Any]:
-    """The properties of a dataclass's settings and of their switches."""
+def of_all(owner: type, **more: Any) -> dict[str, Any]:
+    """The properties of a dataclass's settings and of their switches; more: as for `of`."""
     made = {}
     for name, setting in described(owner).items():
         if not setting.in_blender:
             continue
-        made[name] = of(setting)
+        made[name] = of(setting, **more)
         if setting.zero is not None:
             kind = "auto" if setting.zero.automatic else "use"
             made[f"{kind}_{name}"] = switch(name, setting.zero)
@@ -95,6 +100,12 @@ class LeapRayObject(bpy.types.PropertyGroup):
     __annotations__ = of_all(model.Modelling)
 
 
+class LeapRayVolume(bpy.types.PropertyGroup):
+    """Which surfaces of a volume's data LeapRay renders."""
+
+    __annotations__ = of_all(Isosurfaces, update=lambda own, _: own.id_data.update_tag())
+
+
 class LeapRayViewLayer(bpy.types.PropertyGroup):
     """LeapRay's own passes of a view layer."""
 
@@ -110,6 +121,11 @@ def modelling(ob) -> model.Modelling:
     own = ob.leapray
     names = ("" if name == "scene" else name for name in (own.filter, own.sample_type))
     return model.Modelling(own.kind or "auto", own.resolution, *names)
+
+
+def isosurfaces(volume) -> Isosurfaces:
+    """Which surfaces of its data a volume wants, as plain values."""
+    return Isosurfaces(**{name: getattr(volume.leapray, name) for name in described(Isosurfaces)})
 
 
 def apply(scene, values: dict[str, object]) -> None:
@@ -157,6 +173,7 @@ def _samples_of(view_layer, scene, samples: int) -> int:
 OWNERS = (  # the type that has `leapray`, the properties, what the user is told
     (bpy.types.Scene, LeapRaySettings, "Settings of the LeapRay engine"),
     (bpy.types.Object, LeapRayObject, "How LeapRay models the object"),
+    (bpy.types.Volume, LeapRayVolume, "Which surfaces of the data LeapRay renders"),
     (bpy.types.ViewLayer, LeapRayViewLayer, "LeapRay's own passes"),
 )
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import ui_report
+from . import ui_report, volume_data
 from .presets import PRESETS
 from .ui_report import ENGINE
 
@@ -23,6 +23,7 @@ BORROWED = {
 UNREAD = (
     *("freestyle", "gpencil", "grease", "lightprobe", "stereoscopy", "DATA_PT_light", "spot"),
     "simplify",  # ours
+    "volume_render",  # space and steps of what is no surface
 )
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # objects that have a mesh
 
@@ -308,6 +309,52 @@ class MATERIAL_PT_leapray_index(_Panel, bpy.types.Panel):
         self.columns().prop(context.material, "pass_index")
 
 
+class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
+    """Which surfaces of a volume's data are rendered."""
+
+    bl_label = "LeapRay Surfaces"
+    bl_context = "data"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.volume is not None and super().poll(context)
+
+    def draw(self, context) -> None:
+        column, volume = self.columns(keyed=True), context.volume
+        own = volume.leapray
+        column.prop(own, "file")
+        if own.file:
+            column.prop(own, "frame")
+            column.prop(own, "grid")
+        else:
+            column.prop_search(own, "grid", volume, "grids")
+        column.separator()
+        values = volume_data.known(volume)
+        column.prop(own, "surfaces")
+        column.prop(own, "automatic", text="Automatic")
+        if not own.automatic:
+            column.prop(own, "threshold")
+        elif values:
+            ui_report.paragraph(column, context.region, f"{values.threshold:.6g}: {values.how}")
+        for number in range(2, own.surfaces + 1):
+            column.prop(own, f"threshold_{number}")
+        column.separator()
+        for name in ("smoothing", "least", "invert", "capped"):
+            column.prop(own, name)
+        if values:
+            self.draw_values(column.box(), own, values)
+        column.operator("object.leapray_look", icon="FILE_REFRESH" if values else "VIEWZOOM")
+
+    def draw_values(self, box, own, values) -> None:
+        """The range of the values, and how they are spread."""
+        low, high = values.limits
+        box.label(text=f"{' x '.join(map(str, values.size))} samples")
+        box.label(text=f"{low:.6g} to {high:.6g} {values.quantity}".strip())
+        first = values.threshold if own.automatic else own.threshold
+        thresholds = (first, own.threshold_2, own.threshold_3)[: own.surfaces]
+        box.template_icon(volume_data.picture(values, thresholds), scale=8.0)
+
+
 class OBJECT_PT_leapray(_Panel, bpy.types.Panel):
     bl_label = "LeapRay Volume"
     bl_context = "object"
@@ -360,6 +407,7 @@ CLASSES = (
     WORLD_PT_leapray_mist,
     WORLD_PT_leapray_visibility,
     MATERIAL_PT_leapray_index,
+    DATA_PT_leapray_volume,
     OBJECT_PT_leapray,
     OBJECT_PT_leapray_visibility,
     *ui_report.WARNED,
@@ -388,6 +436,7 @@ def register() -> None:
 
 
 def unregister() -> None:
+    volume_data.forget()
     ui_report.unregister()
     for each in reversed(CLASSES):
         bpy.utils.unregister_class(each)

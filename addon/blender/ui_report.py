@@ -168,7 +168,6 @@ def unrendered_of_scene(context) -> str:
 UNRENDERED = {
     "DATA_PT_context_curves": lambda context: "hair curves",
     "DATA_PT_context_pointcloud": lambda context: "point clouds",
-    "DATA_PT_context_volume": lambda context: "volume objects",
     "DATA_PT_lens": _camera,
     "PARTICLE_PT_render": _particles,
 }

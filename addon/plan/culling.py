@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ WIDE = math.radians(160)  # from this angle on, a sun's light counts as coming f
 STRAIGHT = ("diffuse", "transparent", "emission")  # lobes that only diffuse bounces take elsewhere
 
 
-def reached(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.bool_]:
+def reached(scene: model.Scene, instances: Sequence[model.Placed]) -> NDArray[np.bool_]:
     """For each instance (n,) whether a ray of the camera, or of light from there, may meet it."""
     used = {material for instance in instances for material in instance.materials}
     kinds = {lobe.kind for material in used for lobe in scene.materials[material].lobes}
@@ -79,16 +80,22 @@ def _sides(projection, forward, origin, across, up):
         yield (normal if (middle - edge) @ normal > 0 else -normal), at
 
 
-def _corners(scene: model.Scene, instances: list[model.Instance]) -> NDArray[np.float64]:
-    """(n, 8, 3): the boxes of the instances' meshes in world space."""
-    boxes = {}
-    for mesh in {i.mesh for i in instances}:
-        boxes[mesh] = np.array(list(itertools.product(*objects.bounds(scene.meshes[mesh]).T)))
+def _corners(scene: model.Scene, instances: Sequence[model.Placed]) -> NDArray[np.float64]:
+    """(n, 8, 3): the boxes of what the instances place, in world space."""
+    boxes: dict[tuple, NDArray] = {}
+    for instance in instances:
+        if _content(instance) not in boxes:
+            boxes[_content(instance)] = objects.corners(scene, instance)
     if not instances:
         return np.zeros((0, 8, 3))
     matrices = np.array([i.world_from_object for i in instances], np.float64)
-    local = np.array([boxes[i.mesh] for i in instances])
+    local = np.array([boxes[_content(i)] for i in instances])
     return local @ matrices[:, :3, :3].transpose(0, 2, 1) + matrices[:, None, :3, 3]
+
+
+def _content(instance: model.Placed) -> tuple:
+    """Tells which instances place the same."""
+    return type(instance), getattr(instance, "mesh", None), getattr(instance, "field", None)
 
 
 def _boxes(corners: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -115,6 +115,7 @@ class Levels:
         self.seconds = {"voxelize": 0.0, "structure": 0.0, "plan": 0.0}
         self.warnings: list[str] = []
         self.works: list[Work] = []
+        self.taken = 0  # bytes of what does not come from meshes
         self.peak = 0  # bytes, with scratch
         self.scratch = 0  # of the making of one volume, the most
 
@@ -134,7 +135,7 @@ class Levels:
 
     def held(self) -> int:
         """Bytes of all volumes and structures that are alive, as far as the plan has come."""
-        return sum(w.measure.nbytes for w in self.works if w.measure)
+        return self.taken + sum(w.measure.nbytes for w in self.works if w.measure)
 
     def structure(
         self,

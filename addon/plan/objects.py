@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 from numpy.typing import NDArray
 
 import leapray
 from leapray.rendering import VISIBILITIES
+from leapray.scalar_grid import LEAF, Leaves, ScalarGrid
 
 from .. import arrays, model
 from ..memory import pieces
@@ -34,6 +36,33 @@ def bounds(mesh: model.Mesh) -> NDArray[np.float64]:
         used[mesh.triangles[some]] = True
     corners = mesh.vertices if used.all() else mesh.vertices[used]
     return np.array([corners.min(axis=0), corners.max(axis=0)], np.float64)
+
+
+def corners(scene: model.Scene, instance: model.Placed) -> NDArray[np.float64]:
+    """(8, 3): of a box round what is placed, in its own space."""
+    if isinstance(instance, model.FieldInstance):
+        grid = scene.fields[instance.field].grid
+        matrix = np.asarray(grid.world_from_index, np.float64)
+        return box(lattice(grid)) @ matrix[:3, :3].T + matrix[:3, 3]
+    assert isinstance(instance, model.Instance)
+    return box(bounds(scene.meshes[instance.mesh]))
+
+
+def box(ends: NDArray) -> NDArray[np.float64]:
+    """(8, 3): the corners of a box, ends (2, 3)."""
+    return np.array(list(itertools.product(*np.asarray(ends, np.float64).T)))
+
+
+def lattice(grid: ScalarGrid) -> NDArray[np.int64]:
+    """(2, 3): the first and the last index of a grid's samples, and of one layer round them."""
+    samples = grid.samples
+    if not isinstance(samples, Leaves):
+        return np.array([(-1, -1, -1), samples.shape[::-1]], np.int64)
+    sizes = np.concatenate([np.full(len(samples.origins), LEAF), samples.tile_sizes])
+    first = np.concatenate([samples.origins, samples.tile_origins]).astype(np.int64)
+    if not len(first):
+        return np.array([(-1, -1, -1), (0, 0, 0)], np.int64)
+    return np.array([first.min(axis=0) - 1, (first + sizes[:, None]).max(axis=0)])
 
 
 def wrong_with_mesh(mesh: model.Mesh) -> str:
@@ -72,20 +101,32 @@ def scale(matrix: NDArray[np.float64]) -> float:
     return float(abs(np.linalg.det(np.asarray(matrix, np.float64)[:3, :3])) ** (1 / 3))
 
 
-def usable(scene: model.Scene, warnings: list[str]) -> list[model.Instance]:
+def wrong_with_field(field: model.Field) -> str:
+    """Why no surface of the field can be modelled, or ""."""
+    if not np.isfinite(field.thresholds).all():
+        return "its threshold is not finite"
+    if wrong_with_matrices(np.asarray(field.grid.world_from_index, np.float64)[None])[0]:
+        return "the samples of its data do not span space"
+    return ""
+
+
+def usable(scene: model.Scene, warnings: list[str]) -> list[model.Placed]:
     """The instances that can be modelled; each of the others gets a warning that names it.
 
     Raises SceneError where there were some and none is left.
     """
-    if not scene.instances:
+    instances: list[model.Placed] = [*scene.instances, *scene.field_instances]
+    if not instances:
         return []
     of_meshes = {i: wrong_with_mesh(scene.meshes[i]) for i in {i.mesh for i in scene.instances}}
-    placed = np.array([i.world_from_object for i in scene.instances], np.float64)
+    of_fields = [wrong_with_field(each) for each in scene.fields]
+    placed = np.array([i.world_from_object for i in instances], np.float64)
     good = []
-    for instance, of_matrix in zip(scene.instances, wrong_with_matrices(placed), strict=True):
-        why = of_meshes[instance.mesh] or of_matrix
-        if why:
-            warnings.append(f"{instance.name!r} is skipped: {why}.")
+    for instance, of_matrix in zip(instances, wrong_with_matrices(placed), strict=True):
+        why = of_fields[instance.field] if isinstance(instance, model.FieldInstance) else ""
+        why = of_meshes[instance.mesh] if isinstance(instance, model.Instance) else why
+        if why or of_matrix:
+            warnings.append(f"{instance.name!r} is skipped: {why or of_matrix}.")
         else:
             good.append(instance)
     if not good:
@@ -130,10 +171,10 @@ def merge(
     seen = {flag: any(getattr(each, flag) for each in instances) for flag in VISIBILITIES}
     whole = [
         model.Instance(
-            "Scene",
-            number,
-            np.eye(4),
-            tuple(materials),
+            name="Scene",
+            mesh=number,
+            world_from_object=np.eye(4),
+            materials=tuple(materials),
             **seen,
             holdout=all(instance.holdout for instance in instances),
         )

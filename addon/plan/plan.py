@@ -21,7 +21,6 @@ import heapq
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,9 +29,19 @@ from leapray.voxelization import SPARE, mesh_scratch_nbytes
 
 from .. import model
 from ..store import disk_cache, memory_cache
-from . import culling, error_metric, light_planes, mesh_colors, mesh_split, objects, sample_types
+from . import (
+    culling,
+    error_metric,
+    fields,
+    light_planes,
+    mesh_colors,
+    mesh_split,
+    objects,
+    sample_types,
+)
 from .levels import MB, Work
 from .objects import SceneError
+from .planned import Plan
 from .separation import TRIANGLE_NBYTES, Separation
 
 COARSEST = 16  # voxels along the longest side at the start, but for meshes with more than
@@ -43,25 +52,6 @@ EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' sake, or TR
 STEPS_SEEN = 1 / 5  # of the permitted error: less is no reason for wider samples
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
 SHARP_SHARE = 1 / 100  # for finer edges than asked for, of all volumes together
-
-
-@dataclass
-class Plan:
-    """Structures to trace, and what they stand for."""
-
-    instances: list[leapray.Instance]
-    names: list[str]  # of each instance's object
-    slots: list[int]
-    lights: tuple[model.Light, ...]  # the scene's, as the structures have them
-    slot_objects: list[int] | None  # object index per slot, where one volume holds several objects
-    slot_names: list[str] | None  # and the name of that object
-    volumes: list[dict[str, object]]  # one row per volume, for the report
-    warnings: list[str]
-    volume_nbytes: int
-    structure_nbytes: int
-    scratch_nbytes: int  # that making one of the volumes took, the most
-    peak_nbytes: int  # volumes and structures that were alive together, with scratch
-    seconds: dict[str, float]
 
 
 # ---- one volume ----------------------------------------------------------------
@@ -537,27 +527,33 @@ def make(
     began = time.perf_counter()
     cache.begin()
     warnings: list[str] = []
-    instances = objects.usable(scene, warnings)
-    met = culling.reached(scene, instances)
-    instances = [i for i, is_met in zip(instances, met.tolist(), strict=True) if is_met]
+    placed = objects.usable(scene, warnings)
+    met = culling.reached(scene, placed)
+    placed = [i for i, is_met in zip(placed, met.tolist(), strict=True) if is_met]
+    instances = [i for i in placed if isinstance(i, model.Instance)]
+    of_fields = [i for i in placed if isinstance(i, model.FieldInstance)]
+    room = scene.settings.memory_mb * MB * (1 - fields.MESH_SHARE * bool(instances))
+    surfaces = fields.Fields(scene, of_fields, cache, watch, threads, room)
     owners: list[model.Instance] | None = None
     if scene.settings.layout == "scene" and instances:
         kinds = _kinds(scene, instances, cache, watch, warnings)
         instances = [i for i, kind in zip(instances, kinds, strict=True) if kind]
-        if not instances:
+        if not instances and not surfaces.surfaces:
             raise objects.nothing_left(warnings)
         scene, owners = objects.merge(scene, instances, warnings, [k for k in kinds if k])
         instances = list(scene.instances)
     chosen = planner(scene, cache, watch, threads, advance)
     chosen.warnings += warnings
+    chosen.taken = surfaces.nbytes
     chosen.start(instances)
-    if instances and not chosen.works:
-        raise objects.nothing_left(chosen.warnings)
+    if placed and not chosen.works and not surfaces.surfaces:
+        raise objects.nothing_left(chosen.warnings + surfaces.warnings)
     chosen.improve()
     plan = chosen.finish(instances)
     if owners is not None:
         plan.slot_objects = [owner.object_index for owner in owners]
         plan.slot_names = [owner.name for owner in owners]
+    surfaces.join(plan)
     spent = time.perf_counter() - began
     plan.seconds["plan"] = spent - plan.seconds["voxelize"] - plan.seconds["structure"]
     return plan

@@ -77,8 +77,12 @@ def prepare(
     filter, and every object has a pass index of its own; instances share their object's.
     """
     notes = []
+    layer = bpy.context.view_layer
+    if layer.use_volumes and any(ob.type == "VOLUME" for ob in scene.objects):
+        layer.use_volumes = False
+        notes.append("volume objects were left out, which Cycles renders as clouds")
     if plain:
-        notes = [f"{name} became a diffuse material of its base colour" for name in make_diffuse()]
+        notes += [f"{name} became a diffuse material of its base colour" for name in make_diffuse()]
     elif diffuse_bounces is not None:
         scene.leapray.diffuse_bounces = diffuse_bounces
     limit_bounces(scene, 0 if plain else None)
@@ -101,7 +105,6 @@ def prepare(
     cycles.film_exposure = 1.0
     if scene.camera is not None and scene.camera.data.type != "PANO":
         scene.camera.data.dof.use_dof = False
-    layer = bpy.context.view_layer
     for switch in ("z", "normal", "position", "object_index"):
         setattr(layer, f"use_pass_{switch}", True)
     layer.samples = 0

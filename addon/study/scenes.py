@@ -77,7 +77,9 @@ def looked_at(
     return numbered(
         model.Scene(
             meshes=(mesh,),
-            instances=(model.Instance(mesh.name, 0, np.eye(4), (0,)),),
+            instances=(
+                model.Instance(name=mesh.name, mesh=0, world_from_object=np.eye(4), materials=(0,)),
+            ),
             materials=(model.Material("plain", (model.Lobe("diffuse"),)),),
             lights=(),
             camera=camera,

@@ -24,7 +24,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI     34 /* raised whenever a struct or a signature below changes */
+#define LR_ABI     35 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -76,8 +76,10 @@ typedef struct lr_volume_desc {
     int32_t sample_type;          /* lr_sample_type */
     int32_t kind;                 /* LR_KIND_SOLID or LR_KIND_SHEET */
     int32_t has_ids;              /* nonzero: every sample carries a 16-bit id */
-    double threshold;             /* T, 0 < T <= 1 */
+    double threshold;             /* T, outside < T <= inside */
     double object_from_index[16]; /* invertible */
+    double outside, inside;       /* 0 and 1; of LR_F32 any: what samples are outside the lattice,
+                                     and in bricks inside that take no memory */
 } lr_volume_desc;
 
 typedef struct lr_volume_info {
@@ -199,6 +201,118 @@ LR_API lr_status lr_volume_normals(const lr_volume *volume, const double *points
  * LR_E_STOPPED. */
 LR_API lr_status lr_volume_merge(const lr_volume *const *volumes, uint64_t n, const lr_watch *watch,
                                  lr_volume **volume, lr_error *error);
+
+/* ---- isosurfaces --------------------------------------------------------- */
+
+/* Types of numbers as files hold them. */
+typedef enum lr_number_type {
+    LR_NUMBER_U8 = 0,
+    LR_NUMBER_I8 = 1,
+    LR_NUMBER_U16 = 2,
+    LR_NUMBER_I16 = 3,
+    LR_NUMBER_U32 = 4,
+    LR_NUMBER_I32 = 5,
+    LR_NUMBER_F32 = 6,
+    LR_NUMBER_F64 = 7
+} lr_number_type;
+
+/* Samples that the isosurfaces of any thresholds share; counted, so that the last of these and
+ * their maker frees them. */
+typedef struct lr_samples lr_samples;
+
+/* A lattice of numbers. A number that is not a number, and one that equals no_data, lies outside
+ * whatever the threshold; infinities count as the largest floats. */
+typedef struct lr_samples_desc {
+    int32_t nx, ny, nz;           /* numbers per axis, at least 1 */
+    int32_t number_type;          /* lr_number_type */
+    int32_t open;                 /* nonzero: surfaces end at the lattice's border, without caps */
+    int32_t has_no_data;          /* nonzero: no_data counts */
+    double no_data;               /* of number_type, or it equals none */
+    double object_from_index[16]; /* invertible */
+} lr_samples_desc;
+
+/* What lr_samples_scan has found. */
+typedef struct lr_samples_range {
+    double low, high;    /* least and largest number; low > high: there is none */
+    int32_t has_none;    /* nonzero: some numbers lie outside */
+    int32_t fits_floats; /* nonzero: a float holds each of the numbers */
+} lr_samples_range;
+
+/* How numbers are stored: as gain * number - base, in a type that holds the result, or as floats
+ * rounded for one threshold, to the other side of which no number comes by that. */
+typedef struct lr_samples_map {
+    int32_t sample_type;    /* lr_sample_type */
+    int32_t rounded;        /* nonzero: threshold counts */
+    double gain, base;      /* gain: a power of two, or minus one */
+    double outside, inside; /* numbers: what stands for those that lie outside, which of whole
+                               numbers is stored as 0; what bricks hold that take no memory */
+    double threshold;       /* as a number is stored that is not rounded */
+} lr_samples_map;
+
+/* An empty lattice; then lr_samples_scan for every part, or lr_samples_scan_leaves and
+ * lr_samples_put_tiles, lr_samples_allocate, and lr_samples_fill or lr_samples_fill_leaves
+ * likewise. *samples is the caller's, to be given to lr_samples_free. LR_E_ARGUMENT for a desc
+ * out of range, LR_E_SIZE, LR_E_MEMORY. */
+LR_API lr_status lr_samples_begin(const lr_samples_desc *desc, lr_samples **samples,
+                                  lr_error *error);
+LR_API void lr_samples_free(lr_samples *samples); /* NULL is fine */
+
+/* A part of the samples is a layer of bricks: slices *first..*first + *n - 1 of numbers along z.
+ * Parts may run side by side; there are *n_parts. LR_E_ARGUMENT for a part that is none. */
+LR_API lr_status lr_samples_part(const lr_samples *samples, int32_t part, int32_t *n_parts,
+                                 int32_t *first, int32_t *n, lr_error *error);
+
+/* Look at the numbers[n][ny][nx] of a part, x fastest. LR_E_ARGUMENT, LR_E_MEMORY, LR_E_STOPPED. */
+LR_API lr_status lr_samples_scan(lr_samples *samples, int32_t part, const void *numbers,
+                                 const lr_watch *watch, lr_error *error);
+
+/* Look at n leaves of 8^3 numbers, x fastest, whose first ones lie at origins[n][3]: at -2, 6, 14
+ * and so on along each axis, no two at the same place; those that tell others apart may run side by
+ * side. LR_E_ARGUMENT for other origins, LR_E_STOPPED. */
+LR_API lr_status lr_samples_scan_leaves(lr_samples *samples, const int32_t *origins,
+                                        const void *numbers, uint64_t n, const lr_watch *watch,
+                                        lr_error *error);
+
+/* Tiles of sizes[n] numbers along each axis, a multiple of 8, that all are values[n]; origins[n][3]
+ * as of leaves. They overlap neither each other nor leaves. LR_E_ARGUMENT for others, LR_E_STOPPED.
+ */
+LR_API lr_status lr_samples_put_tiles(lr_samples *samples, const int32_t *origins,
+                                      const int32_t *sizes, const double *values, uint64_t n,
+                                      const lr_watch *watch, lr_error *error);
+
+/* Fill *range, of all that was scanned. */
+LR_API void lr_samples_get_range(const lr_samples *samples, lr_samples_range *range);
+
+/* Make room for what was scanned, as stored by map; *nbytes: what it takes. Where that is more
+ * than max_nbytes (0: no limit), nothing is allocated and LR_E_MEMORY comes. LR_E_ARGUMENT for a
+ * map out of range and after it was called, LR_E_SIZE. */
+LR_API lr_status lr_samples_allocate(lr_samples *samples, const lr_samples_map *map,
+                                     uint64_t max_nbytes, uint64_t *nbytes, lr_error *error);
+
+/* Store the same numbers that were scanned. LR_E_ARGUMENT before lr_samples_allocate; as there. */
+LR_API lr_status lr_samples_fill(lr_samples *samples, int32_t part, const void *numbers,
+                                 const lr_watch *watch, lr_error *error);
+LR_API lr_status lr_samples_fill_leaves(lr_samples *samples, const int32_t *origins,
+                                        const void *numbers, uint64_t n, const lr_watch *watch,
+                                        lr_error *error);
+
+/* The volume whose samples are at or above a stored threshold, outside < threshold <= inside: a
+ * solid, or of an open lattice a sheet. lr_isosurface_part is to be called for every part, which
+ * may run side by side, then lr_isosurface_finish, which makes the volume one to be used.
+ * LR_E_ARGUMENT for a threshold out of range, for samples that are not filled and for a part that
+ * is none; LR_E_MEMORY, LR_E_STOPPED. */
+LR_API lr_status lr_isosurface_begin(lr_samples *samples, double threshold, lr_volume **volume,
+                                     lr_error *error);
+LR_API lr_status lr_isosurface_part(lr_volume *volume, int32_t part, const lr_watch *watch,
+                                    lr_error *error);
+LR_API lr_status lr_isosurface_finish(lr_volume *volume, lr_error *error);
+
+/* small[nz][ny][nx] is 1 on those samples inside (nonzero in inside[nz][ny][nx]) whose component
+ * has fewer than `least` of them, else 0. Samples that share a cell are of one component. LR_E_SIZE
+ * for too many, LR_E_ARGUMENT for a lattice without samples, LR_E_MEMORY, LR_E_STOPPED. */
+LR_API lr_status lr_small_components(const uint8_t *inside, int32_t nx, int32_t ny, int32_t nz,
+                                     uint64_t least, uint8_t *small, const lr_watch *watch,
+                                     lr_error *error);
 
 /* ---- programs ----------------------------------------------------------- */
 
@@ -611,7 +725,10 @@ typedef enum lr_root {
 typedef enum lr_normal {
     LR_NORMAL_CENTRAL = 0,  /* central differences, interpolated: smooth */
     LR_NORMAL_ANALYTIC = 1, /* the gradient of the field itself: faceted at cell borders */
-    LR_NORMAL_SMOOTH = 2 /* the gradients of the eight cells around, blended: smooth, and slower */
+    LR_NORMAL_SMOOTH = 2, /* the gradients of the eight cells around, blended: smooth, and slower */
+    LR_NORMAL_SOBEL =
+        3, /* central differences, averaged over nine: for noisy samples, and slower */
+    LR_NORMAL_ZUCKER_HUMMEL = 4 /* as sobel, by the distance: turns least with the lattice */
 } lr_normal;
 
 typedef struct lr_trace_options {

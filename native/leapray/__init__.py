@@ -5,7 +5,10 @@ from ._abi import LR_VERSION as __version__
 from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
 from .arrays import NORMALS
 from .attributes import VERTEX, WHITE, Attributes, Texture
+from .formats import RawLayout, read_volume, volume_grids
 from .imaging import SKIPS, Clearance, FirstCells, first_cells
+from .isosurfaces import Isosurfaces, isosurface
+from .label_volume import labels
 from .programs import (
     INPUTS,
     Program,
@@ -34,6 +37,9 @@ from .rendering import (
     World,
     branches_for,
 )
+from .scalar_filters import coarser, smooth, without_islands
+from .scalar_grid import Leaves, ScalarGrid
+from .thresholds import Histogram, first_threshold, histogram
 from .tracing import (
     HIT_TESTS,
     METRICS,
@@ -75,9 +81,12 @@ __all__ = [
     "Clip",
     "FieldColor",
     "FirstCells",
+    "Histogram",
     "Hits",
     "Instance",
+    "Isosurfaces",
     "LeapRayError",
+    "Leaves",
     "Light",
     "Lobe",
     "Material",
@@ -85,7 +94,9 @@ __all__ = [
     "Option",
     "OutOfMemory",
     "Program",
+    "RawLayout",
     "Record",
+    "ScalarGrid",
     "Scene",
     "Step",
     "Stopped",
@@ -102,21 +113,30 @@ __all__ = [
     "__version__",
     "add_counters",
     "branches_for",
+    "coarser",
     "build",
     "compile_program",
     "distance",
     "first_cells",
+    "first_threshold",
+    "histogram",
     "inputs_of",
     "is_affine",
+    "isosurface",
+    "labels",
     "merge",
     "mesh_edges",
     "mesh_layers",
     "numbers_of",
     "operate",
+    "read_volume",
+    "smooth",
     "trace",
     "trace_options",
     "traverser",
     "traversers",
     "variants",
+    "volume_grids",
     "voxelize",
+    "without_islands",
 ]

@@ -9,7 +9,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 34
+LR_ABI = 35
 LR_PROGRAM_REGISTERS = 256
 LR_EUCLID_MAX = 26754
 LR_BOUNCES_MAX = 1024
@@ -35,6 +35,17 @@ class lr_kind(IntEnum):
     LR_KIND_AUTO = 0
     LR_KIND_SOLID = 1
     LR_KIND_SHEET = 2
+
+
+class lr_number_type(IntEnum):
+    LR_NUMBER_U8 = 0
+    LR_NUMBER_I8 = 1
+    LR_NUMBER_U16 = 2
+    LR_NUMBER_I16 = 3
+    LR_NUMBER_U32 = 4
+    LR_NUMBER_I32 = 5
+    LR_NUMBER_F32 = 6
+    LR_NUMBER_F64 = 7
 
 
 class lr_operation(IntEnum):
@@ -181,6 +192,8 @@ class lr_normal(IntEnum):
     LR_NORMAL_CENTRAL = 0
     LR_NORMAL_ANALYTIC = 1
     LR_NORMAL_SMOOTH = 2
+    LR_NORMAL_SOBEL = 3
+    LR_NORMAL_ZUCKER_HUMMEL = 4
 
 
 class lr_projection(IntEnum):
@@ -263,6 +276,7 @@ class lr_pixel(IntEnum):
 LR_OK, LR_E_ARGUMENT, LR_E_SIZE, LR_E_MEMORY, LR_E_STOPPED = lr_status
 LR_U8, LR_U16, LR_F32 = lr_sample_type
 LR_KIND_AUTO, LR_KIND_SOLID, LR_KIND_SHEET = lr_kind
+LR_NUMBER_U8, LR_NUMBER_I8, LR_NUMBER_U16, LR_NUMBER_I16, LR_NUMBER_U32, LR_NUMBER_I32, LR_NUMBER_F32, LR_NUMBER_F64 = lr_number_type
 LR_OP_ADD, LR_OP_SUBTRACT, LR_OP_MULTIPLY, LR_OP_DIVIDE, LR_OP_MULTIPLY_ADD, LR_OP_POWER, LR_OP_LOGARITHM, LR_OP_SQRT, LR_OP_INVERSE_SQRT, LR_OP_ABSOLUTE, LR_OP_EXPONENT, LR_OP_MINIMUM, LR_OP_MAXIMUM, LR_OP_LESS_THAN, LR_OP_GREATER_THAN, LR_OP_COMPARE, LR_OP_SIGN, LR_OP_SMOOTH_MIN, LR_OP_ROUND, LR_OP_FLOOR, LR_OP_CEIL, LR_OP_TRUNC, LR_OP_FRACT, LR_OP_MODULO, LR_OP_FLOORED_MODULO, LR_OP_WRAP, LR_OP_PINGPONG, LR_OP_SINE, LR_OP_COSINE, LR_OP_TANGENT, LR_OP_ARCSINE, LR_OP_ARCCOSINE, LR_OP_ARCTANGENT, LR_OP_ARCTAN2, LR_OP_SINH, LR_OP_COSH, LR_OP_TANH, LR_OP_SELECT, LR_OP_FROM_SRGB, LR_OP_TABLE = lr_operation
 LR_TABLE_LINEAR, LR_TABLE_CONSTANT, LR_TABLE_EXTRAPOLATE = lr_table_kind
 LR_INTERPOLATION_LINEAR, LR_INTERPOLATION_CLOSEST, LR_INTERPOLATION_CUBIC = lr_interpolation
@@ -278,7 +292,7 @@ LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT, LR_TRAVERSER_RECTILINEAR = lr_traverse
 LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
 LR_HIT_EXTREMA, LR_HIT_FACES, LR_HIT_UNIFORM = lr_hit_test
 LR_ROOT_NEWTON, LR_ROOT_BISECT, LR_ROOT_CUBIC, LR_ROOT_LINEAR = lr_root
-LR_NORMAL_CENTRAL, LR_NORMAL_ANALYTIC, LR_NORMAL_SMOOTH = lr_normal
+LR_NORMAL_CENTRAL, LR_NORMAL_ANALYTIC, LR_NORMAL_SMOOTH, LR_NORMAL_SOBEL, LR_NORMAL_ZUCKER_HUMMEL = lr_normal
 LR_PERSPECTIVE, LR_ORTHOGRAPHIC = lr_projection
 LR_VISIBLE_CAMERA, LR_VISIBLE_SHADOW, LR_VISIBLE_DIFFUSE, LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION = lr_visibility
 LR_LIGHT_SUN, LR_LIGHT_POINT, LR_LIGHT_SPOT, LR_LIGHT_AREA = lr_light_kind
@@ -320,6 +334,8 @@ class lr_volume_desc(ctypes.Structure):
         ("has_ids", ctypes.c_int32),
         ("threshold", ctypes.c_double),
         ("object_from_index", ctypes.c_double * 16),
+        ("outside", ctypes.c_double),
+        ("inside", ctypes.c_double),
     )
 
 
@@ -340,6 +356,44 @@ class lr_volume_info(ctypes.Structure):
         ("n_dropped", ctypes.c_uint64),
         ("surface_lo", ctypes.c_int32 * 3),
         ("surface_hi", ctypes.c_int32 * 3),
+    )
+
+
+class lr_samples(ctypes.Structure):
+    pass  # opaque
+
+
+class lr_samples_desc(ctypes.Structure):
+    _fields_ = (
+        ("nx", ctypes.c_int32),
+        ("ny", ctypes.c_int32),
+        ("nz", ctypes.c_int32),
+        ("number_type", ctypes.c_int32),
+        ("open", ctypes.c_int32),
+        ("has_no_data", ctypes.c_int32),
+        ("no_data", ctypes.c_double),
+        ("object_from_index", ctypes.c_double * 16),
+    )
+
+
+class lr_samples_range(ctypes.Structure):
+    _fields_ = (
+        ("low", ctypes.c_double),
+        ("high", ctypes.c_double),
+        ("has_none", ctypes.c_int32),
+        ("fits_floats", ctypes.c_int32),
+    )
+
+
+class lr_samples_map(ctypes.Structure):
+    _fields_ = (
+        ("sample_type", ctypes.c_int32),
+        ("rounded", ctypes.c_int32),
+        ("gain", ctypes.c_double),
+        ("base", ctypes.c_double),
+        ("outside", ctypes.c_double),
+        ("inside", ctypes.c_double),
+        ("threshold", ctypes.c_double),
     )
 
 
@@ -883,6 +937,98 @@ PROTOTYPES = {
         ctypes.POINTER(ctypes.POINTER(lr_volume)),
         ctypes.POINTER(lr_error),
     )),
+    "lr_samples_begin": (ctypes.c_int, (
+        ctypes.POINTER(lr_samples_desc),
+        ctypes.POINTER(ctypes.POINTER(lr_samples)),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_samples_free": (None, (
+        ctypes.POINTER(lr_samples),
+    )),
+    "lr_samples_part": (ctypes.c_int, (
+        ctypes.POINTER(lr_samples),
+        ctypes.c_int32,
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_samples_scan": (ctypes.c_int, (
+        ctypes.POINTER(lr_samples),
+        ctypes.c_int32,
+        ctypes.c_void_p,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_samples_scan_leaves": (ctypes.c_int, (
+        ctypes.POINTER(lr_samples),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.c_void_p,
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_samples_put_tiles": (ctypes.c_int, (
+        ctypes.POINTER(lr_samples),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_samples_get_range": (None, (
+        ctypes.POINTER(lr_samples),
+        ctypes.POINTER(lr_samples_range),
+    )),
+    "lr_samples_allocate": (ctypes.c_int, (
+        ctypes.POINTER(lr_samples),
+        ctypes.POINTER(lr_samples_map),
+        ctypes.c_uint64,
+        ctypes.POINTER(ctypes.c_uint64),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_samples_fill": (ctypes.c_int, (
+        ctypes.POINTER(lr_samples),
+        ctypes.c_int32,
+        ctypes.c_void_p,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_samples_fill_leaves": (ctypes.c_int, (
+        ctypes.POINTER(lr_samples),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.c_void_p,
+        ctypes.c_uint64,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_isosurface_begin": (ctypes.c_int, (
+        ctypes.POINTER(lr_samples),
+        ctypes.c_double,
+        ctypes.POINTER(ctypes.POINTER(lr_volume)),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_isosurface_part": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.c_int32,
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_isosurface_finish": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_small_components": (ctypes.c_int, (
+        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.c_uint64,
+        ctypes.POINTER(ctypes.c_uint8),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
     "lr_operate": (ctypes.c_float, (
         ctypes.c_int32,
         ctypes.c_float,
@@ -1171,6 +1317,7 @@ ABOUT = {
     "LR_NORMAL_CENTRAL": "central differences, interpolated: smooth",
     "LR_NORMAL_ANALYTIC": "the gradient of the field itself: faceted at cell borders",
     "LR_NORMAL_SMOOTH": "the gradients of the eight cells around, blended: smooth, and slower",
+    "LR_NORMAL_ZUCKER_HUMMEL": "as sobel, by the distance: turns least with the lattice",
     "LR_VISIBLE_SHADOW": "instances: stop light; lights: are stopped by instances",
     "LR_LIGHT_SPOT": "a point light behind a hole, within a cone",
     "LR_LIGHT_AREA": "shines to one side",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+KINDS = ("scalar", "level set", "fog", "labels")
 LEAF = 8  # samples along a leaf of a sparse grid
 
 
@@ -48,4 +49,6 @@ class ScalarGrid:
     no_data: float | None = None  # stored number that means none; NaN always does
     label_names: dict[int, str] = field(default_factory=dict)
     label_colors: dict[int, tuple[float, float, float]] = field(default_factory=dict)  # sRGB 0..1
+    source: str = ""  # the file or folder that it was read from
     warnings: tuple[str, ...] = ()  # sentences on what was read with a doubt
+    source: str = ""  # the file or folder that it was read from

@@ -389,6 +389,7 @@ class VolumeBuilder:
             has_ids=has_ids,
             threshold=threshold,
             object_from_index=matrix(object_from_index, "object_from_index"),
+            inside=1.0,
         )
         self._handle = ctypes.POINTER(_abi.lr_volume)()
         error = _abi.lr_error()

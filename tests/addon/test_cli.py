@@ -257,7 +257,7 @@ def test_broken_files_and_scenes_are_refused(blend, tmp_path, monkeypatch, capfd
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "blind.blend"))
     capfd.readouterr()
     assert cli.main(["render", "empty.blend"]) == 1
-    assert "shows no mesh" in capfd.readouterr().err
+    assert "shows nothing" in capfd.readouterr().err
     assert cli.main(["render", "unused.blend"]) == 1
     assert "No view layer" in capfd.readouterr().err
     assert cli.main(["render", "blind.blend"]) == 1

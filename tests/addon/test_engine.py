@@ -149,7 +149,7 @@ def test_what_was_left_out_is_reported_as_a_warning(scene, capfd):
 def test_an_error_is_one_sentence_and_the_session_lives_on(scene):
     for ob in list(bpy.data.objects):
         ob.hide_render = ob.type == "MESH"
-    with pytest.raises(RuntimeError, match="Error: Scene 'Scene' shows no mesh that can"):
+    with pytest.raises(RuntimeError, match="Error: Scene 'Scene' shows nothing that can"):
         bpy.ops.render.render()
     for ob in bpy.data.objects:
         ob.hide_render = False
@@ -334,7 +334,7 @@ def test_an_empty_view_layer_among_others_is_named_and_shows_the_world(scene, tm
     assert_array_equal(of_layer(channels, "Nothing here", index), 0)
     assert engine.failures == {}
     told = engine.reports["Nothing here"]["warnings"]
-    assert told == ["View layer 'Nothing here' shows no mesh that can be rendered"]
+    assert told == ["View layer 'Nothing here' shows nothing that can be rendered"]
 
 
 @pytest.mark.alone

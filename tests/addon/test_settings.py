@@ -13,7 +13,7 @@ from blender_scenes import fresh, mesh, put
 from addon import arguments, cli, pipeline
 from addon.blender import properties
 from addon.blender.presets import PRESETS
-from addon.settings import SETTINGS, Modelling, Settings, described
+from addon.settings import SETTINGS, Isosurfaces, Modelling, Settings, described
 from leapray import LeapRayError
 
 
@@ -72,7 +72,12 @@ def test_a_preset_holds_sound_values_that_are_not_the_defaults(preset):
 def test_blender_holds_what_is_described():
     fresh(settings={})
     cube = put("Cube", mesh())
-    for owner, has in ((Settings, bpy.context.scene), (Modelling, cube)):
+    cloud = bpy.data.volumes.new("Cloud")
+    for owner, has in (
+        (Settings, bpy.context.scene),
+        (Modelling, cube),
+        (Isosurfaces, cloud),
+    ):
         known = has.leapray.bl_rna.properties
         for name, setting in described(owner).items():
             if not setting.in_blender:

@@ -149,7 +149,12 @@ def turned(angles, at=(0, 0, 0), scale=(1, 1, 1)) -> np.ndarray:
 def scene_of(meshes, matrices, view, **settings) -> model.Scene:
     """One instance for each matrix, of the mesh with that number or the last; indices from 1."""
     placed = [
-        model.Instance(f"Object {k + 1}", min(k, len(meshes) - 1), matrix, (0,), object_index=k + 1)
+        scenes.place(
+            min(k, len(meshes) - 1),
+            name=f"Object {k + 1}",
+            world_from_object=matrix,
+            object_index=k + 1,
+        )
         for k, matrix in enumerate(matrices)
     ]
     return scenes.scene(meshes, placed, view=view, width=WIDTH, height=HEIGHT, **settings)

@@ -22,8 +22,10 @@ def test_the_zip_holds_the_addon_the_core_and_the_licence(archive):
     with zipfile.ZipFile(archive) as package:
         assert package.testzip() is None
         names = set(package.namelist())
-        (wheel,) = (name for name in names if name.endswith(".whl"))
-        assert f'"./{wheel}"' in package.read("blender_manifest.toml").decode()
+        wheels = [name for name in names if name.endswith(".whl")]
+        manifest = package.read("blender_manifest.toml").decode()
+        assert len(wheels) > 5 and all(f'"./{name}"' in manifest for name in wheels)
+        (wheel,) = (name for name in wheels if name.startswith("wheels/leapray-"))
         with package.open(wheel) as file, zipfile.ZipFile(file) as core:
             assert {"leapray/libleapray.so", "leapray/__init__.py"} <= set(core.namelist())
     assert archive.name.endswith("-linux_x64.zip")
@@ -51,6 +53,15 @@ def test_it_is_enabled_and_has_its_own_core(installed):
     assert "ENGINE LEAPRAY" in done.stdout
     (core,) = (line for line in done.stdout.splitlines() if line.startswith("CORE"))
     assert core.startswith(f"CORE {installed.inside(installed.room)}/")
+
+
+def test_it_brings_the_readers_of_volumes(installed):
+    names = "mrcfile, nibabel, nrrd, pydicom, tifffile"
+    words = f"import {names}; print('READERS', nibabel.__file__)"
+    done = installed.run("-b", "--python-exit-code", "3", "--python-expr", words)
+    assert done.returncode == 0, done.stdout
+    (place,) = (line for line in done.stdout.splitlines() if line.startswith("READERS"))
+    assert place.startswith(f"READERS {installed.inside(installed.room)}/")
 
 
 # ---- commands ----------------------------------------------------------------

@@ -41,6 +41,14 @@ def test_cycles_sees_points_where_the_view_puts_them(name, tmp_path):
     assert shown == {"suzanne": {"Suzanne", "Floor"}, "cad": {"Bracket"}}[name]
 
 
+def test_volume_objects_are_left_out_and_told():
+    scene = opened("cad")
+    ob = bpy.data.objects.new("Cloud", bpy.data.volumes.new("Cloud"))
+    scene.collection.objects.link(ob)
+    assert "volume objects were left out, which Cycles renders as clouds" in frames.prepare(scene)
+    assert not bpy.context.view_layer.use_volumes
+
+
 def test_rims_of_sheets_are_seen_and_closed_meshes_have_none(tmp_path):
     scene = opened("thin", 20)
     subject = frames.examine(scene, frames.prepare(scene))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from ... import model
 from ...memory import Resident
 from ...process import POLL
 from .. import properties, result
-from . import lights, materials
+from . import lights, materials, volumes
 from .meshes import NO_FACES, read_mesh, read_object_mesh
 from .warnings import Warnings
 
@@ -32,7 +33,6 @@ FLAT = 4 * np.finfo(np.float32).eps
 UNSUPPORTED_TYPES = {
     "CURVES": "Hair and curves objects are",
     "POINTCLOUD": "Point clouds are",
-    "VOLUME": "Volumes are",
     "GREASEPENCIL": "Grease pencil is",
 }
 
@@ -76,13 +76,16 @@ def read(
     _note_passes(depsgraph.view_layer, notes)
     _note_libraries(notes)
     objects = _Objects(depsgraph, notes, stop)
-    if not objects.instances and depsgraph.view_layer_eval.use_solid:
+    shown = objects.instances or objects.field_instances
+    if not shown and depsgraph.view_layer_eval.use_solid:
         _nothing_shown(depsgraph, notes)
     world = getattr(depsgraph.view_layer_eval, "world_override", None) or scene.world
     sky = world if depsgraph.view_layer_eval.use_sky else None
     return model.Scene(
         meshes=tuple(objects.meshes),
         instances=tuple(objects.instances),
+        fields=tuple(objects.fields),
+        field_instances=tuple(objects.field_instances),
         materials=tuple(objects.materials),
         lights=tuple(objects.lights),
         camera=film,
@@ -192,12 +195,17 @@ class _Objects:
         self.notes = notes
         self.meshes: list[model.Mesh] = []
         self.instances: list[model.Instance] = []
+        self.fields: list[model.Field] = []
+        self.field_instances: list[model.FieldInstance] = []
         self.materials: list[model.Material] = []
         self.lights: list[model.Light] = []
         self._images: dict = {}
         self._textures: list[materials.Texture | None] = []  # of the materials
         self._mesh_at: dict[tuple, int | str] = {}  # index, or what is wrong with it
+        self._field_at: dict[tuple, int | str | None] = {}
         self._material_at: dict[str, int] = {}
+        self._surface_at: dict[int, int] = {}  # for volumes, of materials that have no surface
+        self._depsgraph = depsgraph
         self._view_layer = depsgraph.view_layer_eval
         self._override = self._view_layer.material_override
         self._instancers: set[str] = set()
@@ -223,22 +231,17 @@ class _Objects:
         if ob.type == "MESH":
             if self._view_layer.use_solid:
                 self._take_mesh(instance, ob)
+        elif ob.type == "VOLUME":
+            if self._view_layer.use_volumes:
+                self._take_volume(instance, ob)
         elif ob.type == "LIGHT":
             self._take_light(instance, ob)
         elif ob.type in UNSUPPORTED_TYPES:
             self.notes.unsupported(UNSUPPORTED_TYPES[ob.type], ob.name)
 
     def _take_mesh(self, instance, ob) -> None:
-        seen = {
-            flag: all(getattr(each, flag) for each in _shown(instance, ob)) for flag in VISIBILITIES
-        }
-        holdout, indirect_only = self._layer_flags(instance, ob)
-        seen["visible_camera"] = seen["visible_camera"] and not indirect_only
-        if not any(seen.values()):
-            return
-        world_from_object = affine(instance.matrix_world)
-        if not _invertible(world_from_object):
-            self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
+        placed = self._placed(instance, ob)
+        if not placed:
             return
         slots = self._slots(ob)
         # Of instances `ob` is a passing copy: properties made on it by being read would leak.
@@ -247,20 +250,39 @@ class _Objects:
         if isinstance(mesh, str):
             self.notes.skipped(mesh, ob.name)
             return
-        self._note_linking(instance, ob)
-        if any(each.is_shadow_catcher for each in _shown(instance, ob)):
-            self.notes.unsupported("Shadow catchers are", ob.name)
-        self.instances.append(
-            model.Instance(
-                name=ob.name,
-                mesh=mesh,
-                world_from_object=world_from_object,
-                materials=slots,
-                object_index=ob.pass_index,
-                holdout=holdout,
-                **seen,
-            )
-        )
+        self._note_unread(instance, ob)
+        self.instances.append(model.Instance(mesh=mesh, materials=slots, **placed))
+
+    def _take_volume(self, instance, ob) -> None:
+        placed = self._placed(instance, ob)
+        if not placed:
+            return
+        lasting = (instance.instance_object if instance.is_instance else ob) or ob
+        found = self._field(ob, lasting.original.data)
+        if isinstance(found, str):
+            self.notes.skipped(found, ob.name)
+            return
+        if found is None:
+            return
+        self._note_unread(instance, ob)
+        slots = self._volume_slots(ob, lasting.original)
+        self.field_instances.append(model.FieldInstance(field=found, materials=slots, **placed))
+
+    def _placed(self, instance, ob) -> dict[str, Any]:
+        """What model.Placed holds beside materials; nothing where no ray sees the instance."""
+        seen = {
+            flag: all(getattr(each, flag) for each in _shown(instance, ob)) for flag in VISIBILITIES
+        }
+        holdout, indirect_only = self._layer_flags(instance, ob)
+        seen["visible_camera"] = seen["visible_camera"] and not indirect_only
+        if not any(seen.values()):
+            return {}
+        world_from_object = affine(instance.matrix_world)
+        if not _invertible(world_from_object):
+            self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
+            return {}
+        told = {"name": ob.name, "object_index": ob.pass_index, "holdout": holdout}
+        return {"world_from_object": world_from_object, **told, **seen}
 
     def _layer_flags(self, instance, ob) -> tuple[bool, bool]:
         """Holdout and indirect-only, of the object and its collections; an instancer's count for
@@ -268,6 +290,11 @@ class _Objects:
         owner = instance.parent if instance.is_instance else ob
         holdout = owner.holdout_get(view_layer=self._view_layer)
         return holdout, not holdout and owner.indirect_only_get(view_layer=self._view_layer)
+
+    def _note_unread(self, instance, ob) -> None:
+        self._note_linking(instance, ob)
+        if any(each.is_shadow_catcher for each in _shown(instance, ob)):
+            self.notes.unsupported("Shadow catchers are", ob.name)
 
     def _note_linking(self, instance, ob) -> None:
         for each in _shown(instance, ob):
@@ -294,6 +321,44 @@ class _Objects:
                 self._mesh_at[key] = len(self.meshes)
                 self.meshes.append(replace(mesh, modelling=own))
         return self._mesh_at[key]
+
+    def _field(self, ob, original) -> int | str | None:
+        """The index of the field of a volume object, what is wrong with it, or nothing to see.
+
+        original: the datablock that its object has in the file, a volume or what nodes made
+        the volume of.
+        """
+        key = ob.data.as_pointer(), original.as_pointer()
+        if key not in self._field_at:
+            try:
+                field = volumes.read_field(ob, original, self._depsgraph, self.notes)
+            except LeapRayError as error:
+                self._field_at[key] = str(error)
+            else:
+                self._field_at[key] = None if field is None else len(self.fields)
+                self.fields += [] if field is None else [field]
+        return self._field_at[key]
+
+    def _volume_slots(self, ob, original) -> tuple[int, ...]:
+        """The materials of a volume's surfaces; those without a surface are the default one."""
+        if original.type == "VOLUME" or self._override:
+            slots = self._slots(ob)
+        else:  # nodes gave the volume its own
+            slots = tuple(map(self._material, ob.data.materials)) or (self._material(None),)
+        if any(self._textures[at] for at in slots):
+            self.notes.unsupported("Textures on surfaces of volumes are", ob.name)
+        return tuple(self._on_surface(at) for at in slots)
+
+    def _on_surface(self, at: int) -> int:
+        """The material with that index; with the default surface, if it is one of volumes alone."""
+        made = self.materials[at]
+        if any(lobe.kind != "transparent" for lobe in made.lobes):
+            return at
+        if at not in self._surface_at:
+            self._surface_at[at] = len(self.materials)
+            self.materials.append(materials.plain(made.name, materials.GREY, made.index))
+            self._textures.append(None)
+        return self._surface_at[at]
 
     def _slots(self, ob) -> tuple[int, ...]:
         """The materials of the object's slots, those linked to the object included."""
@@ -361,10 +426,10 @@ def _nothing_shown(depsgraph, notes: Warnings) -> None:
     scene, layer = depsgraph.scene, depsgraph.view_layer
     others = [each for each in scene.view_layers if each.use and each.name != layer.name]
     if others and not scene.render.use_single_layer:
-        notes.missing("View layer", layer.name, "shows no mesh that can be rendered")
+        notes.missing("View layer", layer.name, "shows nothing that can be rendered")
         return
     why = "".join(f"; {sentence}" for sentence in notes.sentences())
-    raise LeapRayError(f"Scene '{scene.name}' shows no mesh that can be rendered{why}")
+    raise LeapRayError(f"Scene '{scene.name}' shows nothing that can be rendered{why}")
 
 
 # ---- warnings ------------------------------------------------------------

@@ -31,9 +31,16 @@ lr_status lr_volume_check(const lr_volume_desc *d, lr_error *error)
         return status;
     if (d->kind != LR_KIND_SOLID && d->kind != LR_KIND_SHEET)
         return lr_fail(error, LR_E_ARGUMENT, "kind %d is neither solid (1) nor sheet (2)", d->kind);
-    if (!(d->threshold > 0.0 && d->threshold <= 1.0))
-        return lr_fail(error, LR_E_ARGUMENT, "threshold must lie in (0, 1]; it is %g",
-                       d->threshold);
+    const bool whole = lr_sample_types[d->sample_type].whole;
+    if (!isfinite(d->outside) || !isfinite(d->inside) ||
+        (whole && !(d->outside == 0.0 && d->inside == 1.0)))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "outside and inside must be finite, and 0 and 1 of whole numbers; they are "
+                       "%g and %g",
+                       d->outside, d->inside);
+    if (!(d->threshold > d->outside && d->threshold <= d->inside))
+        return lr_fail(error, LR_E_ARGUMENT, "threshold must lie in (%g, %g]; it is %g", d->outside,
+                       d->inside, d->threshold);
     return LR_OK;
 }
 
@@ -78,7 +85,7 @@ void lr_volume_fill_brick(lr_volume *v, uint32_t brick, bool ones)
 {
     const size_t at = (size_t)brick * LR_CELLS;
     for (size_t i = 0; i < LR_CELLS; i++)
-        lr_store_to(v->samples, v->desc.sample_type, at + i, ones ? v->one : 0.0);
+        lr_store_to(v->samples, v->desc.sample_type, at + i, ones ? v->inside : v->outside);
     if (v->ids != NULL)
         memset(v->ids + at, 0, LR_CELLS * sizeof *v->ids);
     if (v->block_of != NULL)

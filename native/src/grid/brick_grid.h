@@ -6,8 +6,8 @@
  * lattice cells -1..n-1 are storage cells 1..n+1, whose stencils reach 0..n+3.
  *
  * A table entry is brick << 8 | words: bit w of words tells whether word w of the brick's mask
- * of surface cells holds one. Brick 0 is zero throughout and brick 1 is one throughout; both
- * exist in memory, so that reads have no special case.
+ * of surface cells holds one. Brick 0 is `outside` throughout, which is 0 of occupancies, and brick
+ * 1 is `inside` throughout, 1 of these; both exist in memory, so that reads have no special case.
  *
  * Nothing outside grid/ reads the table, the arrays or the constants below: surface_cells.h,
  * access.h and gather.h read them for all.
@@ -32,6 +32,7 @@ enum {
 struct lr_triangle_cells;      /* grid/triangle_cells.h */
 struct lr_triangle_attributes; /* grid/attributes/triangle_attributes.h */
 struct lr_objects;             /* grid/objects.h */
+struct lr_surface_bounds;      /* grid/isosurface.c */
 
 /* What is added here goes through serialize.c, too. */
 struct lr_volume {
@@ -41,18 +42,21 @@ struct lr_volume {
     double *planes[3]; /* NULL, or where the planes of a rectilinear volume lie: of storage
                           samples 0.., n_planes of each axis, increasing throughout */
     int32_t n_planes;
-    double one;            /* the stored value of occupancy 1 */
-    double threshold;      /* T in stored units */
-    int32_t table_size[3]; /* bricks per axis */
+    double one;             /* the stored value of occupancy 1 */
+    double outside, inside; /* the stored values of the two constant bricks */
+    double threshold;       /* T in stored units */
+    int32_t table_size[3];  /* bricks per axis */
     uint32_t *table;
     uint32_t n_bricks; /* with the two constant ones */
     uint32_t capacity;
-    unsigned char *samples; /* [n_bricks][LR_CELLS] of desc.sample_type */
-    uint16_t *ids;          /* [n_bricks][LR_CELLS], or NULL */
-    lr_mask *cells;         /* [n_bricks]: surface cells; until lr_volume_finish the touched
-                               cells of a sheet */
-    uint32_t *block_of;     /* [capacity][LR_WORDS]: attribute blocks of words, 0: none; or NULL */
-    uint32_t n_blocks;      /* with block 0, which is never read */
+    unsigned char *samples;          /* [n_bricks][LR_CELLS] of desc.sample_type */
+    lr_samples *shared;              /* whose they are; NULL: the volume's own */
+    struct lr_surface_bounds *parts; /* until an isosurface is finished */
+    uint16_t *ids;                   /* [n_bricks][LR_CELLS], or NULL */
+    lr_mask *cells;     /* [n_bricks]: surface cells; until lr_volume_finish the touched
+                           cells of a sheet */
+    uint32_t *block_of; /* [capacity][LR_WORDS]: attribute blocks of words, 0: none; or NULL */
+    uint32_t n_blocks;  /* with block 0, which is never read */
     uint32_t *nearest_triangle; /* [n_blocks][LR_WORD_CELLS]: nearest faces, 0: none; or NULL */
     struct lr_triangle_attributes *faces; /* NULL: the surface carries nothing */
     struct lr_triangle_cells
@@ -104,6 +108,12 @@ LR_INLINE size_t lr_table_of(const lr_volume *v, int32_t x, int32_t y, int32_t z
 LR_INLINE size_t lr_table_count(const lr_volume *v)
 {
     return (size_t)v->table_size[0] * (size_t)v->table_size[1] * (size_t)v->table_size[2];
+}
+
+/* Are its samples occupancies 0..1, its own? */
+LR_INLINE bool lr_holds_occupancies(const lr_volume *v)
+{
+    return v->shared == NULL && v->desc.outside == 0.0 && v->desc.inside == 1.0;
 }
 
 /* Can there be such a volume, whatever object_from_index is? */

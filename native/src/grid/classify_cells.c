@@ -12,7 +12,7 @@
 #include "base/sse2.h"
 #include "grid/attributes/triangle_attributes.h"
 
-/* 0: zero throughout, 1: one throughout, 2: neither. Ids other than 0, touched
+/* The constant brick that a brick is like, 2: neither. Ids other than 0, touched
  * cells and attributes are something to keep. */
 static uint32_t constant_of(const lr_volume *v, uint32_t brick)
 {
@@ -29,12 +29,12 @@ static uint32_t constant_of(const lr_volume *v, uint32_t brick)
             if (v->cells[brick][s] != 0)
                 return 2;
     double first = lr_load(v, at);
-    if (first != 0.0 && first != v->one)
+    if (first != v->outside && first != v->inside)
         return 2;
     for (int i = 1; i < LR_CELLS; i++)
         if (lr_load(v, at + (size_t)i) != first)
             return 2;
-    return first == 0.0 ? LR_BRICK_ZERO : LR_BRICK_ONE;
+    return first == v->outside ? LR_BRICK_ZERO : LR_BRICK_ONE;
 }
 
 /* Drop constant bricks and close the gaps. moved[b] is where brick b went. */
@@ -121,8 +121,7 @@ static void above_rows(const lr_volume *v, const int32_t b[3],
         }
 }
 
-/* Surface cells of the brick at table position b. */
-static bool surface_mask(const lr_volume *v, const int32_t b[3], lr_mask mask)
+bool lr_surface_mask(const lr_volume *v, const int32_t b[3], lr_mask mask)
 {
     uint32_t rows[LR_SIDE + 1][LR_SIDE + 1];
     above_rows(v, b, rows);
@@ -160,7 +159,7 @@ static lr_status classify_brick(lr_volume *v, const int32_t b[3], lr_error *erro
     if (plain(v, b))
         return LR_OK;
     size_t at = lr_table_at(v, b[0], b[1], b[2]);
-    bool any = surface_mask(v, b, mask);
+    bool any = lr_surface_mask(v, b, mask);
     if (v->table[at] >> 8 < LR_FIRST_STORED && (!any || v->desc.kind == LR_KIND_SHEET))
         return LR_OK; /* an untouched brick of a sheet holds no surface */
     uint32_t brick;
@@ -219,5 +218,7 @@ lr_status lr_volume_finish_triangle_cells(lr_volume *v, const lr_triangle_cells_
 
 lr_status lr_volume_finish(lr_volume *v, const lr_watch *watch, lr_error *error)
 {
+    if (v->shared != NULL && !v->finished)
+        return lr_fail(error, LR_E_ARGUMENT, "an isosurface is finished by lr_isosurface_finish");
     return v->finished ? LR_OK : lr_volume_finish_triangle_cells(v, NULL, 0, NULL, watch, error);
 }

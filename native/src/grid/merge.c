@@ -49,10 +49,11 @@ typedef struct brick {
 static lr_status check_part(const lr_volume *v, const lr_volume *first, uint32_t i, lr_error *error)
 {
     if (!v->finished || v->desc.kind != LR_KIND_SOLID || v->ids == NULL ||
-        v->triangle_cells != NULL || v->objects != NULL || v->planes[0] != NULL)
+        v->triangle_cells != NULL || v->objects != NULL || v->planes[0] != NULL ||
+        !lr_holds_occupancies(v))
         return lr_fail(error, LR_E_ARGUMENT,
                        "part %u must be a finished solid with ids, without triangle cells, not "
-                       "rectilinear and not merged before",
+                       "rectilinear, no isosurface and not merged before",
                        i);
     if (v->desc.sample_type != first->desc.sample_type || v->threshold != first->threshold)
         return lr_fail(error, LR_E_ARGUMENT,

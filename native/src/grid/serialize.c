@@ -14,9 +14,9 @@
 
 /* Raised whenever the bytes or their meaning change. What is added to one of these
  * structures goes through arrays_of() or the head, too. */
-#define FORMAT 3
+#define FORMAT 4
 _Static_assert(sizeof(void *) != 8 ||
-                   (sizeof(struct lr_volume) == 608 && sizeof(lr_triangle_cells) == 88 &&
+                   (sizeof(struct lr_volume) == 656 && sizeof(lr_triangle_cells) == 88 &&
                     sizeof(lr_objects) == 131152 && sizeof(lr_triangle_attributes) == 64),
                "a structure has changed: pack what is new, and raise FORMAT");
 

@@ -81,6 +81,40 @@ LR_INLINE void lr_central_gradient(const lr_volume *v, int32_t object, const int
     }
 }
 
+/* Weights of central differences along a line through a sample, through its neighbours beside an
+ * edge and beside a corner; 1 together with the four of each.
+ *
+ * Sources: Sobel and Feldman 1968; Zucker and Hummel, A three-dimensional edge operator, 1981,
+ * whose weights are those of the distance: 1, 1/sqrt(2), 1/sqrt(3). */
+static const double lr_sobel[3] = {0.25, 0.125, 0.0625};
+static const double lr_zucker_hummel[3] = {0.16292407789368385, 0.11520472029718912,
+                                           0.09406426022938993};
+
+/* As lr_central_gradient, of differences that are averaged over the nine lines around. */
+LR_INLINE void lr_averaged_gradient(const lr_volume *v, int32_t object, const int32_t c[3],
+                                    const double p[3], const double weight[3], double g[3])
+{
+    double b[64];
+    lr_block_of(v, object, c[0] - 1, c[1] - 1, c[2] - 1, 4, b);
+    const int stride[3] = {1, 4, 16};
+    for (int a = 0; a < 3; a++) {
+        const int u = stride[(a + 1) % 3], w = stride[(a + 2) % 3], s = stride[a];
+        double corner[8];
+        for (int n = 0; n < 8; n++) {
+            const double *at = b + 21 + (n & 1) + 4 * (n >> 1 & 1) + 16 * (n >> 2);
+            corner[n] = 0.0;
+            for (int j = -1; j <= 1; j++)
+                for (int i = -1; i <= 1; i++) {
+                    const double *line = at + i * u + j * w;
+                    corner[n] += weight[(i != 0) + (j != 0)] * 0.5 * (line[s] - line[-s]);
+                }
+        }
+        if (v->planes[0] != NULL)
+            lr_spread_differences(v->planes[a] + c[a], a, corner);
+        g[a] = lr_trilinear(corner, p);
+    }
+}
+
 /* The point at p of cell c in the coordinates of another cell of a rectilinear volume. */
 LR_INLINE void lr_other_cell(const lr_volume *v, const int32_t c[3], const double p[3],
                              const int32_t other[3], double q[3])

@@ -38,6 +38,8 @@ lr_status lr_volume_begin(const lr_volume_desc *desc, lr_volume **volume, lr_err
     lr_affine_multiply(desc->object_from_index, shift, v->object_from_storage);
     v->one = lr_sample_types[desc->sample_type].one;
     v->threshold = desc->threshold * v->one;
+    v->outside = desc->outside * v->one;
+    v->inside = desc->inside * v->one;
     status = lr_volume_reserve(v, 0, error);
     if (status != LR_OK) {
         lr_volume_free(v);
@@ -56,7 +58,10 @@ void lr_volume_free(lr_volume *v)
         return;
     free(v->planes[0]);
     free(v->table);
-    free(v->samples);
+    if (v->shared == NULL)
+        free(v->samples);
+    lr_samples_free(v->shared);
+    free(v->parts);
     free(v->ids);
     free(v->cells);
     free(v->block_of);
@@ -156,7 +161,8 @@ static lr_status put_part(lr_volume *v, const part *p, const int32_t size[3], co
     size_t nbytes = lr_sample_nbytes(v->desc.sample_type);
     bool sheet = v->desc.kind == LR_KIND_SHEET;
     size_t at = lr_table_at(v, p->brick[0], p->brick[1], p->brick[2]);
-    bool needed = v->table[at] >> 8 != LR_BRICK_ZERO || any_nonzero(p, size, samples, nbytes) ||
+    bool needed = v->table[at] >> 8 != LR_BRICK_ZERO || v->outside != 0.0 ||
+                  any_nonzero(p, size, samples, nbytes) ||
                   (v->desc.has_ids && any_nonzero(p, size, (const void *)ids, sizeof *ids)) ||
                   (sheet && (touched == NULL || any_nonzero(p, size, touched, 1)));
     if (!needed)
@@ -191,8 +197,9 @@ lr_status lr_volume_put(lr_volume *v, const int32_t origin[3], const int32_t siz
                         lr_error *error)
 {
     const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
-    if (v->finished)
-        return lr_fail(error, LR_E_ARGUMENT, "a finished volume takes no more samples");
+    if (v->finished || v->shared != NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "a finished volume, or an isosurface, takes no more samples");
     for (int a = 0; a < 3; a++)
         if (origin[a] < 0 || size[a] < 0 || size[a] > n[a] || origin[a] > n[a] - size[a])
             return lr_fail(error, LR_E_ARGUMENT,
@@ -256,6 +263,8 @@ lr_status lr_volume_get(const lr_volume *v, const int32_t origin[3], const int32
     size_t nbytes = lr_sample_nbytes(v->desc.sample_type);
     if (samples != NULL)
         memset(samples, 0, count * nbytes);
+    for (size_t i = 0; i < count && samples != NULL && v->outside != 0.0; i++)
+        lr_store_to(samples, v->desc.sample_type, i, v->outside);
     if (ids != NULL)
         memset(ids, 0, count * sizeof *ids);
     if (surface != NULL)

@@ -76,8 +76,11 @@ LR_INLINE void lr_field_shading_normal(const lr_volume *v, int32_t object, int32
         return;
     if (normal_kind == LR_NORMAL_CENTRAL)
         lr_central_gradient(v, object, c, p, g);
-    else
+    else if (normal_kind == LR_NORMAL_SMOOTH)
         lr_smooth_gradient(v, object, c, p, g);
+    else
+        lr_averaged_gradient(v, object, c, p,
+                             normal_kind == LR_NORMAL_SOBEL ? lr_sobel : lr_zucker_hummel, g);
     if (!lr_outward(v, g, shading))
         memcpy(shading, own, 3 * sizeof *own);
 }

@@ -111,7 +111,7 @@ static lr_status check_options(const lr_volume *volume, const lr_trace_options *
     if (status == LR_OK)
         status = lr_check_choice("root finder", o->root, LR_ROOT_CUBIC, error);
     if (status == LR_OK)
-        status = lr_check_choice("normal", o->normal, LR_NORMAL_SMOOTH, error);
+        status = lr_check_choice("normal", o->normal, LR_NORMAL_ZUCKER_HUMMEL, error);
     if (status != LR_OK || o->hit_test != LR_HIT_UNIFORM)
         return status;
     if (o->root == LR_ROOT_NEWTON || o->root == LR_ROOT_CUBIC)

@@ -32,7 +32,7 @@ lr_status lr_volume_normals(const lr_volume *v, const double *points, const uint
 {
     if (!v->finished || v->planes[0] != NULL)
         return lr_fail(error, LR_E_ARGUMENT, "the volume is not finished, or rectilinear");
-    const lr_status status = lr_check_choice("normal", normal_kind, LR_NORMAL_SMOOTH, error);
+    const lr_status status = lr_check_choice("normal", normal_kind, LR_NORMAL_ZUCKER_HUMMEL, error);
     if (status != LR_OK)
         return status;
     for (uint64_t i = 0; i < n; i++) {

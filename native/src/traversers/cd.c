@@ -37,31 +37,75 @@ static bool mostly_field(const lr_volume *v)
            2 * (uint64_t)v->triangle_cells->n_cells < v->n_surface_cells;
 }
 
-/* The distance of a cell is the number of growths that cover it. */
+/* Grow the set by one cell in every direction, for the time number `step`, as far from the window's
+ * border as it has not been wrong before. */
+static void grow(lr_window window, int step)
+{
+    const int lo = step, hi = LR_WINDOW - 1 - step;
+    lr_window spare;
+    for (int z = lo - 1; z <= hi + 1; z++)
+        for (int y = lo; y <= hi; y++) {
+            const uint32_t row = window[z][y - 1] | window[z][y] | window[z][y + 1];
+            spare[z][y] = row | row << 1 | row >> 1;
+        }
+    for (int z = lo; z <= hi; z++)
+        for (int y = lo; y <= hi; y++)
+            window[z][y] = spare[z - 1][y] | spare[z][y] | spare[z + 1][y];
+}
+
+/* Numbers of the cells of a layer of a brick, cell (x, y) as bit x + 8 y of each binary digit. */
+enum { DIGITS = 4 };
+typedef uint64_t counts[LR_SIDE][DIGITS];
+
+/* Count the cells that the set does not cover; false: there are none. */
+static bool count_uncovered(lr_window window, counts layers)
+{
+    uint64_t any = 0;
+    for (int z = 0; z < LR_SIDE; z++) {
+        uint64_t covered = 0;
+        for (int y = 0; y < LR_SIDE; y++)
+            covered |=
+                (uint64_t)(window[z + LR_NEAR_RADIUS][y + LR_NEAR_RADIUS] >> LR_NEAR_RADIUS & ROW)
+                << LR_SIDE * y;
+        uint64_t carry = ~covered;
+        any |= carry;
+        for (int d = 0; d < DIGITS; d++) {
+            const uint64_t sum = layers[z][d] ^ carry;
+            carry &= layers[z][d];
+            layers[z][d] = sum;
+        }
+    }
+    return any != 0;
+}
+
+/* The bits of a byte, a byte each. */
+LR_INLINE uint64_t spread(uint64_t byte)
+{
+    const uint64_t ones = 0x0101010101010101u;
+    return (((byte & 0xff) * ones & 0x8040201008040201u) + 0x7f * ones) >> 7 & ones;
+}
+
+/* The distance of a cell is the number of growths that do not cover it. */
 static void cell_distances(const lr_volume *v, const int32_t b[3], uint32_t number, void *context)
 {
     const distances *f = context;
     uint8_t *dist = f->near[number];
     lr_window window;
-    memset(dist, 0, LR_CELLS);
+    counts layers = {0};
     if (!lr_window_fill(v, b, window)) {
         memset(dist, LR_NEAR_RADIUS + 1, LR_CELLS);
         return;
     }
-    for (int step = 0; step <= LR_NEAR_RADIUS; step++) {
-        uint32_t all = ROW;
-        for (int z = 0; z < LR_SIDE; z++)
-            for (int y = 0; y < LR_SIDE; y++) {
-                uint32_t covered =
-                    window[z + LR_NEAR_RADIUS][y + LR_NEAR_RADIUS] >> LR_NEAR_RADIUS & ROW;
-                all &= covered;
-                for (int x = 0; x < LR_SIDE; x++)
-                    dist[lr_in_brick(x, y, z)] += !(covered >> x & 1);
-            }
-        if (all == ROW)
-            return;
-        lr_window_grow(window);
-    }
+    for (int step = 1; count_uncovered(window, layers) && step <= LR_NEAR_RADIUS; step++)
+        grow(window, step);
+    for (int z = 0; z < LR_SIDE; z++)
+        for (int y = 0; y < LR_SIDE; y++) {
+            uint64_t row = 0;
+            for (int d = 0; d < DIGITS; d++)
+                row += spread(layers[z][d] >> LR_SIDE * y) << d;
+            for (int x = 0; x < LR_SIDE; x++)
+                dist[lr_in_brick(x, y, z)] = (uint8_t)(row >> LR_SIDE * x);
+        }
 }
 
 lr_status lr_cd_build(const lr_volume *v, const int32_t *choices, const lr_watch *watch,

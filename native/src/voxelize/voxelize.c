@@ -93,7 +93,8 @@ static lr_status place_lattice(lr_voxelizer *v, lr_error *error)
                              .sample_type = o->sample_type,
                              .kind = LR_KIND_SOLID, /* until it is decided */
                              .has_ids = m->source.ids != NULL,
-                             .threshold = 0.5};
+                             .threshold = 0.5,
+                             .inside = 1.0};
     for (int a = 0; a < 3; a++) {
         desc->object_from_index[5 * a] = o->voxel_size;
         desc->object_from_index[4 * a + 3] = first[a] * o->voxel_size;

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A scene made round a file of measured data: from a scan to a picture without a .blend.
+
+The camera looks from above and aside, in three-quarter view, and sees the whole data. Anatomical
+data show their front, which in right, anterior, superior is +y; others Blender's, which is -y.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+from numpy.typing import NDArray
+
+import leapray
+
+from ..plan import objects
+from . import open_file, volume_data
+
+SIDE = 1024  # pixels of the picture, unless asked otherwise
+MILLIMETRES = 1e-3  # in metres: the unit of anatomical data,
+ANATOMICAL = ".nii", ".nii.gz", ".dcm", ".dicom", ".ima"  # or what their files are called
+FROM = (0.5, -0.8, 0.2)  # where the camera stands, as seen from the data
+LENS = 85.0  # mm, as for portraits
+ROOM = 1.02  # of the picture round the data
+KEY, FILL = (4.0, (-0.5, -0.9, 0.6)), (0.5, (0.9, -0.3, 0.2))  # strength, and where it comes from
+SKY = (0.05, 0.055, 0.065)
+
+
+def make(path: Path, threshold: float | None = None):
+    """A new scene, in place of the one that is open, which shows the data of a file.
+
+    threshold: of the surface, in the data's units; None: the automatic one. Raises LeapRayError
+    where the file cannot be read.
+    """
+    open_file.empty_scene()
+    scene = bpy.context.scene
+    ob, grid = volume_data.add(scene, path.absolute())
+    if threshold is not None:
+        ob.data.leapray.automatic = False
+        ob.data.leapray.threshold = threshold
+    bpy.context.view_layer.update()
+    corners = _corners(grid, np.array(ob.matrix_world))
+    front = np.array(FROM) / np.linalg.norm(FROM)
+    turn = np.diag([-1.0, -1.0, 1.0]) if _is_anatomical(path, grid) else np.eye(3)
+    scene.render.resolution_x = scene.render.resolution_y = SIDE
+    scene.render.resolution_percentage = 100
+    scene.camera = _camera(scene, corners, turn @ front)
+    for name, (strength, origin) in (("Key", KEY), ("Fill", FILL)):
+        _sun(scene, name, strength, turn @ np.array(origin))
+    _sky(scene)
+    return scene
+
+
+def _is_anatomical(path: Path, grid: leapray.ScalarGrid) -> bool:
+    named = path.is_dir() or path.name.lower().endswith(ANATOMICAL)
+    return named or grid.meters == MILLIMETRES
+
+
+def _corners(grid: leapray.ScalarGrid, world_from_object: NDArray) -> NDArray[np.float64]:
+    """(8, 3): of the data in the world."""
+    first, last = objects.lattice(grid)
+    index = np.array(list(itertools.product(*zip(first + 1, last - 1, strict=True))), np.float64)
+    matrix = world_from_object @ grid.world_from_index
+    return index @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _camera(scene, corners: NDArray[np.float64], front: NDArray[np.float64]):
+    """A camera that stands in the direction of front and just sees all corners."""
+    data = bpy.data.cameras.new("Camera")
+    data.lens = LENS
+    camera = bpy.data.objects.new("Camera", data)
+    scene.collection.objects.link(camera)
+    rotation = Vector(front.tolist()).to_track_quat("Z", "Y").to_matrix()
+    right, up, back = np.array(rotation).T
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    offset = corners - middle
+    half = data.sensor_width / (2 * LENS) / ROOM  # the tangent of half the angle of view
+    across = np.maximum(np.abs(offset @ right), np.abs(offset @ up))
+    distance = float((offset @ back + across / half).max())
+    depth = distance - offset @ back
+    place = Matrix.Translation(Vector((middle + distance * back).tolist()))
+    camera.matrix_world = place @ rotation.to_4x4()
+    data.clip_start = float(depth.min()) / 10
+    data.clip_end = float(depth.max()) * 10
+    return camera
+
+
+def _sun(scene, name: str, strength: float, origin: NDArray[np.float64]) -> None:
+    data = bpy.data.lights.new(name, "SUN")
+    data.energy, data.angle = strength, math.radians(5)
+    light = bpy.data.objects.new(name, data)
+    light.rotation_euler = Vector(origin.tolist()).to_track_quat("Z", "Y").to_euler()
+    scene.collection.objects.link(light)
+
+
+def _sky(scene) -> None:
+    world = scene.world = bpy.data.worlds.new("World")
+    if bpy.app.version < (5, 0):
+        world.use_nodes = True
+    world.node_tree.nodes["Background"].inputs["Color"].default_value = (*SKY, 1.0)

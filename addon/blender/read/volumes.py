@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Volumes of Blender as scalar fields with the thresholds of their surfaces.
+
+A volume comes from its OpenVDB file or sequence, from what modifiers and nodes make of it, or from
+measured data of another format that its `leapray` properties name. Blender gives no access to
+voxels: files are read again, and what was made is saved first, into a folder that goes away.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+
+import leapray
+from leapray import LeapRayError
+from leapray.scalar_grid import Leaves, ScalarGrid
+
+from ... import arrays, model
+from ...settings import Isosurfaces
+from .. import properties
+
+NOT_IN_FRAME = 2**31 - 1  # Blender's frame of a sequence that has none now
+NUMBERS = "FLOAT", "DOUBLE", "INT", "INT64", "BOOLEAN"  # Blender's types of such grids
+MOST_KNOWN = 64  # thresholds that are kept for later frames
+
+_thresholds: dict[str, float] = {}  # that were found, by contents
+
+
+def read_field(ob, original, depsgraph, notes) -> model.Field | None:
+    """The field of an evaluated volume object; None where a sequence shows nothing in this frame.
+
+    original: the datablock of its object in the file. notes are told of what is in doubt. Raises
+    LeapRayError with the reason that makes the volume useless.
+    """
+    own = wanted(original, depsgraph)
+    found = _grid(ob, own, original)
+    if found is None:
+        return None
+    grid, contents = found
+    for doubt in grid.warnings:
+        notes.missing("The data of", ob.name, f"are in doubt: {doubt}")
+    return model.Field(
+        name=ob.data.name,
+        grid=grid,
+        contents=contents,
+        thresholds=thresholds(grid, contents, own),
+        above=(grid.kind != "level set") != own.invert,
+        capped=own.capped,
+        smoothing=own.smoothing,
+        least=own.least,
+    )
+
+
+def grid_of(ob, original, depsgraph) -> ScalarGrid | None:
+    """The grid of an evaluated volume object, as for `read_field`."""
+    found = _grid(ob, wanted(original, depsgraph), original)
+    return found and found[0]
+
+
+def wanted(original, depsgraph) -> Isosurfaces:
+    """Which surfaces the datablock of an object asks for; those of nodes ask for nothing."""
+    if not isinstance(original, bpy.types.Volume):
+        return Isosurfaces()
+    return properties.isosurfaces(original.evaluated_get(depsgraph))
+
+
+def _grid(ob, own: Isosurfaces, original) -> tuple[ScalarGrid, str] | None:
+    """The grid, and a name for its contents."""
+    if own.file:
+        path: Path | None = Path(absolute(own.file, original.library))
+        name = own.grid or None
+    elif ob.data.filepath and not any(each.show_render for each in ob.modifiers):
+        path = frame_path(ob.data)
+        name = grid_name(own, ob.data)
+    else:
+        return _made(ob.data, own)
+    return _of_file(path, name, own.frame) if path else None
+
+
+def absolute(path: str, library) -> str:
+    """A path of the user's: `//` is the folder of the .blend, `~` the home folder."""
+    return os.path.expanduser(bpy.path.abspath(path, library=library))
+
+
+def frame_path(volume) -> Path | None:
+    """The OpenVDB file of the present frame; None where a sequence has none now."""
+    grids = volume.grids
+    if volume.is_sequence and grids.frame == NOT_IN_FRAME:
+        return None
+    return Path(grids.frame_filepath or absolute(volume.filepath, volume.library))
+
+
+def grid_name(own: Isosurfaces, volume) -> str | None:
+    """The grid that is wanted of an evaluated volume: the active one, or the first of numbers."""
+    if own.grid:
+        return own.grid
+    grids = volume.grids
+    grids.load()
+    active = grids[grids.active_index : grids.active_index + 1]
+    return next((each.name for each in [*active, *grids] if each.data_type in NUMBERS), None)
+
+
+def thresholds(grid: ScalarGrid, contents: str, own: Isosurfaces) -> tuple[float, ...]:
+    """Of each surface that is wanted."""
+    first = automatic(grid, contents) if own.automatic else own.threshold
+    return (first, own.threshold_2, own.threshold_3)[: own.surfaces]
+
+
+def automatic(grid: ScalarGrid, contents: str) -> float:
+    """The first threshold of a grid, which is sought once for its contents."""
+    if contents not in _thresholds:
+        while len(_thresholds) >= MOST_KNOWN:
+            _thresholds.pop(next(iter(_thresholds)))
+        _thresholds[contents] = leapray.first_threshold(grid)[0]
+    return _thresholds[contents]
+
+
+def _of_file(path: Path, name: str | None, frame: int) -> tuple[ScalarGrid, str]:
+    """A grid of a file, and a name for its contents."""
+    if not path.exists():
+        raise LeapRayError(f"there is no file {path}")
+    states = [(each.name, each.stat()) for each in ([path] if path.is_file() else path.iterdir())]
+    told = [(name, state.st_mtime_ns, state.st_size) for name, state in sorted(states)]
+    grid = leapray.read_volume(path, grid=name, frame=frame or None)
+    return grid, arrays.digest((), repr((str(path), name, frame, told)).encode())
+
+
+def _made(volume, own: Isosurfaces) -> tuple[ScalarGrid, str]:
+    """A grid that modifiers or nodes made."""
+    if not len(volume.grids):
+        raise LeapRayError("it has neither a file nor a grid")
+    with tempfile.TemporaryDirectory(prefix="leapray-") as folder:
+        path = Path(folder, "made.vdb")
+        if not volume.grids.save(filepath=str(path)):
+            raise LeapRayError(f"its grids cannot be saved: {volume.grids.error_message}")
+        grid = replace(leapray.read_volume(path, grid=grid_name(own, volume)), source="")
+        return grid, _digest(grid)
+
+
+def _digest(grid: ScalarGrid) -> str:
+    samples = grid.samples
+    told = repr((grid.scale, grid.offset, grid.kind, grid.no_data)).encode()
+    if isinstance(samples, Leaves):
+        held = [value for value in vars(samples).values() if not isinstance(value, float)]
+        return arrays.digest(held, told + repr(samples.background).encode())
+    return arrays.digest((samples,), told)

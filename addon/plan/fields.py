@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Surfaces of scalar fields: volumes on the data's own lattice, beside those of meshes (no bpy).
+
+Nothing is voxelized: the samples are the data's. What does not fit into the memory is made
+coarser by powers of two, and a warning names both sizes. In layout "scene" these volumes stay
+apart from the one that meshes share, for their lattices have nothing in common.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+import leapray
+from leapray.scalar_grid import Leaves, ScalarGrid
+
+from .. import arrays, model
+from ..store import memory_cache
+from . import field_filters, objects
+from .coarser import coarser
+from .levels import MB
+from .planned import Plan
+
+MESH_SHARE = 1 / 4  # of the memory that is left for meshes, where there are some
+COARSEST = 64  # the most samples of which one stands for
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The surface of a field at one of its thresholds."""
+
+    field: int  # index into Scene.fields
+    number: int  # of the threshold
+    structure: leapray.Structure
+    factor: int  # samples of the data along a side of a voxel
+
+    @property
+    def voxel_size(self) -> float:
+        """The longest side of a voxel, in the field's object space."""
+        matrix = self.structure.volume.info.object_from_index
+        return float(np.linalg.norm(matrix[:3, :3], axis=0).max())
+
+    @property
+    def error(self) -> float:
+        """How far the surface may lie from that of the data, about: half a voxel, if coarser."""
+        return self.voxel_size / 2 if self.factor > 1 else 0.0
+
+
+class Fields:
+    """The surfaces of all fields that are placed, within so many bytes as room."""
+
+    def __init__(
+        self,
+        scene: model.Scene,
+        instances: Sequence[model.FieldInstance],
+        cache: memory_cache.Cache,
+        watch: leapray.Watch,
+        threads: int,
+        room: float,
+    ) -> None:
+        self.scene, self.instances = scene, instances
+        self.cache, self.watch, self.threads = cache, watch, threads
+        self.seconds = {"voxelize": 0.0, "structure": 0.0}
+        self.warnings: list[str] = []
+        self.surfaces: list[Surface] = []
+        users: dict[int, str] = {}  # the first object of each field
+        for instance in instances:
+            users.setdefault(instance.field, instance.name)
+        # The small ones first: what they leave of their shares goes to the large ones.
+        order = sorted(users, key=lambda n: np.prod(np.ptp(objects.lattice(self._grid(n)), axis=0)))
+        for done, n in enumerate(order):
+            self._make(n, users[n], (room - self.nbytes) / (len(order) - done))
+        if scene.settings.layout == "scene" and self.surfaces:
+            self.warnings.append(
+                "In layout 'scene' the surfaces of volume objects keep volumes of their own."
+            )
+
+    @property
+    def nbytes(self) -> int:
+        return self.volume_nbytes + self.structure_nbytes
+
+    @property
+    def volume_nbytes(self) -> int:
+        return sum(each.structure.volume.info.nbytes for each in self.surfaces)
+
+    @property
+    def structure_nbytes(self) -> int:
+        return sum(each.structure.nbytes for each in self.surfaces)
+
+    def _grid(self, n: int) -> ScalarGrid:
+        return self.scene.fields[n].grid
+
+    def _make(self, n: int, name: str, room: float) -> None:
+        """The surfaces of a field on the finest lattice that fits into room."""
+        factor = 1
+        while factor <= COARSEST:
+            try:
+                found = self._surfaces(n, name, factor, room)
+            except leapray.Stopped:
+                raise
+            except leapray.OutOfMemory:
+                factor *= 2
+                continue
+            except leapray.LeapRayError as error:
+                self.warnings.append(f"{name!r} is skipped: {error}.")
+                return
+            self.surfaces += found
+            if factor > 1 and found:
+                self.warnings.append(self._coarser(n, name, factor, room))
+            return
+        raise objects.SceneError(
+            f"With {name!r} at its coarsest level the scene needs more than the "
+            f"{self.scene.settings.memory_mb} MB of its budget."
+        )
+
+    def _coarser(self, n: int, name: str, factor: int, room: float) -> str:
+        """The sentence on a field whose own samples do not fit."""
+        size = np.ptp(objects.lattice(self._grid(n)), axis=0) - 1
+        whole, made = (" x ".join(str(-(-int(side) // by)) for side in size) for by in (1, factor))
+        return (
+            f"{name!r} is rendered with {made} samples of its {whole}, which do not fit into the "
+            f"{room / MB:.0f} MB of the memory budget that are left for them."
+        )
+
+    def _surfaces(self, n: int, name: str, factor: int, room: float) -> list[Surface]:
+        """On a lattice that many times coarser; OutOfMemory where they do not fit."""
+        field, found, left = self.scene.fields[n], [], room
+        for number, threshold in enumerate(field.thresholds):
+            self._check_cancelled()
+            samples = self._samples(field, threshold, factor, room)
+            if why := _no_surface(field, samples, threshold):
+                self.warnings.append(f"{name!r} has no surface at {threshold:.6g}, for {why}.")
+                continue
+            structure = self._structure(field, samples, threshold, factor, left)
+            left -= structure.volume.info.nbytes + structure.nbytes
+            found.append(Surface(n, number, structure, factor))
+        return found
+
+    def _check_cancelled(self) -> None:
+        if self.watch.stopped:
+            raise leapray.Stopped("The planning was stopped.")
+
+    def _samples(
+        self, field: model.Field, threshold: float, factor: int, room: float
+    ) -> leapray.Isosurfaces:
+        """The samples that a field's surfaces share, from the cache or stored now.
+
+        Where small parts are left out, each threshold has its own.
+        """
+        key = *self._key(field, factor), "samples", threshold if field.least else None
+        samples = self.cache.get(key)
+        if samples is None:
+            began = time.perf_counter()
+            samples = leapray.Isosurfaces(
+                self._filtered(field, threshold, factor),
+                above=field.above,
+                capped=field.capped,
+                threads=self.threads,
+                watch=self.watch,
+                max_nbytes=max(int(room), 1),
+            )
+            self.seconds["voxelize"] += time.perf_counter() - began
+        return self.cache.put(key, samples)
+
+    def _filtered(self, field: model.Field, threshold: float, factor: int) -> ScalarGrid:
+        """What the surfaces are taken from: coarser, smoothed, without small parts, as asked."""
+        grid, check = coarser(field.grid, factor), self._check_cancelled
+        if field.smoothing:
+            grid = field_filters.smoothed(grid, field.smoothing / factor, check)
+        if field.least:
+            least = -(-field.least // factor**3)
+            grid = field_filters.without_islands(grid, threshold, field.above, least, check)
+        return grid
+
+    def _key(self, field: model.Field, factor: int) -> tuple:
+        told = repr((field.above, field.capped, field.smoothing, field.least, factor)).encode()
+        where = np.asarray(field.grid.world_from_index)
+        return "field", field.contents, arrays.digest((where,), told)
+
+    def _structure(
+        self,
+        field: model.Field,
+        samples: leapray.Isosurfaces,
+        threshold: float,
+        factor: int,
+        room: float,
+    ) -> leapray.Structure:
+        """From the cache, or made."""
+        traverser = self.scene.settings.traverser
+        key = *self._key(field, factor), threshold, traverser
+        structure = self.cache.get(key)
+        if structure is None:
+            began = time.perf_counter()
+            volume = samples.at(threshold, threads=self.threads, watch=self.watch)
+            middle = time.perf_counter()
+            _check_room(volume.info.nbytes, room)
+            structure = leapray.build(
+                volume, traverser or None, threads=self.threads, watch=self.watch
+            )
+            self.seconds["voxelize"] += middle - began
+            self.seconds["structure"] += time.perf_counter() - middle
+        nbytes = structure.volume.info.nbytes + structure.nbytes
+        _check_room(nbytes, room)
+        return self.cache.put(key, structure, nbytes)
+
+    # ---- what becomes of them
+
+    def join(self, plan: Plan) -> None:
+        """Put the surfaces into a plan, behind the volumes of meshes."""
+        first: dict[tuple, int] = {}
+        of_field: dict[int, list[tuple[int, Surface]]] = {}
+        for at, each in enumerate(self.surfaces, len(plan.volumes) + 1):
+            of_field.setdefault(each.field, []).append((at, each))
+        for instance in self.instances:
+            own = instance if plan.slot_objects is not None else None
+            key = instance.materials, id(own)
+            if key not in first:
+                first[key] = len(plan.slots)
+                plan.slots += instance.materials
+                if plan.slot_objects is not None and plan.slot_names is not None:
+                    plan.slot_objects += [instance.object_index] * len(instance.materials)
+                    plan.slot_names += [instance.name] * len(instance.materials)
+            for at, each in of_field.get(instance.field, []):
+                plan.instances.append(_placed(instance, each, first[key], at))
+                plan.names.append(instance.name)
+        plan.volumes += [self._row(each) for each in self.surfaces]
+        plan.warnings += self.warnings
+        plan.volume_nbytes += self.volume_nbytes
+        plan.structure_nbytes += self.structure_nbytes
+        for phase, seconds in self.seconds.items():
+            plan.seconds[phase] += seconds
+
+    def _row(self, surface: Surface) -> dict[str, object]:
+        field, info = self.scene.fields[surface.field], surface.structure.volume.info
+        users = [each for each in self.instances if each.field == surface.field]
+        return {
+            "name": users[0].name,
+            "field": field.name,
+            "part": surface.number,
+            "kind": "isosurface",
+            "why": f"a threshold of {field.thresholds[surface.number]:g}",
+            "threshold": field.thresholds[surface.number],
+            "size": list(info.size),
+            "voxel_size": surface.voxel_size,
+            "sample_type": info.dtype,
+            "coarser": surface.factor,
+            "error_footprints": None if surface.factor > 1 else 0.0,  # not measured
+            "nbytes": info.nbytes + surface.structure.nbytes,
+            "volume_nbytes": info.nbytes,
+            "structure_nbytes": surface.structure.nbytes,
+            "instances": len(users),
+            "stuck": "the memory budget ends" if surface.factor > 1 else "",
+        }
+
+
+def _no_surface(field: model.Field, samples: leapray.Isosurfaces, threshold: float) -> str:
+    """Why there is none at a threshold, or ""."""
+    if not samples.low < threshold < samples.high:
+        return f"its values lie between {samples.low:.6g} and {samples.high:.6g}"
+    stored = field.grid.samples
+    if isinstance(stored, Leaves):
+        around = field.grid.offset + field.grid.scale * stored.background
+        if around >= threshold if field.above else around <= threshold:
+            return f"the inside would be all of space: round the data lies {around:.6g}"
+    return ""
+
+
+def _check_room(nbytes: int, room: float) -> None:
+    """Raise OutOfMemory where so many bytes do not fit."""
+    if nbytes > room:
+        error = leapray.OutOfMemory(
+            f"the surface needs {nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
+        )
+        error.nbytes = nbytes
+        raise error
+
+
+def _placed(
+    instance: model.FieldInstance, surface: Surface, first: int, volume: int
+) -> leapray.Instance:
+    last = len(instance.materials) - 1
+    return leapray.Instance(
+        surface.structure,
+        instance.world_from_object,
+        first_material=first + min(surface.number, last),
+        n_materials=1,
+        object_index=instance.object_index,
+        visible_camera=instance.visible_camera,
+        visible_shadow=instance.visible_shadow,
+        visible_diffuse=instance.visible_diffuse,
+        visible_glossy=instance.visible_glossy,
+        visible_transmission=instance.visible_transmission,
+        holdout=instance.holdout,
+        volume_index=volume,
+        error=surface.error * objects.scale(instance.world_from_object),
+    )
