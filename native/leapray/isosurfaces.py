@@ -115,7 +115,7 @@ class Isosurfaces:
     def _level(self, inside: Callable[[float], bool], number: float) -> tuple[float, float]:
         """The threshold as a number and as samples are stored: as given, unless that parts the
         numbers otherwise, or rounding does."""
-        outer, inner = _neighbours(inside, *self._range, self._source)
+        outer, inner = _neighbours(inside, self._range, self._source)
         sign = np.copysign(1.0, self._map.gain)
         if not sign * outer < sign * number <= sign * inner:
             number = inner
@@ -164,11 +164,11 @@ class _Law:
 
 
 def _neighbours(
-    inside: Callable[[float], bool], first: float, last: float, source: Source
+    inside: Callable[[float], bool], ends: tuple[float, ...], source: Source
 ) -> tuple[float, float]:
-    """The last number that lies outside and the next, of first (outside) to last (inside)."""
+    """The last number that lies outside and the next, of those between the ends."""
     key, of_key = _ordinals(source)
-    outer, inner = key(first), key(last)
+    outer, inner = map(key, ends)
     while abs(inner - outer) > 1:
         middle = (outer + inner) // 2
         if inside(of_key(middle)):
