@@ -51,9 +51,10 @@ class Isosurfaces:
     NaN and no_data lie outside, infinities count as the largest floats. above: the solid is
     where values are at or above the threshold, else where they are at or below; None: below for
     level sets. capped: the solid ends at the data's border by a cap, as if samples beyond were the
-    farthest outside; else the surface ends there, open: a sheet, which has no inside. Whole numbers
-    are kept exactly in u8 or u16 where their range fits, others in f32; where f32 rounds them,
-    every threshold reads the grid anew. threads: 0 for all cores. max_nbytes: of samples and cells.
+    farthest outside; else the surface ends there, open: a sheet, which has no inside, and whose
+    normals see the border's samples repeated; leaves have no border. Whole numbers are kept exactly
+    in u8 or u16 where their range fits, others in f32; where f32 rounds them, every threshold reads
+    the grid anew. threads: 0 for all cores. max_nbytes: of samples and cells.
     Raises LeapRayError for grids that hold no real numbers, OutOfMemory beyond max_nbytes
     before anything is stored, Stopped when watch was told to stop.
     Attributes: low and high, the least and the largest value.

@@ -227,9 +227,7 @@ def some_rays(volume: leapray.Volume, n: int):
 
 
 @pytest.mark.parametrize("spec", EXACT, ids=lambda t: t.name)
-@pytest.mark.parametrize(
-    "made", [lambda: isosurface(noisy(), -950), lambda: isosurface(fog(), 0.8)]
-)
+@pytest.mark.parametrize(("grid", "threshold"), [(noisy, -950.0), (fog, 0.8)])
 def test_exact_traversers_agree_on_noise(spec, grid, threshold):
     volume = isosurface(grid(), threshold)
     rays = some_rays(volume, 3000)
@@ -358,6 +356,10 @@ def test_odd_thresholds_places_and_laws_are_refused():
             isosurface(grid_of(samples, **law), 1.0)
     with pytest.raises(leapray.LeapRayError, match="invertible"):
         isosurface(ScalarGrid("flat", samples, np.zeros((4, 4))), 1.0)
+    for place in (np.eye(3), np.full((4, 4), "a"), None):
+        for held in (samples, fog().samples):
+            with pytest.raises(leapray.LeapRayError, match="world_from_index"):
+                isosurface(ScalarGrid("misplaced", held, place), 1.0)
     with pytest.raises(leapray.LeapRayError, match="background"):
         isosurface(fog(), -1.0)
     with pytest.raises(leapray.LeapRayError, match="ScalarGrid"):
