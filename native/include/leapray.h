@@ -246,7 +246,7 @@ typedef struct lr_samples_map {
     double gain, base;      /* gain: a power of two, or minus one */
     double outside, inside; /* numbers: what stands for those that lie outside, which of whole
                                numbers is stored as 0; what bricks hold that take no memory */
-    double threshold;       /* as a number is stored that is not rounded */
+    double threshold;       /* a number */
 } lr_samples_map;
 
 /* An empty lattice; then lr_samples_scan for every part, or lr_samples_scan_leaves and
@@ -289,9 +289,13 @@ LR_API void lr_samples_get_range(const lr_samples *samples, lr_samples_range *ra
 LR_API lr_status lr_samples_allocate(lr_samples *samples, const lr_samples_map *map,
                                      uint64_t max_nbytes, uint64_t *nbytes, lr_error *error);
 
-/* Store the same numbers that were scanned. LR_E_ARGUMENT before lr_samples_allocate; as there. */
+/* Store the same numbers of a part that were scanned. LR_E_ARGUMENT for a part that is none and
+ * before lr_samples_allocate, LR_E_MEMORY, LR_E_STOPPED. */
 LR_API lr_status lr_samples_fill(lr_samples *samples, int32_t part, const void *numbers,
                                  const lr_watch *watch, lr_error *error);
+
+/* Store the same n leaves, numbers and origins, that were scanned. LR_E_ARGUMENT as for
+ * lr_samples_fill, LR_E_STOPPED. */
 LR_API lr_status lr_samples_fill_leaves(lr_samples *samples, const int32_t *origins,
                                         const void *numbers, uint64_t n, const lr_watch *watch,
                                         lr_error *error);
