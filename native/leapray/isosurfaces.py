@@ -19,6 +19,8 @@ from .threads import check_threads, run_steps
 from .volume import Volume, VolumeBuilder
 
 FLOAT_WHOLES = 1 << 24  # whole numbers in a row that a float holds
+FLOAT_MOST = float(np.finfo(np.float32).max)
+LEAST_SCALE = 2.0**-60  # numbers no larger are stored as multiples of a power of two
 
 
 def isosurface(
@@ -102,19 +104,23 @@ class Isosurfaces:
             return self._constant(False, watch)
         if inside(first):
             return self._constant(True, watch)
-        level = self._level(inside, self._law.number(threshold))
+        number, level = self._level(inside, self._law.number(threshold))
         if self._samples is not None:
             return self._samples.surface(level, threads, watch)
-        self._map.threshold = level
+        self._map.threshold = number
         samples = _Samples(self._source, threads, watch)
         samples.store(self._source, self._map, self._max_nbytes, threads, watch)
         return samples.surface(float(np.float32(level)), threads, watch)
 
-    def _level(self, inside: Callable[[float], bool], number: float) -> float:
-        """The threshold as samples are stored: as given, unless rounding parts them otherwise."""
-        numbers = (*_neighbours(inside, *self._range, self._source), number)
-        outer, inner, level = (self._map.gain * n - self._map.base for n in numbers)
-        return level if outer < level <= inner else inner
+    def _level(self, inside: Callable[[float], bool], number: float) -> tuple[float, float]:
+        """The threshold as a number and as samples are stored: as given, unless that parts the
+        numbers otherwise, or rounding does."""
+        outer, inner = _neighbours(inside, *self._range, self._source)
+        sign = np.copysign(1.0, self._map.gain)
+        if not sign * outer < sign * number <= sign * inner:
+            number = inner
+        low, high, level = (self._map.gain * n - self._map.base for n in (outer, inner, number))
+        return number, level if low < level <= high else high
 
     def _constant(self, inside: bool, watch: Watch) -> Volume:
         """Of samples that are all outside, or all inside but for those that are none."""
@@ -213,7 +219,7 @@ def _map_of(source: Source, samples: _Samples, law: _Law) -> tuple[_abi.lr_sampl
     if not source.whole and samples.fits_floats:
         return made, True
     largest = max(abs(ends[0]), abs(ends[1]))
-    if np.isfinite(largest) and largest > 0.0:
+    if not LEAST_SCALE < largest < FLOAT_MOST and not samples.infinite:
         made.gain = gain * 2.0 ** -float(np.clip(np.frexp(largest)[1], -1000, 1000))
     made.rounded = 1
     return made, False
@@ -244,7 +250,10 @@ class _Samples:
         source.scan(self.handle, self._parts(), threads, watch)
         found = _abi.lr_samples_range()
         lib.lr_samples_get_range(self.handle, ctypes.byref(found))
-        most = float(np.finfo(np.float32 if source.dtype == np.float32 else np.float64).max)
+        self.infinite = max(-found.low, found.high) == np.inf
+        most = FLOAT_MOST
+        if source.dtype != np.float32 and not self.infinite:
+            most = float(np.finfo(np.float64).max)
         self.low, self.high = max(found.low, -most), min(found.high, most)
         if source.sparse:
             self.low, self.high = (

@@ -30,7 +30,9 @@ def labels(grid: ScalarGrid, *, watch: Watch | None = None) -> Volume:
     array = grid.samples
     if source.sparse or not isinstance(array, np.ndarray):
         raise LeapRayError(f"labels of {grid.name!r} must be an array, not leaves")
-    builder = VolumeBuilder(source.size, "u8", (LEVEL - 0.5) / 255, source.object_from_index, has_ids=True)
+    builder = VolumeBuilder(
+        source.size, "u8", (LEVEL - 0.5) / 255, source.object_from_index, has_ids=True
+    )
     for first in range(0, len(array), SLAB):
         if watch is not None and watch.stopped:
             raise Stopped("the making of labels was stopped")

@@ -21,7 +21,7 @@ def grid_of(samples, **more) -> ScalarGrid:
 
 def inside(volume: leapray.Volume) -> np.ndarray:
     """Which samples the volume holds inside."""
-    return volume.read() >= volume.info.threshold * ONES[volume.info.dtype]
+    return volume.read().astype(np.float64) >= volume.info.threshold * ONES[volume.info.dtype]
 
 
 def surface_cells(solid: np.ndarray) -> np.ndarray:
@@ -29,10 +29,7 @@ def surface_cells(solid: np.ndarray) -> np.ndarray:
     padded = np.pad(solid, 1)
     nz, ny, nx = (n + 1 for n in solid.shape)
     corners = [
-        padded[k : k + nz, j : j + ny, i : i + nx]
-        for k in (0, 1)
-        for j in (0, 1)
-        for i in (0, 1)
+        padded[k : k + nz, j : j + ny, i : i + nx] for k in (0, 1) for j in (0, 1) for i in (0, 1)
     ]
     return np.any(corners, 0) & ~np.all(corners, 0)
 
@@ -228,7 +225,9 @@ def some_rays(volume: leapray.Volume, n: int):
 
 
 @pytest.mark.parametrize("spec", EXACT, ids=lambda t: t.name)
-@pytest.mark.parametrize("made", [lambda: isosurface(noisy(), -950), lambda: isosurface(fog(), 0.8)])
+@pytest.mark.parametrize(
+    "made", [lambda: isosurface(noisy(), -950), lambda: isosurface(fog(), 0.8)]
+)
 def test_exact_traversers_agree_on_noise(spec, made):
     volume = made()
     rays = some_rays(volume, 3000)

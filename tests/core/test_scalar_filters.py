@@ -108,7 +108,9 @@ def components(solid: np.ndarray) -> np.ndarray:
         while todo:
             z, y, x = todo.pop()
             found.append((z, y, x))
-            around = {(z + a, y + b, x + c) for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1)}
+            around = {
+                (z + a, y + b, x + c) for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1)
+            }
             near = around & left
             left -= near
             todo += near

@@ -138,17 +138,21 @@ void lr_columns_range(const lr_columns *c, int32_t type, size_t first, size_t la
 
 /* ---- stored values ------------------------------------------------------- */
 
+LR_INLINE float nearest_float(const lr_samples_map *m, double number)
+{
+    return (float)lr_clamp(m->gain * number - m->base, -(double)FLT_MAX, (double)FLT_MAX);
+}
+
 /* Of a map onto floats. Where numbers are rounded, none comes to the other side of the threshold,
- * nor onto it from below. */
+ * nor onto it from outside. */
 LR_INLINE float to_float(const lr_samples_map *m, double number)
 {
-    const double exact = m->gain * number - m->base;
-    const float nearest = (float)lr_clamp(exact, -(double)FLT_MAX, (double)FLT_MAX);
+    const float nearest = nearest_float(m, number);
     if (!m->rounded)
         return nearest;
-    const float level = (float)m->threshold;
-    return exact >= m->threshold ? fmaxf(nearest, level)
-                                 : fminf(nearest, nextafterf(level, -INFINITY));
+    const float level = nearest_float(m, m->threshold);
+    const bool inside = m->gain > 0.0 ? number >= m->threshold : number <= m->threshold;
+    return inside ? fmaxf(nearest, level) : fminf(nearest, nextafterf(level, -INFINITY));
 }
 
 double lr_stored_of(const lr_samples_map *m, double number)
