@@ -42,8 +42,8 @@ TOPICS = {
     ),
     "Isosurfaces": (
         "A scalar grid is a field as files hold it: numbers on a lattice and what they mean. An "
-        "isosurface is a volume of them: the solid on one side of a threshold. Filters make grids of "
-        "grids.",
+        "isosurface is a volume of them: the solid on one side of a threshold. Filters make grids "
+        "of grids.",
         "isosurface Isosurfaces labels coarser smooth without_islands",
     ),
     "Voxelization": (
