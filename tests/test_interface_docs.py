@@ -115,7 +115,7 @@ def functions() -> dict[str, tuple[str, str]]:
 
 
 FUNCTIONS = functions()
-HANDLE = r"(?:const )?lr_(?:volume|structure|scene|texture|voxelizer|radii) \*\w+"
+HANDLE = r"(?:const )?lr_(?:volume|samples|structure|scene|texture|voxelizer|radii) \*\w+"
 
 
 def test_the_header_is_read_whole():

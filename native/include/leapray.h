@@ -246,7 +246,7 @@ typedef struct lr_samples_map {
     double gain, base;      /* gain: a power of two, or minus one */
     double outside, inside; /* numbers: what stands for those that lie outside, which of whole
                                numbers is stored as 0; what bricks hold that take no memory */
-    double threshold;       /* as a number is stored that is not rounded */
+    double threshold;       /* a number */
 } lr_samples_map;
 
 /* An empty lattice; then lr_samples_scan for every part, or lr_samples_scan_leaves and

@@ -51,9 +51,10 @@ class Isosurfaces:
     NaN and no_data lie outside, infinities count as the largest floats. above: the solid is
     where values are at or above the threshold, else where they are at or below; None: below for
     level sets. capped: the solid ends at the data's border by a cap, as if samples beyond were the
-    farthest outside; else the surface ends there, open: a sheet, which has no inside. Whole numbers
-    are kept exactly in u8 or u16 where their range fits, others in f32; where f32 rounds them,
-    every threshold reads the grid anew. threads: 0 for all cores. max_nbytes: of samples and cells.
+    farthest outside; else the surface ends there, open: a sheet, which has no inside, and whose
+    normals see the border's samples repeated; leaves have no border. Whole numbers are kept exactly
+    in u8 or u16 where their range fits, others in f32; where f32 rounds them, every threshold reads
+    the grid anew. threads: 0 for all cores. max_nbytes: of samples and cells.
     Raises LeapRayError for grids that hold no real numbers, OutOfMemory beyond max_nbytes
     before anything is stored, Stopped when watch was told to stop.
     Attributes: low and high, the least and the largest value.
@@ -115,7 +116,7 @@ class Isosurfaces:
     def _level(self, inside: Callable[[float], bool], number: float) -> tuple[float, float]:
         """The threshold as a number and as samples are stored: as given, unless that parts the
         numbers otherwise, or rounding does."""
-        outer, inner = _neighbours(inside, *self._range, self._source)
+        outer, inner = _neighbours(inside, self._range, self._source)
         sign = np.copysign(1.0, self._map.gain)
         if not sign * outer < sign * number <= sign * inner:
             number = inner
@@ -164,11 +165,11 @@ class _Law:
 
 
 def _neighbours(
-    inside: Callable[[float], bool], first: float, last: float, source: Source
+    inside: Callable[[float], bool], ends: tuple[float, ...], source: Source
 ) -> tuple[float, float]:
-    """The last number that lies outside and the next, of first (outside) to last (inside)."""
+    """The last number that lies outside and the next, of those between the ends."""
     key, of_key = _ordinals(source)
-    outer, inner = key(first), key(last)
+    outer, inner = map(key, ends)
     while abs(inner - outer) > 1:
         middle = (outer + inner) // 2
         if inside(of_key(middle)):

@@ -30,9 +30,8 @@ def labels(grid: ScalarGrid, *, watch: Watch | None = None) -> Volume:
     array = grid.samples
     if source.sparse or not isinstance(array, np.ndarray):
         raise LeapRayError(f"labels of {grid.name!r} must be an array, not leaves")
-    builder = VolumeBuilder(
-        source.size, "u8", (LEVEL - 0.5) / 255, source.object_from_index, has_ids=True
-    )
+    level = (LEVEL - 0.5) / 255
+    builder = VolumeBuilder(source.size, "u8", level, source.object_from_index, has_ids=True)
     for first in range(0, len(array), SLAB):
         if watch is not None and watch.stopped:
             raise Stopped("the making of labels was stopped")
@@ -56,7 +55,7 @@ def _labels_of(grid: ScalarGrid, block: NDArray) -> NDArray[np.uint16]:
 
 def _occupancy(solid: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """0..255, of which 128 and more lie inside; beyond the block all is 0."""
-    total = solid.astype(np.uint8)
+    total: NDArray = solid.astype(np.uint8)
     for axis in range(3):
         line = np.moveaxis(total, axis, 0)
         out = 2 * line

@@ -52,7 +52,10 @@ class Source:
         self.whole = dtype.kind in "biu"
         self.no_data = None if grid.no_data is None else float(grid.no_data)
         self.capped = capped
-        self.object_from_index = np.asarray(grid.world_from_index, np.float64)
+        place = np.asarray(grid.world_from_index)
+        if place.shape != (4, 4) or place.dtype.kind not in "biuf":
+            raise LeapRayError(f"world_from_index of {grid.name!r} must be a 4x4 matrix")
+        self.object_from_index = place.astype(np.float64)
 
     def _native(self, numbers: NDArray) -> NDArray:
         with np.errstate(all="ignore"):

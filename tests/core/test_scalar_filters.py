@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -108,9 +109,7 @@ def components(solid: np.ndarray) -> np.ndarray:
         while todo:
             z, y, x = todo.pop()
             found.append((z, y, x))
-            around = {
-                (z + a, y + b, x + c) for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1)
-            }
+            around = {(z + a, y + b, x + c) for a, b, c in itertools.product((-1, 0, 1), repeat=3)}
             near = around & left
             left -= near
             todo += near
