@@ -260,6 +260,22 @@ def test_a_file_of_several_frames_knows_the_place_of_each(shared, folder):
         assert (grid.scale, grid.offset, grid.warnings) == (2, -1000, ())
 
 
+@pytest.mark.parametrize("offsets", [False, True])
+def test_frames_of_a_file_that_tells_of_the_first_go_along_the_normal(offsets, folder):
+    stored = phantoms.samples()
+    data = phantoms.dicom_slice(stored, PLACE, 0, generate_uid())
+    data.NumberOfFrames, data.PixelData = 7, stored.tobytes()
+    if offsets:  # as doses tell it
+        data.GridFrameOffsetVector = [3.0 * k for k in range(7)]
+        del data.SliceThickness
+    folder.mkdir()
+    data.save_as(folder / "all.dcm", enforce_file_format=True)
+    grid = leapray.read_volume(folder)
+    assert_array_equal(grid.samples, stored)
+    assert_allclose(grid.world_from_index, PLACE, atol=1e-6)
+    assert grid.warnings == ()
+
+
 def test_compressed_pictures_are_refused_by_the_name_of_the_compression(folder):
     def pretend(data, k):
         data.file_meta.TransferSyntaxUID = JPEG2000Lossless

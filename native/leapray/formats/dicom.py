@@ -54,6 +54,7 @@ HEADER_TAGS = [  # what is read of a file to sort it
     "SliceLocation",
     "ImagePositionPatient",
     "ImageOrientationPatient",
+    "GridFrameOffsetVector",
     "InstanceNumber",
     "TemporalPositionIdentifier",
     "AcquisitionNumber",
@@ -158,7 +159,8 @@ def _series_of(pydicom, path: Path, told: list[str]) -> dict[str, list[Slice]]:
         why = f"; {broken[0]} is broken" if broken else ""
         raise refuse(path, f"it holds no DICOM pictures{why}")
     if broken:
-        told.append(f"{path} holds {len(broken)} broken files, {broken[0]} among them")
+        folder = path if own is None else path.parent
+        told.append(f"{folder} holds {len(broken)} broken files, {broken[0]} among them")
     return found
 
 
@@ -223,7 +225,7 @@ def _slice(file: Path, index: int, head, told: dict[str, Any]) -> Slice:
         str(head.get("SeriesInstanceUID") or ""),
         (int(head.Rows), int(head.Columns)),
         _floats(told.get("ImageOrientationPatient"), 6),
-        _floats(told.get("ImagePositionPatient"), 3),
+        _position(index, head, told, thickness),
         (spacing[0], spacing[1]) if spacing else None,
         thickness,
         (*(_number(told.get(key)) for key in ORDER), index),
@@ -231,6 +233,20 @@ def _slice(file: Path, index: int, head, told: dict[str, Any]) -> Slice:
         0.0 if offset is None else float(offset),
         head,
     )
+
+
+def _position(index: int, head, told: dict[str, Any], thickness: float) -> tuple[float, ...] | None:
+    """Where a picture lies; those of a file that tells only of the first go along the normal."""
+    position = _floats(told.get("ImagePositionPatient"), 3)
+    alone = int(head.get("NumberOfFrames") or 1) == 1
+    if position is None or alone or head.get("PerFrameFunctionalGroupsSequence"):
+        return position
+    axes = _floats(told.get("ImageOrientationPatient"), 6)
+    offsets = told.get("GridFrameOffsetVector")  # of doses
+    if axes is None or not (offsets or thickness):
+        return None
+    rise = float(offsets[index]) if offsets else index * thickness
+    return tuple((position + rise * np.cross(axes[:3], axes[3:])).tolist())
 
 
 def _floats(values, n: int) -> tuple[float, ...] | None:
