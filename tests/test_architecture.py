@@ -55,7 +55,7 @@ LAYERS = {
         "arrays memory settings",
         "model process",
         "store.files",
-        "plan.coarser plan.culling plan.light_planes plan.mesh_colors plan.objects plan.planned",
+        "plan.culling plan.light_planes plan.mesh_colors plan.objects plan.planned",
         "plan.probes",
         "tiles store.volume_files",
         "plan.error_metric plan.field_filters plan.mesh_split plan.proximity plan.sample_types",

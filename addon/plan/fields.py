@@ -20,7 +20,6 @@ from leapray.scalar_grid import Leaves, ScalarGrid
 from .. import arrays, model
 from ..store import memory_cache
 from . import field_filters, objects
-from .coarser import coarser
 from .levels import MB
 from .planned import Plan
 
@@ -155,7 +154,7 @@ class Fields:
         if samples is None:
             began = time.perf_counter()
             samples = leapray.Isosurfaces(
-                self._filtered(field, threshold, factor),
+                field_filters.filtered(field, threshold, factor, self.threads, self.watch),
                 above=field.above,
                 capped=field.capped,
                 threads=self.threads,
@@ -164,16 +163,6 @@ class Fields:
             )
             self.seconds["voxelize"] += time.perf_counter() - began
         return self.cache.put(key, samples)
-
-    def _filtered(self, field: model.Field, threshold: float, factor: int) -> ScalarGrid:
-        """What the surfaces are taken from: coarser, smoothed, without small parts, as asked."""
-        grid, check = coarser(field.grid, factor), self._check_cancelled
-        if field.smoothing:
-            grid = field_filters.smoothed(grid, field.smoothing / factor, check)
-        if field.least:
-            least = -(-field.least // factor**3)
-            grid = field_filters.without_islands(grid, threshold, field.above, least, check)
-        return grid
 
     def _key(self, field: model.Field, factor: int) -> tuple:
         told = repr((field.above, field.capped, field.smoothing, field.least, factor)).encode()

@@ -51,4 +51,3 @@ class ScalarGrid:
     label_colors: dict[int, tuple[float, float, float]] = field(default_factory=dict)  # sRGB 0..1
     source: str = ""  # the file or folder that it was read from
     warnings: tuple[str, ...] = ()  # sentences on what was read with a doubt
-    source: str = ""  # the file or folder that it was read from

@@ -11,7 +11,7 @@ import scenes
 import leapray
 from addon import model, pipeline
 from addon.plan import field_filters, objects, plan
-from addon.plan.coarser import coarser
+from addon.plan.field_filters import coarser
 from addon.store.memory_cache import Cache
 from leapray.scalar_grid import Leaves, ScalarGrid
 
@@ -180,28 +180,6 @@ def test_bad_places_and_thresholds_are_sentences():
         assert any(f"'Volume {number}'" in w and words in w for w in frame.warnings)
 
 
-@pytest.mark.parametrize("mean", [True, False])
-def test_a_coarser_field_has_the_same_ball(mean):
-    """The mean of eight linear values is the value at their middle.
-
-    A quarter of the voxel's square by 1 / radius is what the field is off, at the radius of the
-    nearest sample; of means as much again.
-    """
-    grid = ball_grid(n=41, dtype=np.float32)
-    grid = grid if mean else dataclasses.replace(grid, no_data=-1e9)
-    made = coarser(grid, 4)
-    assert made.samples.shape == (11, 11, 11)
-    where_is = made.world_from_index @ (5, 5, 5, 1)
-    middle = (41 - 1) / 2 * grid.world_from_index[0, 0] + grid.world_from_index[0, 3]
-    index = np.array((5, 5, 5)) * 4 + (1.5 if mean else 0.0)
-    assert where_is[:3] == pytest.approx(
-        grid.world_from_index[:3, :3] @ index + grid.world_from_index[:3, 3]
-    ) and middle == pytest.approx(0.0, abs=1e-9)
-    frame = pipeline.render(scene([field(made)], [place(object_index=1)]))
-    radius = np.linalg.norm(frame.passes["Position"][where(frame, 1)], axis=1)
-    assert np.abs(radius - 1).max() < (4 * 2.6 / 40) ** 2 / 4 * (2.0 if mean else 1.3)
-
-
 def test_coarser_leaves_are_the_coarser_array():
     rng = np.random.default_rng(5)
     array = np.full((64, 64, 64), -7.0, np.float32)
@@ -242,55 +220,37 @@ def test_coarser_leaves_are_the_coarser_array():
 # ---- filters ---------------------------------------------------------------------------
 
 
-def never() -> None:
-    """Nobody stops."""
-
-
-@pytest.mark.parametrize("sigma", [0.7, 1.5])
-def test_smoothing_is_a_gaussian(sigma):
-    values = np.random.default_rng(2).normal(size=(20, 17, 23)).astype(np.float32)
-    got = field_filters.smoothed(ScalarGrid("noise", values, np.eye(4)), sigma, never).samples
-    axis = np.arange(-np.ceil(3 * sigma), np.ceil(3 * sigma) + 1)
-    weights = np.exp(-(axis**2) / (2 * sigma**2))
-    want = values.astype(np.float64)
-    for k in range(3):
-        pad = [(len(axis) // 2,) * 2 if k == a else (0, 0) for a in range(3)]
-        rows = np.pad(want, pad, mode="edge")
-        want = np.apply_along_axis(np.convolve, k, rows, weights / weights.sum(), "valid")
-    np.testing.assert_allclose(got, want, atol=1e-5)
-
-
-def test_smoothing_leaves_out_what_has_no_value():
-    values = np.full((9, 9, 9), 4, np.int16)
-    values[4, 4, 4] = values[0, 0, 0] = -32768
-    got = field_filters.smoothed(ScalarGrid("holes", values, np.eye(4), no_data=-32768), 1.0, never)
-    assert got.no_data is None and np.isnan(got.samples[4, 4, 4])
-    np.testing.assert_allclose(got.samples[~np.isnan(got.samples)], 4.0, rtol=1e-6)
-    assert np.isnan(got.samples).sum() == 2
-
-
 def test_labels_are_smoothed_as_one_region():
     labels = np.zeros((12, 12, 12), np.uint8)
     labels[:, :, 3:7], labels[:, :, 7:] = 3, 200
-    got = field_filters.smoothed(ScalarGrid("labels", labels, np.eye(4), kind="labels"), 1.0, never)
-    assert got.samples.max() <= 1.0 + 1e-6 and abs(got.samples[6, 6, 7:10] - 1).max() < 1e-2
-    assert got.samples[6, 6, 2] < 0.5 < got.samples[6, 6, 3]
+    grid = ScalarGrid("labels", labels, np.eye(4), kind="labels")
+    made = field_filters.filtered(field(grid, 0.5, smoothing=1.0), 0.5, 1, 1, leapray.Watch())
+    across = made.samples[6, 6]
+    assert across.max() <= 1.0 + 1e-6 and abs(across[7:10] - 1).max() < 1e-2
+    assert across[2] < 0.5 < across[3]
 
 
-def test_small_parts_are_left_out_and_large_ones_stay():
-    """Against a labelling of scipy's."""
-    ndimage = pytest.importorskip("scipy.ndimage")
-    rng = np.random.default_rng(3)
-    values = ndimage.gaussian_filter(rng.normal(size=(40, 30, 50)), 1.2) * 100
-    for above, threshold in ((True, 12.0), (False, -12.0)):
-        grid = ScalarGrid("noise", values, np.eye(4))
-        labels, n = ndimage.label(values >= threshold if above else values <= threshold)
-        sizes = np.bincount(labels.ravel())
-        assert n > 50 and (sizes[1:] < 20).sum() > 10 and (sizes[1:] >= 20).sum() > 5
-        got = field_filters.without_islands(grid, threshold, above, 20, never).samples
-        inside = got >= threshold if above else got <= threshold
-        np.testing.assert_array_equal(inside, (labels > 0) & (sizes[labels] >= 20))
-        np.testing.assert_array_equal(got[inside], values[inside])
+def test_filters_take_sparse_fields_as_arrays_of_the_same_place():
+    rng = np.random.default_rng(4)
+    samples = Leaves(
+        np.array([(-8, 0, 16)], np.int32),
+        rng.normal(size=(1, 8, 8, 8)),
+        -1.0,
+        np.array([(0, 0, 16)], np.int32),
+        np.array([8], np.int32),
+        np.array([5.0]),
+    )
+    matrix = np.diag([0.5, 0.25, 2.0, 1.0])
+    matrix[:3, 3] = 1, 2, 3
+    made = field_filters.dense(ScalarGrid("sparse", samples, matrix))
+    assert made.samples.shape == (10, 10, 18)
+    np.testing.assert_array_equal(made.samples[1:9, 1:9, 1:9], samples.samples[0])
+    assert (made.samples[1:9, 1:9, 9:17] == 5.0).all() and made.samples[0].max() == -1.0
+    first = made.world_from_index @ (1, 1, 1, 1)
+    np.testing.assert_allclose(first, matrix @ (-8, 0, 16, 1))
+    far = dataclasses.replace(samples, tile_origins=np.array([(80000, 80000, 16)], np.int32))
+    with pytest.raises(leapray.LeapRayError, match="too large to be filtered"):
+        field_filters.dense(ScalarGrid("far", far, matrix))
 
 
 def test_filters_reach_the_picture():
