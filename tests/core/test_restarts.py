@@ -168,6 +168,7 @@ def test_no_ray_gets_out_of_a_solid_or_hits_where_it_is(name):
         ("spikes", 122, 2),  # beyond one, which it leaves so flatly that it passes by the next
         ("spikes", 38, 4),  # the field beside a triangle cell has the surface further on
         ("blob", 73, 2),  # a side that was handed on met the dip of a field that agrees behind it
+        ("icosphere", 153, 4),  # a start beyond its cell, by two: the field between was met there
     ],
 )
 def test_rays_that_got_out_or_stuck_once_do_so_no_more(name, seed, bounces):

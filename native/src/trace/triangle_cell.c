@@ -75,6 +75,7 @@ typedef struct scene {
     int carried;      /* side */
     double off;       /* of the start, from triangles that it lies on */
     bool beyond;      /* the ray starts in the cell, on a triangle where that sticks out of it */
+    bool behind;      /* the ray has left the cell before it starts */
     double per_voxel; /* t */
     uint64_t *n_samples;
 } scene;
@@ -150,6 +151,7 @@ static void find_gates(scene *s, const lr_ray *r, double t_start)
         }
     }
     const double t_out = lr_exit_t(r, LR_REGULAR, s->c, s->c, &out);
+    s->behind = t_out < t_start - SLACK * s->per_voxel;
     s->out = gate_at(s, out, fmax(t_out, t_start), r->s[out]);
     s->in = t_in > t_start ? gate_at(s, in, t_in, -r->s[in]) : (gate){.t = t_start};
 }
@@ -517,7 +519,7 @@ bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *
     }
     if (leaving->side == 0)
         return false;
-    const lost end = lose(&s);
+    const lost end = s.behind ? LR_ASTRAY : lose(&s);
     *side = end == LR_ASTRAY ? 2 * leaving->side : 0;
     if (end < LR_PASSED)
         return false;
