@@ -94,6 +94,45 @@ def test_a_body_with_sharp_edges_has_no_wrong_pixel(body, pose):
     assert wrong == dict.fromkeys(ONCE, 0)
 
 
+def beside_edges(mesh, n, seed=0):
+    """Points (n, 3) on faces, within 1e-12 to 1e-4 voxel of an edge, and outward normals (n, 3)."""
+    rng = np.random.default_rng(seed)
+    turned = (rng.integers(3, size=(n, 1)) + np.arange(3)) % 3
+    corner = mesh[0][mesh[1][rng.integers(len(mesh[1]), size=(n, 1)), turned]]
+    along = corner[:, 1] - corner[:, 0]
+    normal = np.cross(along, corner[:, 2] - corner[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    inward = np.cross(normal, along)
+    inward *= (VOXEL * 10 ** rng.uniform(-12, -4, n) / np.linalg.norm(inward, axis=1))[:, None]
+    return corner[:, 0] + rng.uniform(0.01, 0.99, (n, 1)) * along + inward, normal
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("body", BODIES)
+def test_rays_that_start_beside_an_edge_keep_their_side(body, pose):
+    """Half of the starts lie beyond their face, by up to half of what a start may be off."""
+    mesh = posed(BODIES[body], pose)
+    volume = leapray.voxelize(*mesh, VOXEL, kind="solid", exact="all")
+    structure = leapray.build(volume)
+    exact = volume.read_exact((-1, -1, -1), tuple(n + 2 for n in volume.info.size))
+    rng = np.random.default_rng(1)
+    points, normal = beside_edges(mesh, 60_000)
+    seen = leapray.trace(structure, points + 3 * VOXEL * normal, -normal)
+    on = np.isfinite(seen.t) & (np.abs(seen.t - 3 * VOXEL) < 1e-9 * VOXEL)
+    i, j, k = seen.cell.T + 1
+    on &= exact[np.where(on, k, 0), np.where(on, j, 0), np.where(on, i, 0)].astype(bool)
+    points, normal, cell = points[on], normal[on], seen.cell[on]
+    assert len(points) > 30_000
+    points += VOXEL * rng.uniform(-5e-7, 5e-7, (len(points), 1)) * normal
+    slope = 10 ** rng.uniform(-4, 0, (len(points), 1))
+    d = rng.normal(size=points.shape)
+    d += (slope * np.linalg.norm(d, axis=1, keepdims=True) - (d * normal).sum(1)[:, None]) * normal
+    for side in (-1, 1):
+        sides = np.full(len(points), side)
+        hits = leapray.trace(structure, points, -side * d, start=(cell, sides))
+        assert np.isfinite(hits.t).sum() == (len(points) if side > 0 else 0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (1000.0, -700.0, 300.0)])
 @pytest.mark.parametrize("scale", [1e-3, 1e3])

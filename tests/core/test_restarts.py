@@ -112,13 +112,13 @@ class Walk:
         return near
 
 
-def walk(name, seed):
+def walk(name, seed, bounces=BOUNCES):
     """Restarts from cells with triangles; those that got out; those that hit where they were."""
     w = Walk(name, seed)
     o, d = w.first()
     hits = leapray.trace(w.structure, o, d, count=False)
     restarts, out, stuck = 0, [], []
-    for bounce in range(BOUNCES):
+    for bounce in range(bounces):
         hit = np.isfinite(hits.t)
         points, outward, cell = (
             (o + hits.t[:, None] * d)[hit],
@@ -159,3 +159,20 @@ def test_no_ray_gets_out_of_a_solid_or_hits_where_it_is(name):
         restarts, seed = restarts + done, seed + 1
         assert not out, out
         assert not stuck, stuck
+
+
+@pytest.mark.parametrize(
+    "name, seed, bounces",
+    [
+        ("spikes", 32, 5),  # a start that rounding has put beyond both triangles of an edge
+        ("spikes", 122, 2),  # beyond one, which it leaves so flatly that it passes by the next
+        ("spikes", 38, 4),  # the field beside a triangle cell has the surface further on
+        ("blob", 73, 2),  # a side that was handed on met the dip of a field that agrees behind it
+        ("icosphere", 153, 4),  # a start beyond its cell, by two: the field between was met there
+    ],
+)
+def test_rays_that_got_out_or_stuck_once_do_so_no_more(name, seed, bounces):
+    restarts, out, stuck = walk(name, seed, bounces)
+    assert restarts > 20_000
+    assert not out, out
+    assert not stuck, stuck

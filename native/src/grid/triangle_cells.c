@@ -217,26 +217,31 @@ lr_status lr_triangle_cells_attach(lr_volume *v, const lr_triangle_cells_part *p
 double lr_triangle_cell_distance2(const lr_triangle_cells *e, uint32_t triangle, const double q[3])
 {
     const double *p[3];
-    double n[3], best = INFINITY;
+    double n[3], along[3][3], from[3][3], best = INFINITY;
     bool in_face = true;
     lr_triangle_cell_corners(e, triangle, p);
     lr_triangle_cell_normal(e, triangle, n);
     for (int c = 0; c < 3; c++) {
-        const double *a = p[c], *b = p[(c + 1) % 3];
-        const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
-        const double from[3] = {q[0] - a[0], q[1] - a[1], q[2] - a[2]};
-        const double out[3] = {along[1] * n[2] - along[2] * n[1], along[2] * n[0] - along[0] * n[2],
-                               along[0] * n[1] - along[1] * n[0]};
-        in_face = in_face && lr_dot(out, from) <= 0.0;
-        const double share = lr_clamp(lr_dot(along, from) / lr_dot(along, along), 0.0, 1.0);
+        for (int i = 0; i < 3; i++) {
+            along[c][i] = p[(c + 1) % 3][i] - p[c][i];
+            from[c][i] = q[i] - p[c][i];
+        }
+        const double *a = along[c], out[3] = {a[1] * n[2] - a[2] * n[1], a[2] * n[0] - a[0] * n[2],
+                                              a[0] * n[1] - a[1] * n[0]};
+        in_face = in_face && lr_dot(out, from[c]) <= 0.0;
+    }
+    const double height = lr_dot(n, from[0]);
+    if (in_face)
+        return height * height / lr_dot(n, n);
+    for (int c = 0; c < 3; c++) {
+        const double share =
+            lr_clamp(lr_dot(along[c], from[c]) / lr_dot(along[c], along[c]), 0.0, 1.0);
         double square = 0.0;
         for (int i = 0; i < 3; i++)
-            square += (from[i] - share * along[i]) * (from[i] - share * along[i]);
+            square += (from[c][i] - share * along[c][i]) * (from[c][i] - share * along[c][i]);
         best = square < best ? square : best;
     }
-    const double from[3] = {q[0] - p[0][0], q[1] - p[0][1], q[2] - p[0][2]};
-    const double height = lr_dot(n, from);
-    return in_face ? height * height / lr_dot(n, n) : best;
+    return best;
 }
 
 uint32_t lr_triangle_cell_nearest(const lr_volume *v, const int32_t c[3], const double q[3])

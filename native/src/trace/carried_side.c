@@ -30,13 +30,13 @@ bool lr_hit_handed(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
     *side = 0;
     found->triangle = LR_NO_TRIANGLE;
     found->object = LR_NO_OBJECT;
-    if (out >= 0.0) /* the field agrees again */
-        return lr_hit_cell(v, r, LR_REGULAR, u, way, options, found, n_samples);
     const double shift = fmax(TRUSTED_OFF, -in) / to_voxels;
     double shifted[8];
     for (int b = 0; b < 8; b++)
         shifted[b] = h.corner[b] + shift;
     bool hit = lr_hit_corners(v, shifted, r, LR_REGULAR, u, way, options, found, n_samples);
+    if (!hit && out >= 0.0)
+        return false; /* the field agrees again */
     if (!hit) {
         int32_t beside[3] = {u->c[0], u->c[1], u->c[2]};
         beside[axis] += r->s[axis];

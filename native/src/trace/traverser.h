@@ -5,8 +5,10 @@
 #ifndef LR_TRACE_TRAVERSER_H
 #define LR_TRACE_TRAVERSER_H
 
-#include "grid/access.h"
+#include "grid/triangle_cells.h"
+#include "trace/cell_common.h"
 #include "trace/ray.h"
+#include "trace/start_side.h"
 #include "trace/structure.h"
 
 #define LR_TRAVERSER(name, label, source, about, options, flags)                                   \
@@ -39,7 +41,8 @@ LR_INLINE bool lr_starts_inside(const lr_volume *v, const lr_ray *r, lr_lattice 
     return lr_enter(&copy, lattice, u, lo, hi, t_min) && u->axis < 0 && lr_object_cell(v, u->c);
 }
 
-/* Leave a surface: stand on its cell, whatever rounding says. */
+/* Leave a surface: stand on its cell, on the side of the triangles that it keeps, whatever rounding
+ * says. */
 LR_INLINE bool lr_leave(const lr_volume *v, lr_ray *r, lr_cursor *u, const lr_start *start,
                         double t_min)
 {
@@ -53,6 +56,14 @@ LR_INLINE bool lr_leave(const lr_volume *v, lr_ray *r, lr_cursor *u, const lr_st
     }
     u->axis = -1;
     u->t = t_min;
+    if (inside && v->triangle_cells != NULL && lr_is_triangle_cell(v, u->c)) {
+        const int32_t c[3] = {u->c[0], u->c[1], u->c[2]}; /* copies, for the registers' sake */
+        double q[3], way[3];
+        lr_point_at(r, t_min, q);
+        lr_way_to_side(v, c, start->side, q, way);
+        for (int a = 0; a < 3; a++)
+            r->o[a] += way[a];
+    }
     return inside;
 }
 

@@ -11,8 +11,8 @@
  * the two cells, even where it lies in the other; no ray slips through a step between
  * the two, and none that left the one is stopped by the other.
  *
- * A ray that left a triangle starts on it but for rounding; it is the side, not the
- * rounding, that tells which triangles around its start are behind it.
+ * A ray that left a triangle starts on its side of that, and of others there
+ * (trace/start_side.c), so that none behind it is met.
  *
  * It keeps that side until it meets a surface. Where it leaves the cell on the other side
  * all the same, the field is off, and the side is handed on (trace/carried_side.c), or the ray has
@@ -27,12 +27,12 @@
 
 #include "trace/cell_common.h"
 
-/* A triangle that the ray leaves so flatly that rounding puts it up to so far behind the start,
- * in voxels, is met at the start. */
-static const double START_NEAR = 1e-2;
-/* A start on several triangles is judged so far ahead, in voxels, by that share of what a start
- * may be off; a ray that has gone by an edge by rounding, by so many times that. */
-static const double AHEAD = 1e-4, AHEAD_OFF = 0.125, SLIP = 4.0;
+/* Squares of distances from an edge or a corner, over the triangles that share it, agree but for
+ * so much of them. */
+static const double TIE = 1e-6;
+/* A ray that has gone by an edge by rounding did so by no more than so many times what a start may
+ * be off. */
+static const double SLIP = 4.0;
 /* Where the field agrees by less, in voxels, it may change its mind at once. */
 static const double BARELY = 1e-4;
 /* Rays through edges and corners of cells may pass by the cell that holds the hit. */
@@ -75,6 +75,7 @@ typedef struct scene {
     int carried;      /* side */
     double off;       /* of the start, from triangles that it lies on */
     bool beyond;      /* the ray starts in the cell, on a triangle where that sticks out of it */
+    bool behind;      /* the ray has left the cell before it starts */
     double per_voxel; /* t */
     uint64_t *n_samples;
 } scene;
@@ -150,6 +151,7 @@ static void find_gates(scene *s, const lr_ray *r, double t_start)
         }
     }
     const double t_out = lr_exit_t(r, LR_REGULAR, s->c, s->c, &out);
+    s->behind = t_out < t_start - SLACK * s->per_voxel;
     s->out = gate_at(s, out, fmax(t_out, t_start), r->s[out]);
     s->in = t_in > t_start ? gate_at(s, in, t_in, -r->s[in]) : (gate){.t = t_start};
 }
@@ -191,32 +193,6 @@ static bool after(scene *s, gate *g, int side, const met *m)
 
 /* ---- the cell ---------------------------------------------------------- */
 
-/* Does another triangle that the ray leaves, to its own side, hide this one at the start?
- * So it does over a convex edge: nothing of this one rises over its plane. */
-static bool is_hidden(const scene *s, uint32_t triangle)
-{
-    const lr_triangle_cells *e = s->v->triangle_cells;
-    double start[3];
-    const double *p[3], *q[3];
-    lr_point_at(s->r, s->leaving->t, start);
-    lr_triangle_cell_corners(e, triangle, p);
-    for (uint32_t i = 0; i < s->n; i++) {
-        double n[3], highest = -INFINITY;
-        lr_triangle_cell_normal(e, s->list[i], n);
-        if (s->list[i] == triangle || !(lr_dot(n, s->r->d) * s->leaving->side < 0.0) ||
-            lr_triangle_cell_distance2(e, s->list[i], start) > s->off * s->off)
-            continue;
-        lr_triangle_cell_corners(e, s->list[i], q);
-        for (int c = 0; c < 3; c++) {
-            const double from[3] = {p[c][0] - q[0][0], p[c][1] - q[0][1], p[c][2] - q[0][2]};
-            highest = fmax(highest, -s->leaving->side * lr_dot(n, from));
-        }
-        if (highest <= s->off * sqrt(lr_dot(n, n)))
-            return true;
-    }
-    return false;
-}
-
 /* Is this the triangle that the ray left, where the field stood for it? The field may be
  * off, and so the ray may cross the triangle again, to the side on which it is already. */
 static bool is_left(const scene *s, const met *m)
@@ -229,42 +205,68 @@ static bool is_left(const scene *s, const met *m)
            LR_EXACT_NEAR * LR_EXACT_NEAR;
 }
 
-/* Is the triangle in front of the ray's start? Moves a hit that rounding has put
- * behind the start onto it. */
-static bool in_front(const scene *s, met *m)
+/* Is the triangle in front of the ray's start? There, the ray goes through triangles only away
+ * from its side, but where they are wound against each other. */
+static bool in_front(const scene *s, const met *m)
 {
-    const double ahead = (m->t - s->leaving->t) / s->per_voxel;
-    if (s->leaving->side == 0 || fabs(m->t - s->leaving->t) * m->per_t > s->off ||
-        ahead < -START_NEAR)
-        return ahead >= 0.0 && (s->leaving->side == 0 || !is_left(s, m));
-    m->t = ahead >= 0.0 ? m->t : s->leaving->t;
-    return m->inward == (s->leaving->side < 0) && !is_hidden(s, m->triangle);
+    if (!(m->t >= s->leaving->t))
+        return false;
+    if (s->leaving->side == 0)
+        return true;
+    return fabs(m->t - s->leaving->t) * m->per_t <= s->off ? m->inward == (s->leaving->side < 0)
+                                                           : !is_left(s, m);
 }
 
-/* By how much a point is on the ray's side of the nearest triangle of the cell, in voxels;
- * NaN where none is near. Of those that share its nearest edge or corner the one that
- * is seen most from the front or the back tells. */
+/* The angle of a triangle at the corner where a point is nearest to it, by the square of its
+ * distance; 1 where it is nearest to no corner. */
+static double angle_at(const double *const p[3], const double q[3], double square)
+{
+    for (int c = 0; c < 3; c++) {
+        double from[3], a[3], b[3];
+        for (int i = 0; i < 3; i++) {
+            from[i] = q[i] - p[c][i];
+            a[i] = p[(c + 1) % 3][i] - p[c][i];
+            b[i] = p[(c + 2) % 3][i] - p[c][i];
+        }
+        if (lr_dot(from, from) <= (1.0 + TIE) * square)
+            return acos(lr_clamp(lr_dot(a, b) / sqrt(lr_dot(a, a) * lr_dot(b, b)), -1.0, 1.0));
+    }
+    return 1.0;
+}
+
+/* By how much a point is on the ray's side of the cell's triangles: how far it is from them, less
+ * than 0 on the other side; NaN where none is near. Of those that share the nearest edge or corner
+ * none need tell alone: their normals, weighted by their angles there, do; and `triangle` is the
+ * one that is seen most from the front or the back.
+ *
+ * Source: Baerentzen, Aanaes 2005, Signed distance computation using the angle weighted
+ * pseudonormal. */
 static double height_at(const scene *s, const double q[3], uint32_t *triangle)
 {
-    double best = LR_EXACT_NEAR * LR_EXACT_NEAR, height = NAN;
+    const lr_triangle_cells *e = s->v->triangle_cells;
+    double best = LR_EXACT_NEAR * LR_EXACT_NEAR, sum = 0.0, most = -1.0;
+    bool any = false;
     for (uint32_t i = 0; i < s->n; i++) {
-        const double square = lr_triangle_cell_distance2(s->v->triangle_cells, s->list[i], q);
-        const bool tie = fabs(square - best) <= 1e-6 * best + s->off * s->off;
-        if (!(square < best) && !tie)
+        const double square = lr_triangle_cell_distance2(e, s->list[i], q);
+        any = any || square <= best;
+        best = fmin(best, square);
+    }
+    for (uint32_t i = 0; i < s->n && any; i++) {
+        if (!(lr_triangle_cell_distance2(e, s->list[i], q) <= (1.0 + TIE) * best))
             continue;
         const double *p[3];
         double n[3];
-        lr_triangle_cell_corners(s->v->triangle_cells, s->list[i], p);
-        lr_triangle_cell_normal(s->v->triangle_cells, s->list[i], n);
+        lr_triangle_cell_corners(e, s->list[i], p);
+        lr_triangle_cell_normal(e, s->list[i], n);
         const double from[3] = {q[0] - p[0][0], q[1] - p[0][1], q[2] - p[0][2]};
         const double h = -s->leaving->side * lr_dot(n, from) / sqrt(lr_dot(n, n));
-        if (tie && fabs(h) <= fabs(height))
-            continue;
-        best = tie ? fmin(best, square) : square;
-        height = h;
-        *triangle = s->list[i];
+        sum += angle_at(p, q, best) * h;
+        if (fabs(h) > most) {
+            most = fabs(h);
+            *triangle = s->list[i];
+        }
     }
-    return height;
+    return any ? copysign(sqrt(best), sum) : NAN;
 }
 
 /* Is the ray within LR_EXACT_NEAR of the cell at t, where the list has every triangle? */
@@ -328,14 +330,14 @@ static bool leads_in(const scene *s, uint32_t triangle, double height)
     return lr_dot(n, s->r->d) * s->leaving->side < 0.0;
 }
 
-/* Has the field beside the cell the outside where the triangle has it? */
-static bool is_wound_well(const scene *s, uint32_t triangle)
+/* Has the field beyond the face the outside where the triangle has it? */
+static bool is_wound_well(const scene *s, const gate *at, uint32_t triangle)
 {
     double n[3], corner[8], g[3], p[3];
     lr_triangle_cell_normal(s->v->triangle_cells, triangle, n);
     for (int a = 0; a < 3; a++)
-        p[a] = lr_clamp(s->out.p[a] - s->out.beside[a], 0.0, 1.0);
-    lr_corners(s->v, s->out.beside, corner);
+        p[a] = lr_clamp(at->p[a] - at->beside[a], 0.0, 1.0);
+    lr_corners(s->v, at->beside, corner);
     lr_trilinear_gradient(corner, p, g);
     return lr_dot(n, g) <= 0.0;
 }
@@ -365,9 +367,25 @@ typedef enum lost {
                   rounding */
 } lost;
 
+/* Did a ray that left a triangle come through the face on its side, by the field, but beyond the
+ * triangles there? The two are off by so much, and it has passed the surface in cells of the field,
+ * which had it further on. */
+static bool passed_before(scene *s)
+{
+    uint32_t triangle = 0;
+    if (!s->in.open || !lr_is_triangle_cell(s->v, s->leaving->cell) ||
+        (value_at(s, &s->in) >= 0.0) != (s->leaving->side > 0) || fabs(s->in.value) > LR_FIELD_OFF)
+        return false;
+    const double height = height_at(s, s->in.p, &triangle);
+    return height < -s->off && fabs(s->in.value) - height <= LR_FIELD_OFF &&
+           is_wound_well(s, &s->in, triangle);
+}
+
 static lost lose(scene *s)
 {
     const lr_volume *v = s->v;
+    if (v->desc.kind == LR_KIND_SOLID && passed_before(s))
+        return LR_PASSED;
     const double value = value_at(s, &s->out);
     const bool agrees = (value >= 0.0) == (s->leaving->side > 0);
     if (agrees && s->carried == 0 && !(fabs(value) < BARELY))
@@ -388,7 +406,8 @@ static lost lose(scene *s)
     if (!told)
         return s->carried != 0 ? LR_ASTRAY : LR_AGREES;
     /* of a triangle that is wound inside out the side is wrong, but not of the field */
-    if (!isnan(height) && !(fabs(value) + height <= LR_FIELD_OFF && is_wound_well(s, triangle)))
+    if (!isnan(height) &&
+        !(fabs(value) + height <= LR_FIELD_OFF && is_wound_well(s, &s->out, triangle)))
         return LR_AGREES;
     if (fabs(value) > LR_FIELD_OFF)
         return LR_PASSED;
@@ -412,43 +431,6 @@ static void locate(const lr_volume *v, const lr_ray *r, double t, const int32_t 
     memcpy(found->c, !same && lr_holds_surface(v, there) ? there : c, sizeof found->c);
     for (int a = 0; a < 3; a++)
         found->p[a] = lr_clamp(q[a] - found->c[a], 0.0, 1.0);
-}
-
-/* Does the start lie on a triangle that the ray cannot go on through? Rounding may have put
- * it beside that, where two of them share an edge or many a corner: then the ray's line
- * meets none, though the ray goes out between them. */
-static bool starts_against(const scene *s, uint32_t triangle)
-{
-    const double *p[3];
-    double n[3], start[3], from[3];
-    lr_triangle_cell_normal(s->v->triangle_cells, triangle, n);
-    if (!(lr_dot(n, s->r->d) * s->leaving->side > 0.0))
-        return false;
-    lr_point_at(s->r, s->leaving->t, start);
-    lr_triangle_cell_corners(s->v->triangle_cells, triangle, p);
-    for (int a = 0; a < 3; a++)
-        from[a] = start[a] - p[0][a];
-    const double height = lr_dot(n, from);
-    if (height * height > s->off * s->off * lr_dot(n, n) ||
-        lr_triangle_cell_distance2(s->v->triangle_cells, triangle, start) > s->off * s->off)
-        return false;
-    uint32_t nearest;
-    double ahead[3];
-    lr_point_at(s->r, s->leaving->t + AHEAD * s->per_voxel, ahead);
-    return height_at(s, ahead, &nearest) < -AHEAD_OFF * s->off;
-}
-
-static bool stop_at_start(const scene *s, lr_found *found)
-{
-    for (uint32_t i = 0; i < s->n; i++)
-        if (starts_against(s, s->list[i])) {
-            found->t = s->leaving->t;
-            found->triangle = s->list[i];
-            found->object = LR_NO_OBJECT;
-            locate(s->v, s->r, found->t, s->c, found);
-            return found->t <= s->r->t_max;
-        }
-    return false;
 }
 
 /* The surface that the ray has passed in the cell, though it meets none of its triangles: it
@@ -537,12 +519,10 @@ bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *
     }
     if (leaving->side == 0)
         return false;
-    const lost end = lose(&s);
+    const lost end = s.behind ? LR_ASTRAY : lose(&s);
     *side = end == LR_ASTRAY ? 2 * leaving->side : 0;
     if (end < LR_PASSED)
         return false;
-    if (u->axis < 0 && stop_at_start(&s, found))
-        return true;
     if (end == LR_SLIPPED)
         return comes_from_inside(&s) && stop_at_passed(&s, SLIP * s.off, found);
     return stop_at_passed(&s, INFINITY, found);

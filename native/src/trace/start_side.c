@@ -1,0 +1,69 @@
+/* Rays that leave triangles: their starts, put on the side to which they leave.
+ *
+ * A start lies on a triangle but for rounding, and so, half of the time, beyond it. Beside an
+ * edge its line may then pass by both triangles of that: the ray gets out of a solid, or into
+ * it, unseen. Once the start is clear of what it lies on, by more than rounding does to the
+ * intersection of triangles, every triangle that the ray meets is one that it goes through, and
+ * triangles that share an edge let none pass between them.
+ *
+ * The way is that of the sum of the triangles' normals, the shortest one that clears all:
+ * at an edge it leads to the side of both. At a corner whose triangles do not all face it,
+ * those that do not are left as they are.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "trace/start_side.h"
+
+#include "trace/cell_common.h"
+
+/* Voxels: more than rounding does to heights over triangles in storage space, whose coordinates
+ * are below 2^14: some dozen units in the last place of these. */
+static const double CLEAR = 1e-10;
+/* Triangles that lean more than this from the way, as a cosine, would make it long. */
+static const double LEAST_LEAN = 0.05;
+
+/* Does q lie on the triangle, but for `off`? n: its unit normal to the given side. height: how far
+ * q is on that side of its plane. */
+static bool lies_on(const lr_triangle_cells *e, uint32_t triangle, int32_t side, const double q[3],
+                    double off, double n[3], double *height)
+{
+    const double *p[3];
+    lr_triangle_cell_corners(e, triangle, p);
+    lr_triangle_cell_normal(e, triangle, n);
+    const double from[3] = {q[0] - p[0][0], q[1] - p[0][1], q[2] - p[0][2]};
+    const double square = lr_dot(n, n), along = lr_dot(n, from);
+    if (!(along * along <= off * off * square) ||
+        lr_triangle_cell_distance2(e, triangle, q) > off * off)
+        return false;
+    const double unit = -side / sqrt(square);
+    *height = along * unit;
+    for (int a = 0; a < 3; a++)
+        n[a] *= unit;
+    return true;
+}
+
+void lr_way_to_side(const lr_volume *v, const int32_t c[3], int32_t side, const double q[3],
+                    double way[3])
+{
+    double n[3], sum[3] = {0}, height = 0.0, least = INFINITY;
+    uint32_t count, n_near = 0;
+    const double off = lr_start_off(v);
+    const uint32_t *list = lr_triangle_cell_list(v, c, &count);
+    for (uint32_t i = 0; i < count; i++)
+        if (lies_on(v->triangle_cells, list[i], side, q, off, n, &height)) {
+            n_near++;
+            least = fmin(least, height);
+            for (int a = 0; a < 3; a++)
+                sum[a] += n[a];
+        }
+    const double length = sqrt(lr_dot(sum, sum));
+    double far = n_near == 1 ? fmax(CLEAR - least, 0.0) : 0.0;
+    if (n_near > 1 && least < CLEAR && length > LEAST_LEAN)
+        for (uint32_t i = 0; i < count; i++)
+            if (lies_on(v->triangle_cells, list[i], side, q, off, n, &height)) {
+                const double lean = lr_dot(n, sum) / length;
+                if (lean > LEAST_LEAN)
+                    far = fmax(far, (CLEAR - height) / lean);
+            }
+    for (int a = 0; a < 3; a++)
+        way[a] = far > 0.0 ? far / length * sum[a] : 0.0;
+}
