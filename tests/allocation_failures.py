@@ -141,6 +141,24 @@ def sampled():
     leapray.Volume(noise, sheet=True, touched=noise < 0.5)
 
 
+def fields():
+    rng = np.random.default_rng(2)
+    numbers = rng.normal(size=(12, 11, 10))
+    for stored in (np.int16(1000 * numbers), np.float32(numbers), numbers):
+        field = leapray.ScalarGrid("numbers", stored, np.eye(4))
+        surfaces = leapray.Isosurfaces(field, threads=1)
+        for threshold in (0.0, 0.5):
+            surfaces.at(threshold, threads=1)
+        leapray.isosurface(field, 0.0, capped=False, threads=1)
+        leapray.without_islands(field, 0.0, 4)
+    leaf = np.zeros((2, 8, 8, 8), np.float32)
+    leaf[:, 2:6, 2:6, 2:6] = 1
+    origins, tile = np.array([(0, 0, 0), (8, 0, 0)], np.int32), np.array([(64, 0, 0)], np.int32)
+    leaves = leapray.Leaves(origins, leaf, 0.0, tile, np.array([8], np.int32), np.ones(1))
+    leapray.isosurface(leapray.ScalarGrid("leaves", leaves, np.eye(4)), 0.5, threads=1)
+    leapray.labels(leapray.ScalarGrid("labels", np.uint8(rng.random((9, 9, 9)) < 0.5), np.eye(4)))
+
+
 def structures():
     far = np.zeros((40, 40, 40), np.uint8)
     far[3:9, 3:9, 3:9] = 255
@@ -165,14 +183,15 @@ def a_scene():
     world = leapray.World((1, 1, 1), np.ones((4, 8, 3), np.float32))
     view = leapray.Camera("perspective", (0, 0, -5), (0, 0, 1), (-0.5, -0.5, 1), (0.1, 0, 0),
                           (0, 0.1, 0))  # fmt: skip
-    instances = [leapray.Instance(ball, m, 0, 1) for m in (np.eye(4), at)]
+    cut = [leapray.Clip(ball.volume, at)]
+    instances = [leapray.Instance(ball, m, 0, 1, clips=cut) for m in (np.eye(4), at)]
     material = leapray.Material([leapray.Lobe("diffuse", (1, 1, 1))])
     scene = leapray.Scene(view, instances, lights, [material], [0], world, False, [1])
     scene.render_tile(0, 0, 4, 4, samples=1)
 
 
 SCENARIOS = (a_solid, a_sheet, a_pierced_ball, a_large_mesh, a_doubled_crossing, two_islands,
-             coverage, merged, sampled, structures, distances, a_scene)  # fmt: skip
+             coverage, merged, sampled, fields, structures, distances, a_scene)  # fmt: skip
 
 
 # ---- runs --------------------------------------------------------------------------------------
