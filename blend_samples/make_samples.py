@@ -23,6 +23,7 @@ mirrors   a hall between two mirrors
 metal     metals from polished to dull
 glass     glass: solid, hollow, frosted, tinted, within glass
 head      a scan beside the file: bone under skin that shows it
+gyroid    a field that geometry nodes make, among meshes
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ from lit_scenes import (  # noqa: E402
     make_still,
     make_textured,
 )
-from volume_scenes import make_head  # noqa: E402
+from volume_scenes import make_gyroid, make_head  # noqa: E402
 
 import addon  # noqa: E402
 
@@ -463,6 +464,7 @@ MAKERS = {
     "metal": make_metal,
     "glass": make_glass,
     "head": make_head,
+    "gyroid": make_gyroid,
 }
 
 
