@@ -22,6 +22,8 @@ textured  images and vertex colours, on solids and on sheets
 mirrors   a hall between two mirrors
 metal     metals from polished to dull
 glass     glass: solid, hollow, frosted, tinted, within glass
+head      a scan beside the file: bone under skin that shows it
+gyroid    a field that geometry nodes make, among meshes
 """
 
 from __future__ import annotations
@@ -69,6 +71,7 @@ from lit_scenes import (  # noqa: E402
     make_still,
     make_textured,
 )
+from volume_scenes import make_gyroid, make_head  # noqa: E402
 
 import addon  # noqa: E402
 
@@ -460,6 +463,8 @@ MAKERS = {
     "mirrors": make_mirrors,
     "metal": make_metal,
     "glass": make_glass,
+    "head": make_head,
+    "gyroid": make_gyroid,
 }
 
 

@@ -380,6 +380,22 @@ def test_the_samples_light_paths_are_equal_for_both_engines(name):
         assert limits[0] == limits[1], kind
 
 
+@pytest.mark.parametrize(
+    ("name", "thresholds", "paints"),
+    [("head", (-480.0, 570.0), ["Skin", "Bone"]), ("gyroid", (0.5,), ["Teal"])],
+)
+def test_the_samples_volumes_are_read(name, thresholds, paints):
+    path = Path(addon.__file__).resolve().parent.parent / "blend_samples" / f"{name}.blend"
+    open_file.open_scene(path)
+    got = read(64, 64)
+    assert got.warnings == ()
+    assert [each.thresholds for each in got.fields] == [thresholds]
+    (instance,) = got.field_instances
+    assert [got.materials[at].name for at in instance.materials] == paints
+    shown = pipeline.render(got).passes["Combined"][..., :3]
+    assert shown.std(axis=(0, 1)).min() > 0.05
+
+
 def test_nothing_leaks_from_instances():
     """Blender counts at exit what was not freed, and says so."""
     root = Path(addon.__file__).resolve().parent.parent

@@ -138,6 +138,8 @@ SAMPLES = sorted((build.ROOT / "blend_samples").glob("*.blend"))
 @pytest.mark.parametrize("sample", SAMPLES, ids=lambda path: path.stem)
 def test_every_sample_renders(installed, sample, tmp_path):
     inside = installed.inside(installed.bring(sample))
+    for scan in sample.parent.glob(f"{sample.stem}.nii.gz"):
+        installed.bring(scan)
     small = (
         "import bpy; scene = bpy.context.scene; scene.render.resolution_percentage = 15;"
         "scene.leapray.samples = 4; scene.leapray.pixel_error = 1"
