@@ -20,6 +20,7 @@ from .volume import Volume, VolumeBuilder
 
 FLOAT_WHOLES = 1 << 24  # whole numbers in a row that a float holds
 FLOAT_MOST = float(np.finfo(np.float32).max)
+ONES = {_abi.LR_U8: 255.0, _abi.LR_U16: 65535.0, _abi.LR_F32: 1.0}  # stored where occupancy is 1
 LEAST_SCALE = 2.0**-60  # numbers no larger are stored as multiples of a power of two
 
 
@@ -57,7 +58,8 @@ class Isosurfaces:
     the grid anew. threads: 0 for all cores. max_nbytes: of samples and cells.
     Raises LeapRayError for grids that hold no real numbers, OutOfMemory beyond max_nbytes
     before anything is stored, Stopped when watch was told to stop.
-    Attributes: low and high, the least and the largest value.
+    Attributes: low and high, the least and the largest value; scale and offset: the value is
+    offset + scale * occupancy in each of its volumes.
     """
 
     def __init__(
@@ -80,6 +82,9 @@ class Isosurfaces:
         self._empty = samples.low > samples.high
         self._map, self._lossless = _map_of(source, samples, self._law)
         self.low, self.high = sorted(map(self._law.value, self._range))
+        per_number = self._law.scale / self._map.gain
+        self.scale = per_number * ONES[self._map.sample_type]
+        self.offset = self._law.offset + per_number * self._map.base
         self._source = source
         self._samples = None
         if self._lossless and not self._empty:
