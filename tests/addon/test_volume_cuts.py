@@ -189,6 +189,38 @@ def test_parents_of_what_cuts_count_and_modifiers_where_it_is_shown(
     assert height.min() == pytest.approx(CENTRE[2] + TOP - 0.2 + 0.2 * (not hidden), abs=1e-5)
 
 
+@pytest.mark.parametrize("hidden", ["renders", "everywhere", "rays"])
+def test_an_animation_moves_what_cuts_unless_it_is_hidden_from_renders(
+    hidden, scene, tmp_path, monkeypatch
+):
+    cube = cutter()
+    cube.hide_render, cube.hide_viewport = hidden != "rays", hidden == "everywhere"
+    for rays in ("camera", "shadow", "diffuse", "glossy", "transmission"):
+        setattr(cube, f"visible_{rays}", False)
+    ball(tmp_path, clip_object=cube)
+    for frame in (1, 2):
+        cube.location.z = frame
+        cube.keyframe_insert("location", frame=frame)
+    scene.frame_set(1)
+    scene.frame_start, scene.frame_end = 1, 2
+    scene.render.resolution_x = scene.render.resolution_y = 8
+    scene.render.filepath = str(tmp_path / "frame")
+    heights, warned = [], []
+    reading = clips.read_clip
+
+    def read_clip(ob, own, depsgraph, notes):
+        clip = reading(ob, own, depsgraph, notes)
+        heights.append(clip.world_from_object[2, 3])
+        warned.append(any("'Cutter' is animated" in each for each in notes.sentences()))
+        return clip
+
+    monkeypatch.setattr(clips, "read_clip", read_clip)
+    bpy.ops.render.render(animation=True)
+    for height, frame, told in zip(heights, (1, 2), warned, strict=True):
+        assert told or height == pytest.approx(frame)
+    assert any(warned) == (hidden != "rays")
+
+
 def wrong(kind):
     """An object that cannot cut, and words of the sentence on it."""
     if kind == "no mesh":
