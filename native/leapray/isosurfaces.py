@@ -12,7 +12,7 @@ import numpy as np
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import matrix
+from .arrays import ONES, SAMPLE_TYPES, matrix
 from .scalar_grid import ScalarGrid
 from .scalar_source import Source, source_of
 from .threads import check_threads, run_steps
@@ -20,7 +20,6 @@ from .volume import Volume, VolumeBuilder
 
 FLOAT_WHOLES = 1 << 24  # whole numbers in a row that a float holds
 FLOAT_MOST = float(np.finfo(np.float32).max)
-ONES = {_abi.LR_U8: 255.0, _abi.LR_U16: 65535.0, _abi.LR_F32: 1.0}  # stored where occupancy is 1
 LEAST_SCALE = 2.0**-60  # numbers no larger are stored as multiples of a power of two
 
 
@@ -83,7 +82,8 @@ class Isosurfaces:
         self._map, self._lossless = _map_of(source, samples, self._law)
         self.low, self.high = sorted(map(self._law.value, self._range))
         per_number = self._law.scale / self._map.gain
-        self.scale = per_number * ONES[self._map.sample_type]
+        types = {number: name for name, number in SAMPLE_TYPES.items()}
+        self.scale = per_number * ONES[types[self._map.sample_type]]
         self.offset = self._law.offset + per_number * self._map.base
         self._source = source
         self._samples = None

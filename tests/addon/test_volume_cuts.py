@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Volume objects that meshes cut open, and materials that colour them by their values."""
 
+import json
 from dataclasses import replace
 
 import bpy
@@ -9,9 +10,11 @@ import pytest
 import vdb_files
 from blender_scenes import diffuse, fresh, light, mesh, nodes_of, plane, put, read
 
+import leapray
 from addon import pipeline
 from addon.blender import engine
 from addon.blender.read import clips
+from addon.store import memory_cache
 
 SIZE = 96, 72
 PASSES = "Combined", "Depth", "Position", "Normal", "Object Index", "Material Index", "Volume"
@@ -121,6 +124,30 @@ def test_what_lies_in_the_cube_is_what_stays(scene, tmp_path):
     assert np.linalg.norm(height, axis=1).max() == pytest.approx(np.sqrt(1 - TOP**2), abs=0.03)
 
 
+@pytest.mark.parametrize("keep", ["outside", "inside"])
+def test_a_turned_mirrored_and_sheared_cube_cuts_as_it_stands(keep, scene, tmp_path):
+    """A level set with two surfaces: the faces lie on the cube, and end at the outer one."""
+    cube = cutter(location=(0.5, 0.1, 1.4), rotation_euler=(0.4, 0.5, 0.3), scale=(0.9, -0.7, 0.8))
+    cube.parent = put("Parent", None, rotation_euler=(0, 0.2, 0), scale=(1, 1, 1.3))
+    ob = ball(tmp_path, threshold=0.0, surfaces=2, threshold_2=-0.1, clip_object=cube)
+    ob.data.leapray.clip_keep = keep
+    ob.data.filepath = vdb_files.write(tmp_path / "set.vdb", vdb_files.level_set())
+    if keep == "inside":
+        scene.camera.location, scene.camera.rotation_euler = (*CENTRE[:2], -6), (np.pi, 0, 0)
+    frame = render()
+    assert frame.warnings == []
+    matrix = np.array(cube.parent.matrix_basis @ cube.matrix_parent_inverse @ cube.matrix_basis)
+    local = (frame.passes["Position"] - matrix[:3, 3]) @ np.linalg.inv(matrix[:3, :3]).T
+    outmost = np.abs(local).max(axis=2)
+    face = frame.passes["Volume"][..., 0] == 3
+    assert face.sum() > 100
+    assert outmost[face] == pytest.approx(1, abs=1e-4)
+    assert 0.98 < radius(frame, face).max() < 1.01
+    rest = seen(frame) & ~face
+    assert rest.any()
+    assert ((outmost[rest] > 0.97) if keep == "outside" else (outmost[rest] < 1.03)).all()
+
+
 @pytest.mark.parametrize(("attribute", "socket"), [("density", "Fac"), ("value", "Color")])
 def test_the_face_has_the_colors_of_the_values(attribute, socket, scene, tmp_path):
     ball(tmp_path, diffuse("Skin"), colored("Inner", attribute, socket), clip_object=cutter())
@@ -154,6 +181,33 @@ def test_a_level_sets_values_keep_their_sign(scene, tmp_path):
     ob.data.filepath = vdb_files.write(tmp_path / "set.vdb", vdb_files.level_set())
     color = render().passes["Combined"][SIZE[1] // 2, SIZE[0] // 2]
     assert color[:2] == pytest.approx((0.25, 0.75), abs=0.01)
+
+
+@pytest.mark.parametrize("layout", ["objects", "scene"])
+def test_beside_meshes_and_for_one_pixel_a_cut_is_the_same(layout, scene, tmp_path):
+    scene.leapray.layout = layout
+    inner = diffuse("Inner")
+    inner.pass_index = 7
+    ball(tmp_path, diffuse("Skin"), inner, clip_object=cutter())
+    put("Cube", mesh(size=0.3), location=(2, 0, 0), pass_index=2)
+    frame = render()
+    face = frame.passes["Volume"][..., 0] == 3
+    assert (frame.passes["Material Index"][face] == 7).all() and face.sum() > 200
+    assert (frame.passes["Object Index"][face] == 1).all()
+    y, x = (int(each[len(each) // 2]) for each in np.nonzero(face))
+    told = pipeline.render(read(*SIZE), pixel=(x, y)).report["pixel"]
+    assert '"material": "Inner"' in json.dumps(told) and '"object": "Ball"' in json.dumps(told)
+
+
+def test_frames_of_one_cut_keep_its_volume(scene, tmp_path, monkeypatch):
+    ball(tmp_path, clip_object=cutter())
+    made, voxelize = [], leapray.voxelize
+    monkeypatch.setattr(leapray, "voxelize", lambda *a, **b: made.append(a) or voxelize(*a, **b))
+    cache = memory_cache.Cache()
+    bpy.context.view_layer.update()
+    for _ in range(2):
+        pipeline.render(read(*SIZE), cache=cache)
+    assert len(made) == 1
 
 
 def test_another_attribute_is_named(scene, tmp_path):
