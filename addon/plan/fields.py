@@ -76,6 +76,8 @@ class Fields:
         for done, n in enumerate(order):
             share = (room - self.nbytes) / (len(order) - done)
             self._make(n, users[n], share - self._cut(n, users[n], share))
+        used = {each.field for each in self.surfaces}
+        self.cutters = {n: made for n, made in self.cutters.items() if n in used}
         if scene.settings.layout == "scene" and self.surfaces:
             self.warnings.append(
                 "In layout 'scene' the surfaces of volume objects keep volumes of their own."

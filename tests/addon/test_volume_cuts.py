@@ -291,6 +291,7 @@ def test_what_cannot_cut_is_named_and_the_data_are_whole(kind, scene, tmp_path):
     ob = ball(tmp_path)
     whole = render().passes["Depth"]
     ob.data.leapray.clip_object, words = wrong(kind)
+    assert ob.data.leapray.clip_object
     frame = render()
     (warning,) = frame.warnings
     assert "'Ball'" in warning and "'Cutter" in warning and words in warning
