@@ -56,6 +56,24 @@ class Image:
 
 
 @dataclass(frozen=True)
+class Clip:
+    """A mesh that cuts the surfaces of a field."""
+
+    name: str  # of its object, for messages
+    mesh: Mesh
+    world_from_object: NDArray[np.float64]  # (4, 4)
+    inside: bool = False  # what lies inside the mesh stays, else what lies outside
+
+
+@dataclass(frozen=True)
+class FieldColor:
+    """The colours that a material takes from the field whose surface wears it."""
+
+    program: Program  # makes linear RGB of r = g = b, in the data's units
+    part: str = "value"  # | "slope", per unit of world length
+
+
+@dataclass(frozen=True)
 class Field:
     """A scalar field whose surfaces at some thresholds are rendered; instances share it.
 
@@ -70,6 +88,7 @@ class Field:
     capped: bool = True  # surfaces are closed where the data end
     smoothing: float = 0.0  # the standard deviation of a Gaussian, in samples
     least: int = 0  # parts of fewer samples are left out
+    clip: Clip | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,9 +116,13 @@ class Instance(Placed):
 
 @dataclass(frozen=True, kw_only=True)
 class FieldInstance(Placed):
-    """A field placed in the world; surface n of it has the material in slot n, or in the last."""
+    """A field placed in the world; surface n of it has the material in slot n, or in the last.
+
+    The faces of a cut come after the surfaces.
+    """
 
     field: int  # index into Scene.fields
+    colors: tuple[FieldColor | None, ...] = ()  # per slot, where the material takes any
 
 
 @dataclass(frozen=True)

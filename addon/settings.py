@@ -73,6 +73,7 @@ class Setting:
     zero: Switch | None = None
     option: bool = True  # on the command line, by the name with hyphens
     zero_word: str = ""  # what the command line calls 0, which it then does not take
+    object_type: str = ""  # it names an object of that type, as "MESH", in Blender alone
     in_blender: bool = True  # a property of LeapRay's; else Blender has its own
     in_presets: bool = True  # not where things are kept, and what the machine has
 
@@ -83,7 +84,8 @@ class Setting:
     @property
     def animates(self) -> bool:
         """Whether it can be keyed: Blender does so for numbers and choices."""
-        return self.in_blender and (self.kind is not str or bool(self.choices))
+        held = self.kind is not str and not self.object_type
+        return self.in_blender and (held or bool(self.choices))
 
     def problem(self, value: Any) -> str:
         """What is wrong with a value, as the end of a sentence; "" where nothing is."""
@@ -207,6 +209,10 @@ SAMPLE_TYPE_CHOICES = choices(
 EXACT_CHOICES = choices(
     {name: member for name, member in EXACT.items() if name != "every"},  # for measurements
     "Those of open surfaces, and of solids where creases or thin walls are worth it",
+)
+CLIP_CHOICES = (
+    Choice("outside", "Outside", "What lies inside the object is cut away"),
+    Choice("inside", "Inside", "What lies outside the object is cut away"),
 )
 # The half width in whole voxels that every filter takes.
 WIDEST = math.floor(min(filter_info(name, "f32").widest for name in FILTERS))
@@ -566,6 +572,16 @@ class Isosurfaces:
         True,
         "Cap",
         "Close surfaces where the data end; off, they have a hole there",
+    )
+    clip_object: Any = setting(  # noqa: RUF009
+        None,
+        "Clip Object",
+        "A closed mesh that cuts the data open; it may be hidden. The faces of the cut have the "
+        "material after the surfaces' own",
+        object_type="MESH",
+    )
+    clip_keep: str = setting(
+        "outside", "Keep", "What stays of the data where an object cuts them", choices=CLIP_CHOICES
     )
 
 

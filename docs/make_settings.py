@@ -55,6 +55,8 @@ def limits(setting: Setting) -> str:
 
 def default(setting: Setting) -> str:
     value = setting.default
+    if value is None:
+        return "none"
     if isinstance(value, bool):
         return "on" if value else "off"
     if setting.choices:
@@ -119,7 +121,8 @@ def page() -> str:
             "## Of a volume\n",
             "`volume.leapray` of a Volume datablock, in Python.\n",
             table(described(Isosurfaces), options=False),
-            "\n## Presets\n",
+            f"\n{choices(described(Isosurfaces))}",
+            "## Presets\n",
             "What differs from the defaults. Presets leave alone "
             f"{listed(name for name, s in SETTINGS.items() if not s.in_presets)}.\n",
             presets(),

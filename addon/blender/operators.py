@@ -15,7 +15,7 @@ from ..settings import SETTINGS
 from ..store import volume_files
 from . import properties, volume_data
 from .presets import PRESETS
-from .read import scene
+from .read import matrices, meshes
 
 
 class RENDER_OT_leapray_preset(bpy.types.Operator):
@@ -81,7 +81,7 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
         ob = context.object.evaluated_get(context.evaluated_depsgraph_get())
         try:
             settings, own = properties.settings(context.scene), properties.modelling(ob)
-            mesh = scene.read_object_mesh(ob)
+            mesh = meshes.read_object_mesh(ob)
             dtype = own.sample_type or settings.sample_type
             volume = leapray.voxelize(
                 mesh.vertices,
@@ -96,7 +96,7 @@ class OBJECT_OT_leapray_export_vdb(bpy.types.Operator, ExportHelper):
                 threads=settings.threads,
                 max_nbytes=settings.memory_mb * plan.MB,
             )
-            placed = scene.affine(ob.matrix_world) if self.space == "WORLD" else None
+            placed = matrices.affine(ob.matrix_world) if self.space == "WORLD" else None
             volume_files.write(volume, self.filepath, placed)
         except leapray.LeapRayError as error:
             self.report({"ERROR"}, f"'{ob.name}' is not exported: {error}")

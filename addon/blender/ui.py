@@ -341,6 +341,10 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         column.separator()
         for name in ("smoothing", "least", "invert", "capped"):
             column.prop(own, name)
+        column.separator()
+        column.prop(own, "clip_object")
+        if own.clip_object:
+            column.prop(own, "clip_keep")
         if values:
             self.draw_values(column.box(), own, values)
         column.operator("object.leapray_look", icon="FILE_REFRESH" if values else "VIEWZOOM")

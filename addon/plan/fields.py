@@ -19,7 +19,7 @@ from leapray.scalar_grid import Leaves, ScalarGrid
 
 from .. import arrays, model
 from ..store import memory_cache
-from . import field_filters, objects
+from . import clips, field_filters, objects
 from .levels import MB
 from .planned import Plan
 
@@ -35,6 +35,8 @@ class Surface:
     number: int  # of the threshold
     structure: leapray.Structure
     factor: int  # samples of the data along a side of a voxel
+    scale: float  # the value is offset + scale * occupancy
+    offset: float
 
     @property
     def voxel_size(self) -> float:
@@ -65,13 +67,17 @@ class Fields:
         self.seconds = {"voxelize": 0.0, "structure": 0.0}
         self.warnings: list[str] = []
         self.surfaces: list[Surface] = []
+        self.cutters: dict[int, leapray.Structure] = {}  # of the fields that are cut
         users: dict[int, str] = {}  # the first object of each field
         for instance in instances:
             users.setdefault(instance.field, instance.name)
         # The small ones first: what they leave of their shares goes to the large ones.
         order = sorted(users, key=lambda n: np.prod(np.ptp(objects.lattice(self._grid(n)), axis=0)))
         for done, n in enumerate(order):
-            self._make(n, users[n], (room - self.nbytes) / (len(order) - done))
+            share = (room - self.nbytes) / (len(order) - done)
+            self._make(n, users[n], share - self._cut(n, users[n], share))
+        used = {each.field for each in self.surfaces}
+        self.cutters = {n: made for n, made in self.cutters.items() if n in used}
         if scene.settings.layout == "scene" and self.surfaces:
             self.warnings.append(
                 "In layout 'scene' the surfaces of volume objects keep volumes of their own."
@@ -83,14 +89,36 @@ class Fields:
 
     @property
     def volume_nbytes(self) -> int:
-        return sum(each.structure.volume.info.nbytes for each in self.surfaces)
+        return sum(each.volume.info.nbytes for each in self._structures())
 
     @property
     def structure_nbytes(self) -> int:
-        return sum(each.structure.nbytes for each in self.surfaces)
+        return sum(each.nbytes for each in self._structures())
+
+    def _structures(self) -> list[leapray.Structure]:
+        return [*(each.structure for each in self.surfaces), *self.cutters.values()]
 
     def _grid(self, n: int) -> ScalarGrid:
         return self.scene.fields[n].grid
+
+    def _cut(self, n: int, name: str, room: float) -> int:
+        """Make what cuts a field, if anything does; the bytes that it takes."""
+        clip = self.scene.fields[n].clip
+        if clip is None:
+            return 0
+        began = time.perf_counter()
+        try:
+            made = clips.solid(
+                clip, self.scene.settings.traverser, self.cache, self.watch, self.threads, room
+            )
+        except leapray.Stopped:
+            raise
+        except leapray.LeapRayError as error:
+            self.warnings.append(f"{name!r} is not cut by {clip.name!r}: {error}.")
+            return 0
+        self.seconds["voxelize"] += time.perf_counter() - began
+        self.cutters[n] = made
+        return made.volume.info.nbytes + made.nbytes
 
     def _make(self, n: int, name: str, room: float) -> None:
         """The surfaces of a field on the finest lattice that fits into room."""
@@ -135,7 +163,7 @@ class Fields:
                 continue
             structure = self._structure(field, samples, threshold, factor, left)
             left -= structure.volume.info.nbytes + structure.nbytes
-            found.append(Surface(n, number, structure, factor))
+            found.append(Surface(n, number, structure, factor, samples.scale, samples.offset))
         return found
 
     def _check_cancelled(self) -> None:
@@ -203,6 +231,8 @@ class Fields:
         of_field: dict[int, list[tuple[int, Surface]]] = {}
         for at, each in enumerate(self.surfaces, len(plan.volumes) + 1):
             of_field.setdefault(each.field, []).append((at, each))
+        first_cut = len(plan.volumes) + len(self.surfaces) + 1
+        cut_at = {n: at for at, n in enumerate(self.cutters, first_cut)}
         for instance in self.instances:
             own = instance if plan.slot_objects is not None else None
             key = instance.materials, id(own)
@@ -212,15 +242,66 @@ class Fields:
                 if plan.slot_objects is not None and plan.slot_names is not None:
                     plan.slot_objects += [instance.object_index] * len(instance.materials)
                     plan.slot_names += [instance.name] * len(instance.materials)
-            for at, each in of_field.get(instance.field, []):
-                plan.instances.append(_placed(instance, each, first[key], at))
-                plan.names.append(instance.name)
+            shown = of_field.get(instance.field, [])
+            plan.instances += self._placed(instance, shown, first[key], cut_at)
+            plan.names += [instance.name] * (len(plan.instances) - len(plan.names))
         plan.volumes += [self._row(each) for each in self.surfaces]
+        plan.volumes += [self._cut_row(n) for n in self.cutters]
         plan.warnings += self.warnings
         plan.volume_nbytes += self.volume_nbytes
         plan.structure_nbytes += self.structure_nbytes
         for phase, seconds in self.seconds.items():
             plan.seconds[phase] += seconds
+
+    def _placed(
+        self,
+        instance: model.FieldInstance,
+        shown: list[tuple[int, Surface]],
+        first: int,
+        cut_at: dict[int, int],
+    ) -> list[leapray.Instance]:
+        """The surfaces of a placed field, each with its number among the volumes, and the faces
+        of its cut."""
+        field = self.scene.fields[instance.field]
+        clip, cutter = field.clip, self.cutters.get(instance.field)
+        if clip is None or cutter is None or not shown:
+            return [_placed(instance, each, first, at) for at, each in shown]
+        clipped = [clips.of_surface(clip, cutter)]
+        made = [_placed(instance, each, first, at, clipped) for at, each in shown]
+        outermost = (min if field.above else max)(
+            range(len(shown)), key=lambda k: field.thresholds[shown[k][1].number]
+        )
+        if field.capped:  # else the data have no inside
+            slot = min(len(field.thresholds), len(instance.materials) - 1)
+            more = {
+                "first_material": first + slot,
+                "volume_index": cut_at[instance.field],
+                "field_color": _color(instance, shown[outermost][1], slot),
+            }
+            made.append(clips.face(clip, cutter, made[outermost], **more))
+        return made
+
+    def _cut_row(self, n: int) -> dict[str, object]:
+        clip, structure = self.scene.fields[n].clip, self.cutters[n]
+        assert clip is not None
+        info = structure.volume.info
+        users = [each for each in self.instances if each.field == n]
+        return {
+            "name": users[0].name,
+            "field": self.scene.fields[n].name,
+            "part": 0,
+            "kind": "clip",
+            "why": f"{clip.name!r} cuts it",
+            "size": list(info.size),
+            "voxel_size": float(info.object_from_index[0, 0]),
+            "sample_type": info.dtype,
+            "error_footprints": None,  # not measured
+            "nbytes": info.nbytes + structure.nbytes,
+            "volume_nbytes": info.nbytes,
+            "structure_nbytes": structure.nbytes,
+            "instances": len(users),
+            "stuck": "",
+        }
 
     def _row(self, surface: Surface) -> dict[str, object]:
         field, info = self.scene.fields[surface.field], surface.structure.volume.info
@@ -267,14 +348,33 @@ def _check_room(nbytes: int, room: float) -> None:
         raise error
 
 
+def _color(instance: model.FieldInstance, surface: Surface, slot: int) -> leapray.FieldColor | None:
+    """What colours a surface, or the faces of a cut, with the material in that slot."""
+    color = instance.colors[slot] if instance.colors else None
+    if color is None:
+        return None
+    return leapray.FieldColor(
+        surface.structure.volume,
+        instance.world_from_object,
+        color.program,
+        surface.scale,
+        surface.offset,
+        color.part,
+    )
+
+
 def _placed(
-    instance: model.FieldInstance, surface: Surface, first: int, volume: int
+    instance: model.FieldInstance,
+    surface: Surface,
+    first: int,
+    volume: int,
+    clipped: Sequence[leapray.Clip] = (),
 ) -> leapray.Instance:
-    last = len(instance.materials) - 1
+    slot = min(surface.number, len(instance.materials) - 1)
     return leapray.Instance(
         surface.structure,
         instance.world_from_object,
-        first_material=first + min(surface.number, last),
+        first_material=first + slot,
         n_materials=1,
         object_index=instance.object_index,
         visible_camera=instance.visible_camera,
@@ -285,4 +385,6 @@ def _placed(
         holdout=instance.holdout,
         volume_index=volume,
         error=surface.error * objects.scale(instance.world_from_object),
+        clips=clipped,
+        field_color=_color(instance, surface, slot),
     )

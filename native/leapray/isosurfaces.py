@@ -12,7 +12,7 @@ import numpy as np
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import matrix
+from .arrays import ONES, SAMPLE_TYPES, matrix
 from .scalar_grid import ScalarGrid
 from .scalar_source import Source, source_of
 from .threads import check_threads, run_steps
@@ -57,7 +57,8 @@ class Isosurfaces:
     the grid anew. threads: 0 for all cores. max_nbytes: of samples and cells.
     Raises LeapRayError for grids that hold no real numbers, OutOfMemory beyond max_nbytes
     before anything is stored, Stopped when watch was told to stop.
-    Attributes: low and high, the least and the largest value.
+    Attributes: low and high, the least and the largest value; scale and offset: the value is
+    offset + scale * occupancy in each of its volumes.
     """
 
     def __init__(
@@ -80,6 +81,10 @@ class Isosurfaces:
         self._empty = samples.low > samples.high
         self._map, self._lossless = _map_of(source, samples, self._law)
         self.low, self.high = sorted(map(self._law.value, self._range))
+        per_number = self._law.scale / self._map.gain
+        types = {number: name for name, number in SAMPLE_TYPES.items()}
+        self.scale = per_number * ONES[types[self._map.sample_type]]
+        self.offset = self._law.offset + per_number * self._map.base
         self._source = source
         self._samples = None
         if self._lossless and not self._empty:

@@ -101,6 +101,27 @@ def test_a_threshold_moved_is_one_built_anew(dtype):
         assert_array_equal(leapray.Volume.unpack(moved.pack()).read(), moved.read())
 
 
+@pytest.mark.parametrize("dtype", DTYPES[:-1])
+@pytest.mark.parametrize("above", [True, False])
+@pytest.mark.parametrize("scale", [0.5, -3.0])
+def test_values_follow_from_occupancies(dtype, above, scale):
+    rng = np.random.default_rng(5)
+    least = 20 if "u" in dtype else -20
+    samples = rng.integers(least, 100, (7, 9, 11)).astype(dtype)
+    made = Isosurfaces(grid_of(samples, scale=scale, offset=-7.0), above=above)
+    values = -7.0 + scale * samples.astype(np.float64)
+    volume = made.at(float(np.median(values)))
+    occupancy = volume.read().astype(np.float64) / ONES[volume.info.dtype]
+    assert_allclose(made.offset + made.scale * occupancy, values, rtol=1e-12, atol=1e-9)
+
+
+def test_values_that_floats_round_follow_from_occupancies():
+    values = np.random.default_rng(5).normal(0, 1e-30, (5, 6, 7)) * np.float64(1e-20)
+    made = Isosurfaces(grid_of(values))
+    found = made.offset + made.scale * made.at(0.0).read().astype(np.float64)
+    assert_allclose(found, values, rtol=1e-6)
+
+
 def test_volumes_outlive_their_maker_and_each_other():
     samples = np.random.default_rng(0).integers(0, 1000, (20, 20, 20)).astype(np.uint16)
     made = Isosurfaces(grid_of(samples))

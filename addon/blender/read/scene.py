@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from leapray import LeapRayError, Stopped
 from leapray.rendering import VISIBILITIES
@@ -23,12 +22,9 @@ from ... import model
 from ...memory import Resident
 from ...process import POLL
 from .. import properties, result
-from . import lights, materials, volumes
+from . import lights, materials, matrices, volumes
 from .meshes import NO_FACES, read_mesh, read_object_mesh
 from .warnings import Warnings
-
-# A 4x4 of float32 whose axes lie in a plane still shows this much thickness.
-FLAT = 4 * np.finfo(np.float32).eps
 
 UNSUPPORTED_TYPES = {
     "CURVES": "Hair and curves objects are",
@@ -135,7 +131,7 @@ def _camera(camera, scene, width, height, border, notes) -> model.Camera:
         raise LeapRayError(f"The active camera '{camera.name}' is not a camera object")
     data, render = camera.data, scene.render
     matrix = np.array(camera.matrix_world, np.float64)
-    if not _invertible(matrix):
+    if not matrices.invertible(matrix):
         raise LeapRayError(f"The matrix of the camera '{camera.name}' cannot be inverted")
     right, up, back = (matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)).T
 
@@ -266,7 +262,13 @@ class _Objects:
             return
         self._note_unread(instance, ob)
         slots = self._volume_slots(ob, lasting.original)
-        self.field_instances.append(model.FieldInstance(field=found, materials=slots, **placed))
+        made = model.FieldInstance(
+            field=found,
+            materials=tuple(self._on_surface(at) for at in slots),
+            colors=self._field_colors(ob, slots, self.fields[found]),
+            **placed,
+        )
+        self.field_instances.append(made)
 
     def _placed(self, instance, ob) -> dict[str, Any]:
         """What model.Placed holds beside materials; nothing where no ray sees the instance."""
@@ -277,8 +279,8 @@ class _Objects:
         seen["visible_camera"] = seen["visible_camera"] and not indirect_only
         if not any(seen.values()):
             return {}
-        world_from_object = affine(instance.matrix_world)
-        if not _invertible(world_from_object):
+        world_from_object = matrices.affine(instance.matrix_world)
+        if not matrices.invertible(world_from_object):
             self.notes.skipped("its matrix cannot be inverted (a scale of zero?)", ob.name)
             return {}
         told = {"name": ob.name, "object_index": ob.pass_index, "holdout": holdout}
@@ -340,14 +342,21 @@ class _Objects:
         return self._field_at[key]
 
     def _volume_slots(self, ob, original) -> tuple[int, ...]:
-        """The materials of a volume's surfaces; those without a surface are the default one."""
+        """The materials of a volume's surfaces."""
         if original.type == "VOLUME" or self._override:
-            slots = self._slots(ob)
-        else:  # nodes gave the volume its own
-            slots = tuple(map(self._material, ob.data.materials)) or (self._material(None),)
-        if any(self._textures[at] for at in slots):
+            return self._slots(ob)
+        # nodes gave the volume its own
+        return tuple(map(self._material, ob.data.materials)) or (self._material(None),)
+
+    def _field_colors(
+        self, ob, slots: tuple[int, ...], field: model.Field
+    ) -> tuple[model.FieldColor | None, ...]:
+        """What the materials make of the field's values; other textures are noted."""
+        textures = [self._textures[at] for at in slots]
+        made = tuple(volumes.field_color(each, field) if each else None for each in textures)
+        if any(each and not color for each, color in zip(textures, made, strict=True)):
             self.notes.unsupported("Textures on surfaces of volumes are", ob.name)
-        return tuple(self._on_surface(at) for at in slots)
+        return made
 
     def _on_surface(self, at: int) -> int:
         """The material with that index; with the default surface, if it is one of volumes alone."""
@@ -392,23 +401,6 @@ class _Objects:
 def _shown(instance, ob) -> list:
     """The objects that must all be visible for the instance to be."""
     return [ob, instance.parent] if instance.is_instance else [ob]
-
-
-def affine(matrix) -> NDArray[np.float64]:
-    """A matrix of Blender's; behind chains of parents its last row is 0, 0, 0 and almost 1."""
-    found = np.array(matrix, np.float64)
-    found[3] = 0.0, 0.0, 0.0, 1.0
-    return found
-
-
-def _invertible(matrix: NDArray[np.float64]) -> bool:
-    """Whether a matrix that Blender holds in float32 has three axes that span space."""
-    if not np.isfinite(matrix).all():
-        return False
-    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
-    if not lengths.all():
-        return False
-    return bool(np.linalg.svd(matrix[:3, :3] / lengths, compute_uv=False)[-1] > FLAT)
 
 
 def _has_hair(ob) -> bool:

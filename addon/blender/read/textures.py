@@ -39,6 +39,7 @@ class Texture:
     matrix: NDArray[np.float32] | None = None  # (4, 4) on the coordinates
     apply: Callable[[NDArray], NDArray] | None = None  # a mesh's colours (.., 4) to those carried
     key: bytes = b""  # what `apply` does
+    program: Program | None = None  # a vertex's colours to those of the material, for fields
 
     def place(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
         """Where in the image the points with these coordinates (.., 3) lie."""
@@ -114,7 +115,10 @@ class Leaves:
         layer = getattr(node, "layer_name", "") or getattr(node, "attribute_name", "")
         if is_affine(color):  # then it makes no difference what comes first
             program = compile_program(color)
-            return Texture("vertex", layer, apply=program.paint, key=program.key), None
+            texture = Texture(
+                "vertex", layer, apply=program.paint, key=program.key, program=program
+            )
+            return texture, None
         inputs = inputs_of(color)
         if len(inputs) > 3:
             raise Unfolded(f"nodes that use all channels of {title(node)}")
@@ -122,7 +126,11 @@ class Leaves:
         program = compile_program(color, inputs)
         chosen = np.array([*channels, 0, 0, 0][:3])
         texture = Texture(
-            "vertex", layer, apply=lambda table: table[..., chosen], key=bytes(channels)
+            "vertex",
+            layer,
+            apply=lambda table: table[..., chosen],
+            key=bytes(channels),
+            program=compile_program(color),
         )
         return texture, model.Image(layer, None, program=program)
 

@@ -22,6 +22,8 @@ from leapray.scalar_grid import Leaves, ScalarGrid
 from ... import arrays, model
 from ...settings import Isosurfaces
 from .. import properties
+from . import clips
+from .textures import Texture
 
 NOT_IN_FRAME = 2**31 - 1  # Blender's frame of a sequence that has none now
 NUMBERS = "FLOAT", "DOUBLE", "INT", "INT64", "BOOLEAN"  # Blender's types of such grids
@@ -52,7 +54,16 @@ def read_field(ob, original, depsgraph, notes) -> model.Field | None:
         capped=own.capped,
         smoothing=own.smoothing,
         least=own.least,
+        clip=clips.read_clip(ob, own, depsgraph, notes),
     )
+
+
+def field_color(texture: Texture, field: model.Field) -> model.FieldColor | None:
+    """The colours that a material's texture takes from a field; None where it takes none."""
+    values = {field.grid.name, "value", "density"} - {""}
+    if texture.program is None or texture.layer not in values | {"gradient"}:
+        return None
+    return model.FieldColor(texture.program, "value" if texture.layer in values else "slope")
 
 
 def grid_of(ob, original, depsgraph) -> ScalarGrid | None:
