@@ -117,9 +117,8 @@ def compile_all(name: str) -> Path:
         tag = " ".join((version, *command))
         units = [build_core.Unit(source, tag, folder) for source in sources]
         build_core.compile_each([unit for unit in units if not unit.current()], command)
-        made.mkdir(parents=True, exist_ok=True)
-        for path in (NATIVE / "leapray").glob("*.py"):
-            shutil.copy(path, made)
+        others = shutil.ignore_patterns("*.so", "__pycache__")
+        shutil.copytree(NATIVE / "leapray", made, ignore=others, dirs_exist_ok=True)
         library = made / "libleapray.so"
         beside = library.with_suffix(f".{os.getpid()}")
         wrapped = [f"-Wl,--wrap={name}" for name in WRAPPED] if variant.faults else []

@@ -199,12 +199,8 @@ class Error:
     along_99: float
     field_99: float  # voxels along the ray from the field's first crossing
     field_max: float
-    central: float  # mean angle of the normal to the sphere's, degrees
-    central_99: float
-    analytic: float
-    analytic_99: float
-    smooth: float
-    smooth_99: float
+    normal_mean: dict[str, float]  # angle of each normal to the sphere's, degrees
+    normal_99: dict[str, float]
 
 
 def measure_errors(volume, samples, matrix, count: int) -> list[Error]:
@@ -240,9 +236,6 @@ def measure_errors(volume, samples, matrix, count: int) -> list[Error]:
             here = (angle >= low) & (angle < high)
             hit = here & np.isfinite(t)
             own = hit & np.isfinite(crossing.t)
-            turned = [
-                f(bent[n][hit]) for n in ("central", "analytic", "smooth") for f in (mean, p99)
-            ]
             found.append(
                 Error(
                     test,
@@ -256,7 +249,8 @@ def measure_errors(volume, samples, matrix, count: int) -> list[Error]:
                     p99(np.abs(along[hit])),
                     p99(inner[own]),
                     float(inner[own].max(initial=0.0)),
-                    *turned,
+                    {normal: mean(angles[hit]) for normal, angles in bent.items()},
+                    {normal: p99(angles[hit]) for normal, angles in bent.items()},
                 )
             )
     return found
@@ -323,7 +317,7 @@ def draw(folder: Path, costs: list[Cost], errors: list[Error]) -> None:
         axes[0, 1].legend(fontsize=8, ncols=2, loc="upper left")
         base = [r for r in errors if (r.hit_test, r.root) == methods.hit_tests()[0]]
         for k, normal in enumerate(leapray.NORMALS):
-            values = [getattr(row, f"{normal}_99") for row in base]
+            values = [row.normal_99[normal] for row in base]
             axes[0, 2].plot(range(3), values, label=normal, **charts.look(k))
         axes[0, 2].set_yscale("log")
         axes[0, 2].set_title("normals: degrees, 99 %", fontsize=10.5)
@@ -384,7 +378,7 @@ def write_page(folder: Path, told: dict, costs: list[Cost], errors: list[Error])
         ),
         page.table(
             ["hit test, root, angle", "rays", "missed", "radial rms", "99 %", "along 99 %",
-             "field max", "central, °", "analytic", "smooth"],
+             "field max", *(f"{normal}, °" for normal in leapray.NORMALS)],
             [
                 [
                     page.esc(f"{row.hit_test}, {row.root}, {row.angles}"),
@@ -392,7 +386,7 @@ def write_page(folder: Path, told: dict, costs: list[Cost], errors: list[Error])
                     str(row.missed),
                     *(f"{v:.4f}" for v in (row.radial_rms, row.radial_99, row.along_99)),
                     f"{row.field_max:.1e}",
-                    *(f"{v:.3f}" for v in (row.central, row.analytic, row.smooth)),
+                    *(f"{angle:.3f}" for angle in row.normal_mean.values()),
                 ]
                 for row in errors
             ],

@@ -730,8 +730,7 @@ typedef enum lr_normal {
     LR_NORMAL_CENTRAL = 0,  /* central differences, interpolated: smooth */
     LR_NORMAL_ANALYTIC = 1, /* the gradient of the field itself: faceted at cell borders */
     LR_NORMAL_SMOOTH = 2, /* the gradients of the eight cells around, blended: smooth, and slower */
-    LR_NORMAL_SOBEL =
-        3, /* central differences, averaged over nine: for noisy samples, and slower */
+    LR_NORMAL_SOBEL = 3,  /* central differences averaged over nine: for noise, and slower */
     LR_NORMAL_ZUCKER_HUMMEL = 4 /* as sobel, by the distance: turns least with the lattice */
 } lr_normal;
 

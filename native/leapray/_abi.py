@@ -1317,6 +1317,7 @@ ABOUT = {
     "LR_NORMAL_CENTRAL": "central differences, interpolated: smooth",
     "LR_NORMAL_ANALYTIC": "the gradient of the field itself: faceted at cell borders",
     "LR_NORMAL_SMOOTH": "the gradients of the eight cells around, blended: smooth, and slower",
+    "LR_NORMAL_SOBEL": "central differences averaged over nine: for noise, and slower",
     "LR_NORMAL_ZUCKER_HUMMEL": "as sobel, by the distance: turns least with the lattice",
     "LR_VISIBLE_SHADOW": "instances: stop light; lights: are stopped by instances",
     "LR_LIGHT_SPOT": "a point light behind a hole, within a cone",

@@ -14,6 +14,8 @@ import leapray
 
 LATEST = 0.1  # seconds of the building thread, as the header promises
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture(scope="module")
 def vast():
