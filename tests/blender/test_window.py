@@ -242,6 +242,14 @@ def test_every_panel_is_drawn_without_a_fault(session):
     for tab in ("OBJECT", TABS[-1]):  # the last one draws a preview too
         session.run(f"properties[0].spaces[0].context = {tab!r}; properties[0].tag_redraw()")
         time.sleep(1)
+    session.run(
+        "cloud = bpy.data.objects.new('Cloud', bpy.data.volumes.new('Cloud'))\n"
+        "bpy.context.scene.collection.objects.link(cloud)\n"
+        "bpy.context.view_layer.objects.active = cloud\n"
+        "properties[0].spaces[0].context = 'DATA'; properties[0].tag_redraw()"
+    )
+    time.sleep(1)
+    session.run("bpy.data.volumes.remove(cloud.data)")  # and the object with it
     time.sleep(1)
     assert session.run("result = sorted(drawn)") == session.run("result = expected")
     assert session.failures() == []
