@@ -183,7 +183,8 @@ class Environment:
                 lock,
                 f"could not install what {' and '.join(sets)} pin",
                 Installation(downloads),
-                {"TMPDIR": str(downloads)},
+                # Packages on PYTHONPATH would pass for installed ones.
+                {"TMPDIR": str(downloads), "PYTHONPATH": ""},
             )
         finally:
             shutil.rmtree(downloads, ignore_errors=True)
