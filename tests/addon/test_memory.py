@@ -21,6 +21,7 @@ from leapray.voxelization import SPARE, mesh_scratch_nbytes
 
 HERE = Path(__file__).parent
 LINUX = pytest.mark.skipif(not memory.STATUS.exists(), reason="the system tells no process's peak")
+pytestmark = pytest.mark.alone  # what a process takes depends a little on how its threads fall
 NOISE = 4 << 20  # bytes: stacks of threads, pages of libraries that are met for the first time
 
 # A process of its own renders one mesh, after a small one that loads everything.
