@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from .store import files
 from .store.files import check_file, check_folder, part_folder, resolved
 
 FORMATS = (".png", ".exr")
+BLEND = re.compile(r"\.blend\d*")  # Blender numbers the files that it keeps of earlier saves
 _command = None  # Blender's handle of the registered command
 
 
@@ -62,7 +64,7 @@ def say(sentence: str) -> None:
 def render(args: argparse.Namespace) -> int:
     """Render a frame, or several; writes each picture and the JSON beside it."""
     args.scene = resolved(args.scene) if str(args.scene).startswith("~") else args.scene
-    measured = args.scene.suffix.lower() != ".blend"
+    measured = not BLEND.fullmatch(args.scene.suffix.lower())
     name = args.scene.name.partition(".")[0] if measured else args.scene.stem
     if not (measured and name and args.scene.is_dir()):
         check_file(args.scene)

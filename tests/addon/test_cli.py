@@ -65,6 +65,14 @@ def test_render_without_options_puts_a_picture_and_its_figures_here(blend, tmp_p
     assert sorted(os.listdir(tmp_path)) == ["cube.json", "cube.png"]
 
 
+def test_an_earlier_save_that_blender_keeps_is_a_scene_too(blend, tmp_path):
+    earlier = tmp_path / "cube.blend1"
+    earlier.write_bytes(blend.read_bytes())
+    code, out, err = run("render", earlier, cwd=tmp_path)
+    assert code == 0, err
+    assert out == "cube.png, and its figures in cube.json\n"
+
+
 def test_options_replace_the_scenes_settings(blend, tmp_path):
     folder = tmp_path / "braces {are} # no template"
     folder.mkdir()
