@@ -7,7 +7,6 @@ data show their front, which in right, anterior, superior is +y; others Blender'
 
 from __future__ import annotations
 
-import itertools
 import math
 from pathlib import Path
 
@@ -64,7 +63,7 @@ def _is_anatomical(path: Path, grid: leapray.ScalarGrid) -> bool:
 def _corners(grid: leapray.ScalarGrid, world_from_object: NDArray) -> NDArray[np.float64]:
     """(8, 3): of the data in the world."""
     first, last = objects.lattice(grid)
-    index = np.array(list(itertools.product(*zip(first + 1, last - 1, strict=True))), np.float64)
+    index = objects.box(np.array([first + 1, last - 1]))
     matrix = world_from_object @ grid.world_from_index
     return index @ matrix[:3, :3].T + matrix[:3, 3]
 

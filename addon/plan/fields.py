@@ -39,15 +39,15 @@ class Surface:
     offset: float
 
     @property
-    def voxel_size(self) -> float:
-        """The longest side of a voxel, in the field's object space."""
-        matrix = self.structure.volume.info.object_from_index
-        return float(np.linalg.norm(matrix[:3, :3], axis=0).max())
-
-    @property
     def error(self) -> float:
         """How far the surface may lie from that of the data, about: half a voxel, if coarser."""
-        return self.voxel_size / 2 if self.factor > 1 else 0.0
+        return voxel_size(self.structure) / 2 if self.factor > 1 else 0.0
+
+
+def voxel_size(structure: leapray.Structure) -> float:
+    """The longest side of a voxel, in object space."""
+    matrix = structure.volume.info.object_from_index
+    return float(np.linalg.norm(matrix[:3, :3], axis=0).max())
 
 
 class Fields:
@@ -125,7 +125,7 @@ class Fields:
         factor = 1
         while factor <= COARSEST:
             try:
-                found = self._surfaces(n, name, factor, room)
+                found, warnings = self._surfaces(n, name, factor, room)
             except leapray.Stopped:
                 raise
             except leapray.OutOfMemory:
@@ -135,6 +135,7 @@ class Fields:
                 self.warnings.append(f"{name!r} is skipped: {error}.")
                 return
             self.surfaces += found
+            self.warnings += warnings
             if factor > 1 and found:
                 self.warnings.append(self._coarser(n, name, factor, room))
             return
@@ -152,19 +153,23 @@ class Fields:
             f"{room / MB:.0f} MB of the memory budget that are left for them."
         )
 
-    def _surfaces(self, n: int, name: str, factor: int, room: float) -> list[Surface]:
-        """On a lattice that many times coarser; OutOfMemory where they do not fit."""
+    def _surfaces(
+        self, n: int, name: str, factor: int, room: float
+    ) -> tuple[list[Surface], list[str]]:
+        """On a lattice that many times coarser, and what is missing; OutOfMemory where they do not
+        fit."""
         field, found, left = self.scene.fields[n], [], room
+        warnings: list[str] = []
         for number, threshold in enumerate(field.thresholds):
             self._check_cancelled()
             samples = self._samples(field, threshold, factor, room)
             if why := _no_surface(field, samples, threshold):
-                self.warnings.append(f"{name!r} has no surface at {threshold:.6g}, for {why}.")
+                warnings.append(f"{name!r} has no surface at {threshold:.6g}, for {why}.")
                 continue
             structure = self._structure(field, samples, threshold, factor, left)
             left -= structure.volume.info.nbytes + structure.nbytes
             found.append(Surface(n, number, structure, factor, samples.scale, samples.offset))
-        return found
+        return found, warnings
 
     def _check_cancelled(self) -> None:
         if self.watch.stopped:
@@ -265,9 +270,9 @@ class Fields:
         field = self.scene.fields[instance.field]
         clip, cutter = field.clip, self.cutters.get(instance.field)
         if clip is None or cutter is None or not shown:
-            return [_placed(instance, each, first, at) for at, each in shown]
+            return [_instance(instance, each, first, at) for at, each in shown]
         clipped = [clips.of_surface(clip, cutter)]
-        made = [_placed(instance, each, first, at, clipped) for at, each in shown]
+        made = [_instance(instance, each, first, at, clipped) for at, each in shown]
         outermost = (min if field.above else max)(
             range(len(shown)), key=lambda k: field.thresholds[shown[k][1].number]
         )
@@ -282,47 +287,45 @@ class Fields:
         return made
 
     def _cut_row(self, n: int) -> dict[str, object]:
-        clip, structure = self.scene.fields[n].clip, self.cutters[n]
+        clip = self.scene.fields[n].clip
         assert clip is not None
+        return {
+            **self._bare_row(n, self.cutters[n]),
+            "kind": "clip",
+            "why": f"{clip.name!r} cuts it",
+        }
+
+    def _row(self, surface: Surface) -> dict[str, object]:
+        threshold = self.scene.fields[surface.field].thresholds[surface.number]
+        exact = surface.factor == 1
+        return {
+            **self._bare_row(surface.field, surface.structure),
+            "part": surface.number,
+            "kind": "isosurface",
+            "why": f"a threshold of {threshold:g}",
+            "threshold": threshold,
+            "coarser": surface.factor,
+            "error_footprints": 0.0 if exact else None,  # else not measured
+            "stuck": "" if exact else "the memory budget ends",
+        }
+
+    def _bare_row(self, n: int, structure: leapray.Structure) -> dict[str, object]:
+        """What the report tells of any volume that belongs to a field."""
         info = structure.volume.info
         users = [each for each in self.instances if each.field == n]
         return {
             "name": users[0].name,
             "field": self.scene.fields[n].name,
             "part": 0,
-            "kind": "clip",
-            "why": f"{clip.name!r} cuts it",
             "size": list(info.size),
-            "voxel_size": float(info.object_from_index[0, 0]),
+            "voxel_size": voxel_size(structure),
             "sample_type": info.dtype,
-            "error_footprints": None,  # not measured
+            "error_footprints": None,
             "nbytes": info.nbytes + structure.nbytes,
             "volume_nbytes": info.nbytes,
             "structure_nbytes": structure.nbytes,
             "instances": len(users),
             "stuck": "",
-        }
-
-    def _row(self, surface: Surface) -> dict[str, object]:
-        field, info = self.scene.fields[surface.field], surface.structure.volume.info
-        users = [each for each in self.instances if each.field == surface.field]
-        return {
-            "name": users[0].name,
-            "field": field.name,
-            "part": surface.number,
-            "kind": "isosurface",
-            "why": f"a threshold of {field.thresholds[surface.number]:g}",
-            "threshold": field.thresholds[surface.number],
-            "size": list(info.size),
-            "voxel_size": surface.voxel_size,
-            "sample_type": info.dtype,
-            "coarser": surface.factor,
-            "error_footprints": None if surface.factor > 1 else 0.0,  # not measured
-            "nbytes": info.nbytes + surface.structure.nbytes,
-            "volume_nbytes": info.nbytes,
-            "structure_nbytes": surface.structure.nbytes,
-            "instances": len(users),
-            "stuck": "the memory budget ends" if surface.factor > 1 else "",
         }
 
 
@@ -363,7 +366,7 @@ def _color(instance: model.FieldInstance, surface: Surface, slot: int) -> leapra
     )
 
 
-def _placed(
+def _instance(
     instance: model.FieldInstance,
     surface: Surface,
     first: int,
@@ -373,16 +376,9 @@ def _placed(
     slot = min(surface.number, len(instance.materials) - 1)
     return leapray.Instance(
         surface.structure,
-        instance.world_from_object,
+        **objects.told_of(instance),
         first_material=first + slot,
         n_materials=1,
-        object_index=instance.object_index,
-        visible_camera=instance.visible_camera,
-        visible_shadow=instance.visible_shadow,
-        visible_diffuse=instance.visible_diffuse,
-        visible_glossy=instance.visible_glossy,
-        visible_transmission=instance.visible_transmission,
-        holdout=instance.holdout,
         volume_index=volume,
         error=surface.error * objects.scale(instance.world_from_object),
         clips=clipped,

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,16 @@ def bounds(mesh: model.Mesh) -> NDArray[np.float64]:
         used[mesh.triangles[some]] = True
     corners = mesh.vertices if used.all() else mesh.vertices[used]
     return np.array([corners.min(axis=0), corners.max(axis=0)], np.float64)
+
+
+def told_of(instance: model.Placed) -> dict[str, Any]:
+    """What the core's instances of a placed thing have from it, whatever they show."""
+    return {
+        "world_from_object": instance.world_from_object,
+        "object_index": instance.object_index,
+        "holdout": instance.holdout,
+        **{flag: getattr(instance, flag) for flag in VISIBILITIES},
+    }
 
 
 def corners(scene: model.Scene, instance: model.Placed) -> NDArray[np.float64]:

@@ -415,16 +415,9 @@ class Planner(Separation):
             placed += [
                 leapray.Instance(
                     work.built,
-                    instance.world_from_object,
+                    **objects.told_of(instance),
                     first_material=first[instance.materials],
                     n_materials=len(instance.materials),
-                    object_index=instance.object_index,
-                    visible_camera=instance.visible_camera,
-                    visible_shadow=instance.visible_shadow,
-                    visible_diffuse=instance.visible_diffuse,
-                    visible_glossy=instance.visible_glossy,
-                    visible_transmission=instance.visible_transmission,
-                    holdout=instance.holdout,
                     volume_index=index[id(work)],
                     error=work.measured.typical() * objects.scale(instance.world_from_object),
                 )

@@ -15,7 +15,6 @@ import contextlib
 import json
 import os
 import secrets
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 
 from leapray import LeapRayError, MeshInfo, Volume, VolumeBuilder
 from leapray.arrays import DTYPES, ONES
+from leapray.formats.vdb import matrix_of, openvdb_module
 from leapray.volume import BRICK
 
 BLOCK = 64  # samples along a block that is read at a time; a multiple of a brick
@@ -48,7 +48,7 @@ def write(
     The file is written beside its place and renamed, so it is whole or absent.
     Raises LeapRayError where there is no OpenVDB or the place cannot be written.
     """
-    openvdb = _openvdb()
+    openvdb = openvdb_module()
     info = volume.info
     if info.planes is not None:
         raise LeapRayError("OpenVDB has no rectilinear grids: this volume cannot be written")
@@ -172,24 +172,12 @@ def measured(
 # ---- OpenVDB ------------------------------------------------------------------
 
 
-def _openvdb():
-    """The module: of the system, or the one inside a running Blender."""
-    blender = sys.modules.get("bpy")
-    if blender is not None and hasattr(blender.utils, "expose_bundled_modules"):
-        blender.utils.expose_bundled_modules()
-    try:
-        import openvdb
-    except ImportError as error:
-        raise LeapRayError(f"this Python has no OpenVDB, which .vdb files need: {error}") from None
-    return openvdb
-
-
 def _grids(path: str | Path) -> list:
     path = Path(path)
     if not path.is_file():
         raise LeapRayError(f"there is no file {path}")
     try:
-        return _openvdb().readAll(str(path))[0]
+        return openvdb_module().readAll(str(path))[0]
     except (OSError, RuntimeError, ValueError, TypeError, KeyError) as error:
         raise LeapRayError(f"{path} cannot be read as OpenVDB: {error}") from None
 
@@ -220,12 +208,7 @@ def _matrix(transform) -> NDArray[np.float64]:
     """object_from_index of a linear transform."""
     if not transform.isLinear:
         raise LeapRayError("the grid is not placed by a linear transform")
-    matrix = np.eye(4)
-    matrix[:3, 3] = transform.indexToWorld((0.0, 0.0, 0.0))
-    for axis in range(3):
-        unit = np.eye(3)[axis].tolist()
-        matrix[:3, axis] = transform.indexToWorld(unit) - matrix[:3, 3]
-    return matrix
+    return matrix_of(transform)
 
 
 def _density(openvdb, volume: Volume):

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
+from leapray.formats.vdb import openvdb_module
 
-from ..store import volume_files
 from . import charts, distances, page, scenes
 from .folder import study_folder, write_figures
 from .methods import seconds
@@ -115,7 +115,7 @@ def by_openvdb(vertices, triangles, voxel: float) -> Callable:
     """createLevelSetFromPolygons, which uses all cores; raises LeapRayError without OpenVDB."""
     with contextlib.suppress(ImportError):
         import bpy  # noqa: F401  has OpenVDB
-    openvdb = volume_files._openvdb()
+    openvdb = openvdb_module()
     corners = triangles.astype(np.uint32)
     return lambda: openvdb.FloatGrid.createLevelSetFromPolygons(
         vertices,

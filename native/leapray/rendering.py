@@ -456,10 +456,7 @@ def _instances(instances: Sequence[Instance], clips: NDArray, colors: NDArray) -
         for i, instance in enumerate(instances)
     ]
     structures = {id(i.structure): i.structure for i in instances}
-    addresses = {
-        key: ctypes.cast(structure.handle, ctypes.c_void_p).value
-        for key, structure in structures.items()
-    }
+    addresses = {key: _address(structure.handle) for key, structure in structures.items()}
     table["structure"] = [addresses[id(i.structure)] for i in instances]
     for name in ("object_index", "first_material", "n_materials", "volume_index", "error"):
         values = [getattr(i, name) for i in instances]

@@ -21,7 +21,8 @@ from numpy.testing import assert_array_equal
 import leapray
 from addon import model, pipeline
 from addon.plan import error_metric, probes
-from addon.store import disk_cache, volume_files
+from addon.store import disk_cache
+from leapray.formats.vdb import openvdb_module
 
 pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
 
@@ -103,7 +104,7 @@ def test_it_does_not_matter_who_reads_and_who_wrote(tmp_path, made):
 
 
 def test_blender_and_others_find_the_occupancy_in_a_file(tmp_path):
-    openvdb = volume_files._openvdb()
+    openvdb = openvdb_module()
     rendered(with_texture(scenes.scene([painted(scenes.sphere(n=12))], resolution=40)), tmp_path)
     (file,) = tmp_path.glob("*.vdb")
     (grid,) = openvdb.readAll(str(file))[0]

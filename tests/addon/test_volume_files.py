@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from addon.store import volume_files
 from leapray import LeapRayError, Volume, voxelize
+from leapray.formats.vdb import openvdb_module
 
 pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
 
@@ -90,7 +91,7 @@ def test_a_sheet_that_is_valid_everywhere_stays_so(tmp_path):
 
 
 def test_the_file_says_where_the_volume_is(tmp_path):
-    openvdb = volume_files._openvdb()
+    openvdb = openvdb_module()
     volume_files.write(random_volume(np.uint8), tmp_path / "a.vdb")
     grid = openvdb.read(str(tmp_path / "a.vdb"), "density")
     assert_allclose(
@@ -103,7 +104,7 @@ def test_the_file_says_where_the_volume_is(tmp_path):
 
 
 def test_measured_volumes_are_normalised(tmp_path):
-    openvdb = volume_files._openvdb()
+    openvdb = openvdb_module()
     values = np.random.default_rng(1).uniform(-1000, 3000, (20, 30, 70)).astype(np.float32)
     grid = openvdb.FloatGrid()
     grid.name = "ct"
@@ -120,7 +121,7 @@ def test_measured_volumes_are_normalised(tmp_path):
 
 
 def test_level_sets_come_in_with_falling_values(tmp_path):
-    openvdb = volume_files._openvdb()
+    openvdb = openvdb_module()
     grid = openvdb.createLevelSetSphere(2.0, (1.0, 2.0, 3.0), 0.1)
     openvdb.write(str(tmp_path / "s.vdb"), grids=[grid])
     volume = volume_files.measured(tmp_path / "s.vdb", values=(0.25, -0.25), dtype="f32")
@@ -132,7 +133,7 @@ def test_level_sets_come_in_with_falling_values(tmp_path):
 
 
 def test_what_cannot_be_read_is_a_sentence(tmp_path):
-    openvdb = volume_files._openvdb()
+    openvdb = openvdb_module()
     (tmp_path / "text.vdb").write_text("no volume")
     vectors = openvdb.Vec3SGrid()
     vectors.name = "speed"

@@ -8,8 +8,8 @@ from meshes import brute_distance, positions, winding
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
-from addon.store import volume_files
 from leapray import LeapRayError, OutOfMemory, voxelization
+from leapray.formats.vdb import openvdb_module
 from leapray.voxelization import voxelize
 
 TURN = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
@@ -432,7 +432,7 @@ def test_beside_openvdb_the_differences_are_openvdbs(name):
     """Its level sets lie on the same lattice. Measured: half of the samples agree to
     2e-5 voxel; those that do not are further from brute force than ours."""
     pytest.importorskip("bpy", reason="OpenVDB comes with Blender")
-    openvdb = volume_files._openvdb()
+    openvdb = openvdb_module()
     vertices, triangles = CLOSED[name]
     h = 2.0**-5
     ours = voxelize(vertices, triangles, h, dtype="f32")

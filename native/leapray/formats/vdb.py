@@ -43,7 +43,7 @@ CLASSES = {"level set": "level set", "fog volume": "fog"}
 def read(request: Request) -> ScalarGrid:
     path = request.path
     with reading(path, "OpenVDB"):
-        openvdb = _openvdb()
+        openvdb = openvdb_module()
         _check_whole(path)
         told: list[str] = []
         choose_frame(request, 1, told)
@@ -63,7 +63,7 @@ def read(request: Request) -> ScalarGrid:
 
 def grids(path: Path) -> list[str]:
     with reading(path, "OpenVDB"):
-        openvdb = _openvdb()
+        openvdb = openvdb_module()
         _check_whole(path)
         found = openvdb.readAllGridMetadata(str(path))
         return list(dict.fromkeys(grid.name for grid in found))
@@ -110,8 +110,8 @@ def _check_whole(path: Path) -> None:
             file.seek(end)
 
 
-def _openvdb():
-    """The module: of the system, or the one inside a running Blender."""
+def openvdb_module():
+    """OpenVDB: of the system, or the one inside a running Blender. Raises LeapRayError."""
     blender = sys.modules.get("bpy")
     if blender is not None and hasattr(blender.utils, "expose_bundled_modules"):
         blender.utils.expose_bundled_modules()
@@ -152,6 +152,11 @@ def _matrix(path: Path, grid) -> NDArray[np.float64]:
         raise refuse(
             path, f"the grid {grid.name!r} lies in a frustum, and an affine transform is needed"
         )
+    return matrix_of(transform)
+
+
+def matrix_of(transform) -> NDArray[np.float64]:
+    """world_from_index (4, 4) of a linear transform of OpenVDB's."""
     matrix = np.eye(4)
     matrix[:3, 3] = transform.indexToWorld((0.0, 0.0, 0.0))
     for axis in range(3):

@@ -32,11 +32,14 @@ typedef struct layer {
     span z;
 } layer;
 
-static lr_status layer_of(const lr_samples *s, int32_t part, const void *numbers, layer *l,
-                          lr_error *error)
+/* allocated: whether the samples must be. */
+static lr_status layer_of(const lr_samples *s, bool allocated, int32_t part, const void *numbers,
+                          layer *l, lr_error *error)
 {
     int32_t n_parts, n;
-    const lr_status status = lr_samples_part(s, part, &n_parts, &l->first, &n, error);
+    lr_status status = lr_samples_check_state(s, allocated, error);
+    if (status == LR_OK)
+        status = lr_samples_part(s, part, &n_parts, &l->first, &n, error);
     if (status != LR_OK)
         return status;
     l->numbers = numbers;
@@ -81,9 +84,7 @@ lr_status lr_samples_scan(lr_samples *s, int32_t part, const void *numbers, cons
                           lr_error *error)
 {
     layer l;
-    lr_status status = lr_samples_check_state(s, false, error);
-    if (status == LR_OK)
-        status = layer_of(s, part, numbers, &l, error);
+    lr_status status = layer_of(s, false, part, numbers, &l, error);
     if (status != LR_OK)
         return status;
     const size_t n = (size_t)s->desc.nx;
@@ -157,9 +158,7 @@ lr_status lr_samples_fill(lr_samples *s, int32_t part, const void *numbers, cons
                           lr_error *error)
 {
     layer l;
-    lr_status status = lr_samples_check_state(s, true, error);
-    if (status == LR_OK)
-        status = layer_of(s, part, numbers, &l, error);
+    lr_status status = layer_of(s, true, part, numbers, &l, error);
     if (status != LR_OK)
         return status;
     padded_row r = {.n = (size_t)s->table_size[0] * LR_SIDE,
@@ -198,6 +197,14 @@ static lr_status brick_of_leaf(const lr_samples *s, const int32_t origin[3], int
                           size, origin[0], origin[1], origin[2]);
 }
 
+/* The brick of leaf i, unless the watch says stop. */
+static lr_status next_leaf(const lr_samples *s, const int32_t *origins, uint64_t i,
+                           const lr_watch *watch, int32_t b[3], lr_error *error)
+{
+    return lr_stopped_now_and_then(watch, i) ? lr_fail_stopped(error)
+                                             : brick_of_leaf(s, origins + 3 * i, LR_SIDE, b, error);
+}
+
 lr_status lr_samples_scan_leaves(lr_samples *s, const int32_t *origins, const void *numbers,
                                  uint64_t n, const lr_watch *watch, lr_error *error)
 {
@@ -209,9 +216,7 @@ lr_status lr_samples_scan_leaves(lr_samples *s, const int32_t *origins, const vo
     lr_status status = lr_samples_check_state(s, false, error);
     for (uint64_t i = 0; i < n && status == LR_OK; i++) {
         int32_t b[3];
-        status = lr_stopped_now_and_then(watch, i)
-                     ? lr_fail_stopped(error)
-                     : brick_of_leaf(s, origins + 3 * i, LR_SIDE, b, error);
+        status = next_leaf(s, origins, i, watch, b, error);
         if (status != LR_OK)
             break;
         const size_t at = lr_place_of(s->table_size, b[0], b[1], b[2]);
@@ -235,9 +240,7 @@ lr_status lr_samples_fill_leaves(lr_samples *s, const int32_t *origins, const vo
     lr_status status = lr_samples_check_state(s, true, error);
     for (uint64_t i = 0; i < n && status == LR_OK; i++) {
         int32_t b[3];
-        status = lr_stopped_now_and_then(watch, i)
-                     ? lr_fail_stopped(error)
-                     : brick_of_leaf(s, origins + 3 * i, LR_SIDE, b, error);
+        status = next_leaf(s, origins, i, watch, b, error);
         if (status != LR_OK)
             break;
         const uint32_t brick = s->table[lr_place_of(s->table_size, b[0], b[1], b[2])] >> 8;

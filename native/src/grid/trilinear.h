@@ -34,6 +34,18 @@ LR_INLINE double lr_trilinear(const double s[8], const double p[3])
                   lr_mix(lr_mix(s[4], s[5], p[0]), lr_mix(s[6], s[7], p[0]), p[1]), p[2]);
 }
 
+/* Does a point of object space, in storage cell c, lie where the field is at or above a threshold
+ * in stored units? c and its place p there are set where it lies in the lattice. */
+LR_INLINE bool lr_is_above(const lr_volume *v, const double object[3], double threshold,
+                           int32_t c[3], double p[3])
+{
+    double corner[8];
+    if (!lr_cell_at(v, object, c, p))
+        return false;
+    lr_corners(v, c, corner);
+    return lr_trilinear(corner, p) >= threshold;
+}
+
 LR_INLINE void lr_trilinear_gradient(const double s[8], const double p[3], double g[3])
 {
     g[0] = lr_mix(lr_mix(s[1] - s[0], s[3] - s[2], p[1]), lr_mix(s[5] - s[4], s[7] - s[6], p[1]),

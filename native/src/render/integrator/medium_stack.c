@@ -14,12 +14,9 @@ enum { HELD = 64 }; /* size of the stack: the height of the hierarchy at most */
 /* Is f >= T at p of object space? id: of the sample nearest to it. */
 static bool holds(const lr_volume *v, const double object[3], int32_t *id)
 {
-    double p[3], corner[8];
+    double p[3];
     int32_t c[3];
-    if (!lr_cell_at(v, object, c, p))
-        return false;
-    lr_corners(v, c, corner);
-    if (!(lr_trilinear(corner, p) >= v->threshold))
+    if (!lr_is_above(v, object, v->threshold, c, p))
         return false;
     *id = lr_id(v, c[0] + (p[0] > 0.5), c[1] + (p[1] > 0.5), c[2] + (p[2] > 0.5));
     return true;

@@ -29,13 +29,10 @@ lr_status lr_clip_place(const lr_clip *clip, uint64_t instance, lr_placed_clip *
 
 static bool holds(const lr_placed_clip *clip, const double world[3])
 {
-    double object[3], p[3], corner[8];
+    double object[3], p[3];
     int32_t c[3];
     lr_map_point(clip->object_from_world, world, object);
-    if (!lr_cell_at(clip->volume, object, c, p))
-        return false;
-    lr_corners(clip->volume, c, corner);
-    return lr_trilinear(corner, p) >= clip->threshold;
+    return lr_is_above(clip->volume, object, clip->threshold, c, p);
 }
 
 bool lr_clips_keep(const lr_placed_clip *clips, uint64_t n, const double world[3])
