@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from pydicom.dataset import FileDataset, FileMetaDataset
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
 
+from leapray.scalar_grid import Leaves
+
 bpy.utils.expose_bundled_modules()
 import openvdb  # noqa: E402
 
@@ -73,7 +75,7 @@ def samples(dtype=np.int16, seed=1) -> NDArray:
 def dense(grid, box) -> NDArray:
     """Stored numbers (nz, ny, nx) of the samples first to last (x, y, z) of a grid."""
     first, last = (np.asarray(corner) for corner in box)
-    if isinstance(grid.samples, np.ndarray):
+    if not isinstance(grid.samples, Leaves):
         (x, y, z), (nx, ny, nz) = first, last + 1
         assert min(first) >= 0
         return grid.samples[z:nz, y:ny, x:nx]

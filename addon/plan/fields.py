@@ -187,7 +187,7 @@ class Fields:
         if samples is None:
             began = time.perf_counter()
             samples = leapray.Isosurfaces(
-                field_filters.filtered(field, threshold, factor, self.threads, self.watch),
+                field_filters.filtered(field, threshold, factor, room, self.threads, self.watch),
                 above=field.above,
                 capped=field.capped,
                 threads=self.threads,

@@ -12,14 +12,15 @@ import numpy as np
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import ONES, SAMPLE_TYPES, matrix
+from .arrays import DTYPES, ONES, SAMPLE_TYPES, matrix
 from .scalar_grid import ScalarGrid
 from .scalar_source import Source, source_of
 from .threads import check_threads, run_steps
-from .volume import Volume, VolumeBuilder
+from .volume import BRICK, Volume, VolumeBuilder
 
 FLOAT_WHOLES = 1 << 24  # whole numbers in a row that a float holds
 FLOAT_MOST = float(np.finfo(np.float32).max)
+TYPES = {int(number): name for name, number in SAMPLE_TYPES.items()}
 LEAST_SCALE = 2.0**-60  # numbers no larger are stored as multiples of a power of two
 
 
@@ -58,7 +59,8 @@ class Isosurfaces:
     Raises LeapRayError for grids that hold no real numbers, OutOfMemory beyond max_nbytes
     before anything is stored, Stopped when watch was told to stop.
     Attributes: low and high, the least and the largest value; scale and offset: the value is
-    offset + scale * occupancy in each of its volumes.
+    offset + scale * occupancy in each of its volumes; nbytes: of the samples that its volumes
+    share, which are part of the nbytes of each; 0 where each has its own.
     """
 
     def __init__(
@@ -82,14 +84,13 @@ class Isosurfaces:
         self._map, self._lossless = _map_of(source, samples, self._law)
         self.low, self.high = sorted(map(self._law.value, self._range))
         per_number = self._law.scale / self._map.gain
-        types = {number: name for name, number in SAMPLE_TYPES.items()}
-        self.scale = per_number * ONES[types[self._map.sample_type]]
+        self.scale = per_number * ONES[TYPES[self._map.sample_type]]
         self.offset = self._law.offset + per_number * self._map.base
         self._source = source
-        self._samples = None
+        self._samples, self.nbytes = None, 0
         if self._lossless and not self._empty:
             samples.store(source, self._map, max_nbytes, threads, watch)
-            self._samples = samples
+            self._samples, self.nbytes = samples, samples.nbytes
             if not samples.has_none:
                 source.forget()
 
@@ -295,6 +296,8 @@ class _Samples:
             ctypes.byref(error),
         )
         check(status, error)
+        brick, cells = BRICK**3 * DTYPES[TYPES[as_map.sample_type]].itemsize, BRICK**3 // 8
+        self.nbytes = nbytes.value // (brick + cells) * brick  # without a bit for each cell
         source.fill(self.handle, self._parts(), threads, watch)
 
     def surface(self, level: float, threads: int, watch: Watch) -> Volume:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._lib import LeapRayError, Stopped, Watch
-from .scalar_grid import ScalarGrid
+from .scalar_grid import Leaves, ScalarGrid
 from .scalar_source import source_of
 from .volume import Volume, VolumeBuilder
 
@@ -28,7 +28,7 @@ def labels(grid: ScalarGrid, *, watch: Watch | None = None) -> Volume:
     """
     source = source_of(grid)
     array = grid.samples
-    if source.sparse or not isinstance(array, np.ndarray):
+    if isinstance(array, Leaves):
         raise LeapRayError(f"labels of {grid.name!r} must be an array, not leaves")
     level = (LEVEL - 0.5) / 255
     builder = VolumeBuilder(source.size, "u8", level, source.object_from_index, has_ids=True)

@@ -7,26 +7,31 @@ import ctypes
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from . import leaf_filters
 from ._lib import LeapRayError, Stopped, Watch, call, lib
 from .arrays import empty, pointer
-from .scalar_grid import ScalarGrid
+from .file_samples import Samples, Spool
+from .scalar_grid import Leaves, ScalarGrid
 from .scalar_source import source_of
 from .threads import check_threads, run_parts
 
 SLAB = 8  # slices that a thread takes at a time
+STACK = 16  # slices that are summed at a time: more take more memory, fewer read more often
+BLOCK = 1 << 22  # samples that are added up at a time
 REACH = 4.0  # sigmas, beyond which a Gaussian is 0.0001 of its peak at most
 
 
-def _array_of(grid: ScalarGrid) -> NDArray:
+def _array_of(grid: ScalarGrid) -> Samples:
     """The samples of a dense grid. Raises LeapRayError for others."""
     source = source_of(grid)
     if source.sparse:
         raise LeapRayError(f"{grid.name!r} holds leaves; an array of samples is needed")
-    assert isinstance(grid.samples, np.ndarray)
+    assert not isinstance(grid.samples, Leaves)
     return grid.samples
 
 
@@ -45,8 +50,14 @@ def _float_of(dtype: np.dtype) -> np.dtype:
 
 
 def _slabs(
-    fill: Callable[[int, int], None], n: int, threads: int, watch: Watch | None, what: str
+    fill: Callable[[int, int], None],
+    n: int,
+    rows: int,
+    threads: int,
+    watch: Watch | None,
+    what: str,
 ) -> None:
+    """fill(first, last) of some rows at a time, side by side."""
     check_threads(threads)
     watch = watch or Watch()
 
@@ -54,7 +65,7 @@ def _slabs(
         if not watch.stopped:
             fill(first, last)
 
-    run_parts(part, n, SLAB, threads, watch)
+    run_parts(part, n, rows, threads, watch)
     if watch.stopped:
         raise Stopped(f"{what} was stopped")
 
@@ -70,53 +81,88 @@ def coarser(
     grid: of an array (nz, ny, nx); the last blocks are of what is left, their samples lie where
     those of whole blocks would. NaN and no_data take no part; a block of nothing else is NaN, of
     whole numbers no_data. Whole numbers are rounded and keep their type. Of labels a block
-    takes the one that its middle has. threads: 0 for all cores. Raises LeapRayError for a factor
-    below 1 and for leaves, OutOfMemory, Stopped when watch was told to stop.
+    takes the one that its middle has. Leaves, too, for factors that are powers of two, unless
+    they are of labels; their means are floats. threads: 0 for all cores. Raises LeapRayError for
+    other factors, OutOfMemory, Stopped when watch was told to stop.
     """
-    array = _array_of(grid)
     if factor != int(factor) or factor < 1:
         raise LeapRayError(f"the factor must be a whole number of at least 1; it is {factor}")
     factor = int(factor)
+    if isinstance(grid.samples, Leaves):
+        return _coarser_leaves(grid, grid.samples, factor, watch or Watch())
+    array = _array_of(grid)
     middle = factor // 2 if grid.kind == "labels" else (factor - 1) / 2
     place = np.diag([factor, factor, factor, 1.0])
     place[:3, 3] = middle
-    if grid.kind == "labels":
-        last = [np.minimum(np.arange(0, n, factor) + factor // 2, n - 1) for n in array.shape]
-        out = array[np.ix_(*last)]
-    else:
-        out = _means(grid, array, factor, threads, watch)
-    return replace(grid, samples=out, world_from_index=grid.world_from_index @ place)
-
-
-def _means(grid: ScalarGrid, array: NDArray, factor: int, threads: int, watch) -> NDArray:
-    nz, ny, nx = (-(-n // factor) for n in array.shape)
-    whole = array.dtype.kind in "iub"
-    dtype = array.dtype if array.dtype.kind != "b" else np.dtype(np.float32)
-    out = empty((nz, ny, nx), dtype.newbyteorder("="))
-    none = 0 if grid.no_data is None else grid.no_data
+    size = [-(-n // factor) for n in array.shape]
+    out = Spool(size, array.dtype if array.dtype.kind != "b" else np.dtype(np.float32))
+    of_labels = grid.kind == "labels"
 
     def fill(first: int, last: int) -> None:
-        block = array[first * factor : last * factor]
+        for k in range(first, last):
+            row = _middles(array, factor, k) if of_labels else _means(grid, array, factor, k)
+            out[k : k + 1] = row
+
+    _slabs(fill, size[0], max(SLAB // factor, 1), threads, watch, "resampling")
+    return replace(grid, samples=out.samples(), world_from_index=grid.world_from_index @ place)
+
+
+def _coarser_leaves(grid: ScalarGrid, leaves: Leaves, factor: int, watch: Watch) -> ScalarGrid:
+    source_of(grid)
+    if factor & (factor - 1):
+        raise LeapRayError(f"leaves become coarser by powers of two, not by {factor}")
+    _refuse_labels(grid)
+    dtype = _float_of(leaves.samples.dtype)
+    place = np.diag([factor, factor, factor, 1.0])
+    place[:3, 3] = (factor - 1) / 2
+    while factor > 1:
+        leaves = leaf_filters.halved(leaves, partial(_numbers, grid, dtype=dtype), dtype, watch)
+        factor //= 2
+    return replace(grid, samples=leaves, world_from_index=grid.world_from_index @ place)
+
+
+def _refuse_labels(grid: ScalarGrid) -> None:
+    if grid.kind == "labels":
+        raise LeapRayError("labels are names and have no mean: they are not averaged")
+
+
+def _middles(array: Samples, factor: int, k: int) -> NDArray:
+    """The samples in the middles of blocks, of row k of blocks."""
+    z, y, x = (np.minimum(np.arange(0, n, factor) + factor // 2, n - 1) for n in array.shape)
+    return array[int(z[k])][np.ix_(y, x)]
+
+
+def _means(grid: ScalarGrid, array: Samples, factor: int, k: int) -> NDArray:
+    """The means of row k of blocks, of which a few slices are taken at a time."""
+    whole = array.dtype.kind in "iub"
+    all_known = whole and grid.no_data is None
+    ny, nx = array.shape[1:]
+    total, count = np.zeros((ny, nx)), np.zeros((ny, nx), np.float32)
+    rows = max(BLOCK // (ny * nx), 1)
+    end = min((k + 1) * factor, len(array))
+    for first in range(k * factor, end, rows):
+        block = array[first : min(first + rows, end)]
+        if all_known:
+            total += block.sum(axis=0, dtype=np.float64)
+            count += np.float32(len(block))
+            continue
         numbers = _numbers(grid, block, np.float64 if block.itemsize > 2 else np.float32)
         known = ~np.isnan(numbers)
-        every = known.all()
-        total = _sums(np.where(known, numbers, 0) if not every else numbers, factor)
-        count = _sums(known.astype(np.float32), factor)
-        with np.errstate(all="ignore"):
-            mean = total / count
-        if whole and array.dtype.kind != "b":
-            mean = np.where(count > 0, np.rint(mean), none)
-        out[first:last] = mean
-
-    _slabs(fill, nz, threads, watch, "resampling")
-    return out
+        total += np.where(known, numbers, 0).sum(axis=0, dtype=np.float64)
+        count += known.sum(axis=0)
+    with np.errstate(all="ignore"):
+        mean = _sums(total, factor) / _sums(count, factor)
+    if whole and array.dtype.kind != "b":
+        none = 0 if grid.no_data is None else grid.no_data
+        mean = np.where(np.isnan(mean), none, np.rint(mean))
+    return mean
 
 
-def _sums(block: NDArray, factor: int) -> NDArray:
-    """Of blocks of factor^3; those at the end may be smaller."""
-    for axis in range(3):
-        block = np.add.reduceat(block, np.arange(0, block.shape[axis], factor), axis=axis)
-    return block
+def _sums(plane: NDArray, factor: int) -> NDArray:
+    """Of squares of factor^2; those at the end may be smaller."""
+    for axis in range(2):
+        plane = np.add.reduceat(plane, np.arange(0, plane.shape[axis], factor), axis=axis)
+    return plane
 
 
 # ---- smoother ----------------------------------------------------------------------------------
@@ -130,51 +176,100 @@ def smooth(
     grid: of an array (nz, ny, nx). sigma: its standard deviation in voxels, the kernel ends at
     four of them. Weights are those of the samples that are known, together 1: NaN, no_data
     and what lies beyond the border take no part, and stay NaN. Infinities count as the largest
-    floats. threads: 0 for all cores. Raises LeapRayError for a sigma that is negative or not
-    finite, for labels and leaves; OutOfMemory, Stopped when watch was told to stop.
+    floats. Leaves, too, beyond which lies the background, which takes part. threads: 0 for all
+    cores. Raises LeapRayError for a sigma that is negative or not finite, for labels, and for more
+    than two million leaves; OutOfMemory, Stopped when watch was told to stop.
     """
-    array = _array_of(grid)
     if not (math.isfinite(sigma) and sigma >= 0.0):
         raise LeapRayError(f"sigma must be finite and 0 or more; it is {sigma}")
-    if grid.kind == "labels":
-        raise LeapRayError("labels are names and have no mean: they are not smoothed")
+    _refuse_labels(grid)
+    if isinstance(grid.samples, Leaves):
+        return _smooth_leaves(grid, grid.samples, sigma, threads, watch or Watch())
+    array = _array_of(grid)
+    dtype = _float_of(array.dtype)
+    flat = _Flat(grid, array, dtype, _weights(sigma))
+    out = Spool(array.shape, dtype)
+    _slabs(flat.fill, len(array), 1, threads, watch, "smoothing")
+    _slabs(partial(flat.stack, out), len(array), STACK, threads, watch, "smoothing")
+    return replace(grid, samples=out.samples(), no_data=None)
+
+
+def _smooth_leaves(
+    grid: ScalarGrid, leaves: Leaves, sigma: float, threads: int, watch: Watch
+) -> ScalarGrid:
+    source_of(grid)
+    check_threads(threads)
+    dtype = _float_of(leaves.samples.dtype)
+    numbers = partial(_numbers, grid, dtype=dtype)
+    made = leaf_filters.smoothed(leaves, numbers, dtype, _weights(sigma), _along, threads, watch)
+    return replace(grid, samples=made, no_data=None)
+
+
+def _weights(sigma: float) -> NDArray[np.float64]:
+    """Of samples 0, 1 ... away; together, those on either side, 1."""
     reach = math.ceil(REACH * sigma)
     weights = np.exp(-0.5 * (np.arange(reach + 1) / max(sigma, 1e-9)) ** 2)
-    weights /= weights[0] + 2 * weights[1:].sum()
-    dtype = _float_of(array.dtype)
-    out = empty(array.shape, dtype)
-    most = np.finfo(dtype).max
+    return weights / (weights[0] + 2 * weights[1:].sum())
 
-    def fill(first: int, last: int) -> None:
-        low = max(0, first - reach)
-        numbers = _numbers(grid, array[low : last + reach], dtype)
+
+class _Flat:
+    """Slices that are convolved along x and y, then together along z.
+
+    Beside the sums go the weights of what is known, together; where all is, they are products.
+    """
+
+    def __init__(self, grid: ScalarGrid, array: Samples, dtype: np.dtype, weights: NDArray) -> None:
+        self.grid, self.array, self.dtype, self.weights = grid, array, dtype, weights
+        self.all_known = array.dtype.kind in "iub" and grid.no_data is None
+        self.sums = Spool(array.shape, dtype)
+        self.shares = None if self.all_known else Spool(array.shape, np.dtype(np.float32))
+        self.most = np.finfo(dtype).max
+
+    def _slice(self, k: int) -> tuple[NDArray, NDArray[np.bool_] | None]:
+        """The numbers of a slice, 0 where they are not known, and where they are."""
+        numbers = _numbers(self.grid, self.array[k], self.dtype)
+        if self.all_known:
+            return numbers, None
         known = ~np.isnan(numbers)
-        numbers = np.clip(np.where(known, numbers, 0), -most, most)
-        own = slice(first - low, last - low)
-        mean = _convolve(numbers, weights, own)
-        share = _shares(known, weights, own)
+        return np.clip(np.where(known, numbers, 0), -self.most, self.most), known
+
+    def fill(self, first: int, last: int) -> None:
+        for k in range(first, last):
+            numbers, known = self._slice(k)
+            self.sums[k : k + 1] = self._plane(numbers)
+            if self.shares is not None and known is not None:
+                self.shares[k : k + 1] = self._plane(known.astype(np.float32))
+
+    def _plane(self, plane: NDArray) -> NDArray:
+        return _along(_along(plane, self.weights, 0), self.weights, 1)
+
+    def stack(self, out: Spool, first: int, last: int) -> None:
         with np.errstate(all="ignore"):
-            out[first:last] = np.where(known[own], mean / share, np.nan)
+            mean = self._stacked(self.sums, first, last)
+            if self.shares is None:
+                ones = [_along(np.ones(n, np.float32), self.weights, 0) for n in self.array.shape]
+                mean /= ones[0][first:last, None, None] * ones[1][:, None] * ones[2]
+            else:
+                mean /= self._stacked(self.shares, first, last)
+        for k in range(first, last):
+            known = self._slice(k)[1]
+            if known is not None:
+                mean[k - first][~known] = np.nan
+        out[first:last] = mean
 
-    _slabs(fill, len(array), threads, watch, "smoothing")
-    return replace(grid, samples=out, no_data=None)
-
-
-def _convolve(block: NDArray, weights: NDArray, own: slice) -> NDArray:
-    """Along z, of which only the own slices are kept, y and x; beyond the block all is 0."""
-    block = _along(block, weights, 0)[own]
-    return _along(_along(block, weights, 1), weights, 2)
-
-
-def _shares(known: NDArray[np.bool_], weights: NDArray, own: slice) -> NDArray:
-    """The weights of what is known, together."""
-    if not known.all():
-        return _convolve(known.astype(np.float32), weights, own)
-    lines = [_along(np.ones(n, np.float32), weights, 0) for n in known.shape]
-    return lines[0][own, None, None] * lines[1][:, None] * lines[2]
+    def _stacked(self, spool: Spool, first: int, last: int) -> NDArray:
+        """The sums along z of slices first..last - 1; each slice in reach is read once."""
+        samples, reach = spool.samples(), len(self.weights) - 1
+        total = np.zeros((last - first, *spool.shape[1:]), spool.dtype)
+        for k in range(max(first - reach, 0), min(last + reach, spool.shape[0])):
+            plane = samples[k]
+            for row in range(max(first, k - reach), min(last, k + reach + 1)):
+                total[row - first] += spool.dtype.type(self.weights[abs(row - k)]) * plane
+        return total
 
 
 def _along(block: NDArray, weights: NDArray, axis: int) -> NDArray:
+    """Convolved along an axis; beyond the block all is 0."""
     line = np.moveaxis(block, axis, 0)
     out = line * line.dtype.type(weights[0])
     for k, weight in enumerate(weights[1 : len(line)].astype(line.dtype), 1):
@@ -226,6 +321,9 @@ def without_islands(
         pointer(small, ctypes.c_uint8),
         watch=watch,
     )
-    samples = np.array(array)
-    np.copyto(samples, np.asarray(fill).astype(samples.dtype), where=small.astype(bool))
-    return replace(grid, samples=samples)
+    samples = Spool(array.shape, array.dtype)
+    outer = np.asarray(fill).astype(array.dtype)
+    for first in range(0, len(array), SLAB):
+        rows = slice(first, min(first + SLAB, len(array)))
+        samples[rows] = np.where(small[rows], outer, array[rows])
+    return replace(grid, samples=samples.samples())

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from .file_samples import FileSamples, Samples
+
 KINDS = ("scalar", "level set", "fog", "labels")
 LEAF = 8  # samples along a leaf of a sparse grid
 
@@ -20,7 +22,7 @@ class Leaves:
     """
 
     origins: NDArray[np.int32]  # (n, 3) first sample of each leaf
-    samples: NDArray  # (n, LEAF, LEAF, LEAF) in z, y, x order
+    samples: Samples  # (n, LEAF, LEAF, LEAF) in z, y, x order, in memory or in a file
     background: float  # stored number of all other samples
     tile_origins: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 3), np.int32))
     tile_sizes: NDArray[np.int32] = field(default_factory=lambda: np.empty(0, np.int32))
@@ -31,7 +33,7 @@ class Leaves:
 class ScalarGrid:
     """A measured or made scalar field: a number on each point of a lattice.
 
-    samples: the stored numbers, (nz, ny, nx) of any real dtype, which may be a memory map, or
+    samples: the stored numbers, (nz, ny, nx) of any real dtype, in memory or in a file, or
     Leaves. The value of a sample is offset + scale * stored. world_from_index: (4, 4), affine,
     invertible: where sample (i, j, k) lies, in units of `meters` metres (0: the file does not
     say). kind: "scalar", "level set" (the surface at 0, inside below), "fog" (density) or
@@ -39,7 +41,7 @@ class ScalarGrid:
     """
 
     name: str
-    samples: NDArray | Leaves
+    samples: Samples | Leaves
     world_from_index: NDArray[np.float64]
     scale: float = 1.0
     offset: float = 0.0
@@ -51,3 +53,21 @@ class ScalarGrid:
     label_colors: dict[int, tuple[float, float, float]] = field(default_factory=dict)  # sRGB 0..1
     source: str = ""  # the file or folder that it was read from
     warnings: tuple[str, ...] = ()  # sentences on what was read with a doubt
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of memory that the samples take; those in files take none."""
+        return sum(each.nbytes for each in self._arrays() if not isinstance(each, FileSamples))
+
+    @property
+    def unpacked_nbytes(self) -> int:
+        """Bytes that they take in temporary files."""
+        files = (each for each in self._arrays() if isinstance(each, FileSamples))
+        return sum(each.unpacked_nbytes for each in files)
+
+    def _arrays(self) -> list[Samples]:
+        held = self.samples
+        if not isinstance(held, Leaves):
+            return [held]
+        tiles = [held.tile_origins, held.tile_sizes, held.tile_values]
+        return [held.origins, held.samples, *tiles]

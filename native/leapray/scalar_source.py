@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import ctypes
+import math
+import threading
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from . import _abi
 from ._lib import LeapRayError, Watch, call, lib
 from .arrays import pointer
+from .file_samples import FileSamples, Samples
 from .scalar_grid import LEAF, Leaves, ScalarGrid
 from .threads import run_steps
 
@@ -82,26 +85,36 @@ class ArraySource(Source):
 
     def __init__(self, grid: ScalarGrid, capped: bool) -> None:
         array = grid.samples
-        if not isinstance(array, np.ndarray) or array.ndim != 3 or array.size == 0:
+        if not isinstance(array, np.ndarray | FileSamples) or array.ndim != 3 or array.size == 0:
             shape = getattr(array, "shape", type(array).__name__)
             raise LeapRayError(
                 f"samples of {grid.name!r} must be an array (nz, ny, nx), none of them 0; "
                 f"they are {shape}"
             )
         super().__init__(grid, capped, array.dtype)
-        self.array: NDArray | None = array
+        self.array: Samples | None = array
         self.size = (array.shape[2], array.shape[1], array.shape[0])
 
     def forget(self) -> None:
         self.array = None
 
-    def _slices(self, first: int, n: int) -> NDArray:
-        assert self.array is not None
-        return self._native(self.array[first : first + n])
+    def _slices(self, first: int, n: int, room: NDArray | None = None) -> NDArray:
+        """room: bytes that the numbers of a file may be read into."""
+        array = self.array
+        assert array is not None
+        if isinstance(array, FileSamples):
+            return self._native(array.slices(first, first + n, room))
+        return self._native(array[first : first + n])
 
     def _each(self, function, handle, parts, threads: int, watch: Watch) -> None:
+        rooms = threading.local()  # new memory for every part would take longer than to read it
+        most = max(n for _, n in parts) * math.prod(self.size[:2]) * self.dtype.itemsize
+
         def part(step: int, index: int) -> None:
-            block = self._slices(*parts[index])
+            if not hasattr(rooms, "bytes") and isinstance(self.array, FileSamples):
+                rooms.bytes = np.empty(most, np.uint8)
+            first, n = parts[index]
+            block = self._slices(first, n, getattr(rooms, "bytes", None))
             where = ctypes.c_void_p(block.ctypes.data)
             call(function, handle, index, where, watch=watch)
 
@@ -129,7 +142,7 @@ class LeafSource(Source):
         leaves = grid.samples
         assert isinstance(leaves, Leaves)
         super().__init__(grid, True, leaves.samples.dtype)
-        self.leaves = leaves
+        self.leaves: Leaves | None = leaves
         self.background = float(leaves.background)
         if not np.isfinite(self.background):
             raise LeapRayError(f"the background of {grid.name!r} is {self.background}")
@@ -147,12 +160,17 @@ class LeafSource(Source):
         shift[:3, 3] = self.first
         self.object_from_index = self.object_from_index @ shift
 
+    def forget(self) -> None:
+        self.leaves = None
+
     def _each(self, function, handle, threads: int, watch: Watch) -> None:
-        origins = np.ascontiguousarray(self.leaves.origins - self.first, np.int32)
+        leaves = self.leaves
+        assert leaves is not None
+        origins = np.ascontiguousarray(leaves.origins - self.first, np.int32)
 
         def part(step: int, index: int) -> None:
             chosen = slice(CHUNK * index, CHUNK * index + CHUNK)
-            numbers = self._native(self.leaves.samples[chosen])
+            numbers = self._native(leaves.samples[chosen])
             places = pointer(origins[chosen], ctypes.c_int32)
             where = ctypes.c_void_p(numbers.ctypes.data)
             call(function, handle, places, where, len(numbers), watch=watch)
@@ -161,9 +179,11 @@ class LeafSource(Source):
 
     def scan(self, handle, parts, threads: int, watch: Watch) -> None:
         self._each(lib.lr_samples_scan_leaves, handle, threads, watch)
-        origins = np.ascontiguousarray(self.leaves.tile_origins - self.first, np.int32)
-        sizes = np.ascontiguousarray(self.leaves.tile_sizes, np.int32)
-        values = np.ascontiguousarray(self.leaves.tile_values, np.float64)
+        leaves = self.leaves
+        assert leaves is not None
+        origins = np.ascontiguousarray(leaves.tile_origins - self.first, np.int32)
+        sizes = np.ascontiguousarray(leaves.tile_sizes, np.int32)
+        values = np.ascontiguousarray(leaves.tile_values, np.float64)
         call(
             lib.lr_samples_put_tiles,
             handle,

@@ -150,7 +150,7 @@ class _Parts:
 
     def run(self, part: Callable[[NDArray], T]) -> list[T]:
         """part(numbers) of all blocks of samples, on threads."""
-        slab = max(BLOCK // max(self.samples[:1].size, 1), 1)
+        slab = max(BLOCK // max(math.prod(self.samples.shape[1:]), 1), 1)
 
         def rows(first: int, last: int) -> T | None:
             return part(self.samples[first:last]) if not self.watch.stopped else None

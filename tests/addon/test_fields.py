@@ -11,7 +11,6 @@ import scenes
 import leapray
 from addon import model, pipeline
 from addon.plan import field_filters, objects, plan
-from addon.plan.field_filters import coarser
 from addon.store.memory_cache import Cache
 from leapray.scalar_grid import Leaves, ScalarGrid
 
@@ -180,43 +179,6 @@ def test_bad_places_and_thresholds_are_sentences():
         assert any(f"'Volume {number}'" in w and words in w for w in frame.warnings)
 
 
-def test_coarser_leaves_are_the_coarser_array():
-    rng = np.random.default_rng(5)
-    array = np.full((64, 64, 64), -7.0, np.float32)
-    origins, blocks = [], []
-    for x, y, z in 8 * rng.permutation(list(np.ndindex(4, 4, 4)))[:20]:
-        block = rng.normal(size=(8, 8, 8)).astype(np.float32)
-        array[z : z + 8, y : y + 8, x : x + 8] = block
-        origins.append((x - 32, y - 32, z - 32))
-        blocks.append(block)
-    array[32:, 32:, 32:] = 3.0  # a tile of 32 samples,
-    array[40:48, :8, :8] = 5.0  # and one of 8
-    leaves = Leaves(
-        np.array(origins, np.int32),
-        np.array(blocks),
-        -7.0,
-        np.array([(0, 0, 0), (-32, -32, 8)], np.int32),
-        np.array([32, 8], np.int32),
-        np.array([3.0, 5.0]),
-    )
-    for factor in (2, 4, 8):
-        want = coarser(ScalarGrid("array", array, np.eye(4)), factor)
-        got = coarser(ScalarGrid("leaves", leaves, np.eye(4)), factor)
-        np.testing.assert_allclose(got.world_from_index, want.world_from_index)
-        dense = np.full_like(want.samples, -7.0)
-        parts = got.samples
-        low = 32 // factor
-        cells = [(o, 8, s) for o, s in zip(parts.origins, parts.samples, strict=True)]
-        cells += list(zip(parts.tile_origins, parts.tile_sizes, parts.tile_values, strict=True))
-        for origin, side, values in cells:
-            first = origin + low
-            last = np.minimum(first + side, dense.shape[0])
-            block = np.broadcast_to(values, (side,) * 3)
-            cut = tuple(slice(max(-first[k], 0), last[k] - first[k]) for k in (2, 1, 0))
-            dense[tuple(slice(max(first[k], 0), last[k]) for k in (2, 1, 0))] = block[cut]
-        np.testing.assert_allclose(dense, want.samples, atol=1e-5)
-
-
 # ---- filters ---------------------------------------------------------------------------
 
 
@@ -224,7 +186,9 @@ def test_labels_are_smoothed_as_one_region():
     labels = np.zeros((12, 12, 12), np.uint8)
     labels[:, :, 3:7], labels[:, :, 7:] = 3, 200
     grid = ScalarGrid("labels", labels, np.eye(4), kind="labels")
-    made = field_filters.filtered(field(grid, 0.5, smoothing=1.0), 0.5, 1, 1, leapray.Watch())
+    made = field_filters.filtered(
+        field(grid, 0.5, smoothing=1.0), 0.5, 1, np.inf, 1, leapray.Watch()
+    )
     across = made.samples[6, 6]
     assert across.max() <= 1.0 + 1e-6 and abs(across[7:10] - 1).max() < 1e-2
     assert across[2] < 0.5 < across[3]

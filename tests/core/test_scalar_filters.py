@@ -5,13 +5,23 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
-from leapray import Leaves, ScalarGrid, coarser, isosurface, labels, smooth, without_islands
+from leapray import (
+    Leaves,
+    ScalarGrid,
+    coarser,
+    file_samples,
+    isosurface,
+    labels,
+    smooth,
+    without_islands,
+)
 
 PLACE = np.array([[0.5, 0.1, 0, 3], [0, 0.7, 0.2, -1], [0, 0, 1.5, 2], [0, 0, 0, 1.0]])
 
@@ -181,17 +191,132 @@ def test_label_surfaces_are_smoother_than_voxels():
     assert turned(labels(grid)) < 0.75 * turned(isosurface(blocks, 0.5))
 
 
+# ---- leaves ------------------------------------------------------------------------------------
+
+SIDE, LOW = 128, -64  # of a box round the leaves, and its first sample
+
+
+def sparse(rng, dtype=np.float32, background=-7.0, n=20, unknown=False) -> ScalarGrid:
+    """Leaves in any order, tiles of 8, 24 and 32 samples, on both sides of 0."""
+    places = 8 * rng.permutation(list(np.ndindex(4, 4, 4)))[:n] - 32
+    blocks = rng.normal(size=(n, 8, 8, 8)) * 100
+    if unknown:
+        blocks[:, 2, 3:5] = np.nan
+        blocks[0] = np.nan
+    tiles = np.array([(8, 8, 8), (-40, -40, -48), (-32, -48, 16)])
+    leaves = Leaves(
+        places.astype(np.int32),
+        blocks.astype(dtype),
+        background,
+        tiles.astype(np.int32),
+        np.array([32, 8, 24], np.int32),
+        np.array([300.0, 5.0, -9.0]),
+    )
+    sides = np.array([32, 8, 24])[:, None, None]
+    inside = (places >= tiles[:, None]) & (places < tiles[:, None] + sides)
+    keep = ~inside.all(axis=2).any(axis=0)
+    leaves = replace(leaves, origins=leaves.origins[keep], samples=leaves.samples[keep])
+    return ScalarGrid("sparse", leaves, PLACE)
+
+
+def dense(grid: ScalarGrid, low: int, side: int) -> np.ndarray:
+    """All samples of a box; each place is told once."""
+    parts = grid.samples
+    made = np.full((side,) * 3, parts.background, np.result_type(parts.samples.dtype, np.float32))
+    told = np.zeros(made.shape, int)
+    sizes = [8] * len(parts.origins) + parts.tile_sizes.tolist()
+    values = [*parts.samples, *parts.tile_values]
+    origins = np.concatenate([parts.origins, parts.tile_origins]) - low
+    for (x, y, z), n, value in zip(origins.tolist(), sizes, values, strict=True):
+        assert min(x, y, z) >= 0 and max(x, y, z) + n <= side and n % 8 == 0
+        cut = slice(z, z + n), slice(y, y + n), slice(x, x + n)
+        made[cut] = value
+        told[cut] += 1
+    assert told.max() == 1
+    return made
+
+
+@pytest.mark.parametrize("where", ["in memory", "in a file"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int32])
+def test_coarser_leaves_are_the_coarser_array(dtype, where, monkeypatch):
+    grid = sparse(np.random.default_rng(5), dtype)
+    if where == "in a file":
+        monkeypatch.setattr(file_samples, "SMALL", 0)
+        kept = file_samples.spooled(grid.samples.samples)
+        grid = replace(grid, samples=replace(grid.samples, samples=kept))
+    array = grid_of(dense(grid, LOW, SIDE))
+    for factor in (1, 2, 4, 8):
+        want, got = coarser(array, factor), coarser(grid, factor)
+        assert_allclose(got.world_from_index, array_place(grid, factor))
+        first, side = LOW // factor - 8, SIDE // factor + 16
+        around = slice(8, 8 + SIDE // factor)
+        found = dense(got, first, side)
+        assert_allclose(found[around, around, around], want.samples, rtol=1e-5, atol=1e-4)
+        assert (np.delete(found, range(8, 8 + SIDE // factor), 0) == -7.0).all()
+
+
+def array_place(grid, factor):
+    """Sample i of the coarser grid is the mean of i factor to i factor + factor - 1."""
+    place = np.diag([factor, factor, factor, 1.0])
+    place[:3, 3] = (factor - 1) / 2
+    return grid.world_from_index @ place
+
+
+def test_means_of_leaves_leave_out_what_is_not_known():
+    grid = sparse(np.random.default_rng(6), unknown=True)
+    want = coarser(grid_of(dense(grid, LOW, SIDE)), 2).samples
+    got = dense(coarser(grid, 2), LOW // 2, SIDE // 2)
+    assert np.isnan(want).sum() > 60
+    assert_allclose(got, want, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize("where", ["in memory", "in a file"])
+@pytest.mark.parametrize("sigma", [0.0, 0.7, 1.5, 3.1])
+@pytest.mark.parametrize("unknown", [False, True])
+def test_smooth_leaves_are_the_smooth_array(sigma, unknown, where, monkeypatch):
+    grid = sparse(np.random.default_rng(7), unknown=unknown)
+    if where == "in a file":
+        monkeypatch.setattr(file_samples, "SMALL", 0)
+        kept = file_samples.spooled(grid.samples.samples)
+        grid = replace(grid, samples=replace(grid.samples, samples=kept))
+    got = smooth(grid, sigma, threads=3)
+    assert_allclose(got.world_from_index, grid.world_from_index)
+    want = smooth(grid_of(dense(grid, LOW, SIDE)), sigma).samples
+    assert_allclose(dense(got, LOW, SIDE), want, rtol=1e-4, atol=1e-3)
+    assert np.isnan(want).any() == unknown
+
+
+def test_smoothing_leaves_far_spaces_and_the_inside_of_tiles_alone():
+    far = 8 * np.array([(0, 0, 0), (100_000, 0, 50_000)])
+    tile = np.array([(1024, 1024, 1024)])
+    samples = np.random.default_rng(8).normal(size=(2, 8, 8, 8))
+    leaves = Leaves(far.astype(np.int32), samples, -1.0, tile.astype(np.int32),
+                    np.array([128], np.int32), np.array([5.0]))  # fmt: skip
+    made = smooth(ScalarGrid("far", leaves, PLACE), 1.0).samples
+    assert len(made.samples) < 2 * 27 + 6 * 2 * 18**2
+    inner = made.tile_values == 5.0
+    # of the tile a leaf's width at its border is told anew, some of it alike
+    assert (made.tile_sizes[inner].astype(int) ** 3).sum() >= 112**3
+    assert made.tile_sizes.max() == 32
+
+
 # ---- what is refused ---------------------------------------------------------------------------
 
 
 def test_wrong_grids_and_numbers_are_refused():
     leaves = Leaves(np.zeros((1, 3), np.int32), np.zeros((1, 8, 8, 8), np.float32), 0.0)
     sparse = ScalarGrid("sparse", leaves, np.eye(4))
+    one = np.zeros((1, 3), np.int32)
+    vast = replace(leaves, tile_origins=one - 4096, tile_sizes=one[0, :1] + 4096,
+                   tile_values=np.ones(1))  # fmt: skip
     named = grid_of(np.zeros((2, 2, 2), np.uint8), kind="labels")
     plain = grid_of(np.zeros((2, 2, 2)))
     for call in (
-        lambda: coarser(sparse),
-        lambda: smooth(sparse, 1.0),
+        lambda: coarser(sparse, 3),
+        lambda: coarser(replace(sparse, kind="labels")),
+        lambda: smooth(replace(sparse, kind="labels"), 1.0),
+        lambda: smooth(sparse, -1.0),
+        lambda: smooth(replace(sparse, samples=vast), 16.0),
         lambda: labels(sparse),
         lambda: without_islands(sparse, 0.5, 3),
         lambda: coarser(plain, 0),

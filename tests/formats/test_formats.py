@@ -13,7 +13,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from phantoms import KINDS, LPS, PLACES, SIZE
 
 import leapray
+from leapray import file_samples
 from leapray.scalar_grid import KINDS as KINDS_OF_GRID
+from leapray.scalar_grid import Leaves
+
+PLAIN = "nifti", "nifti 2", "nrrd", "nrrd detached", "mrc", "tiff", "raw"
 
 CASES = [
     (kind, dtype, place)
@@ -23,6 +27,13 @@ CASES = [
     if (item.placed or place in ("upright", "anisotropic"))
     and (dtype == item.dtypes[0] or place == "oblique" or place == "anisotropic")
 ]
+
+
+@pytest.fixture(autouse=True, params=["in memory", "in a file"])
+def where(request, monkeypatch):
+    """Phantoms are small: their samples come in memory, unless nothing is."""
+    if request.param == "in a file":
+        monkeypatch.setattr(file_samples, "SMALL", 0)
 
 
 def written(folder, kind, dtype="int16", place="anisotropic"):
@@ -52,7 +63,7 @@ def test_a_phantom_comes_back_in_its_numbers_and_place(kind, dtype, place, tmp_p
         matrix = matrix.copy()
         matrix[:3, 3] = 0
     assert_same_field(grid, stored, matrix)
-    if isinstance(grid.samples, np.ndarray):
+    if not isinstance(grid.samples, Leaves):
         assert grid.samples.shape == SIZE[::-1]
         assert grid.samples.dtype == np.dtype(dtype).newbyteorder("=")
     assert grid.warnings == ()
@@ -78,27 +89,26 @@ def test_the_same_phantom_through_all_formats_is_the_same_field(tmp_path):
         values = phantoms.dense(grid, (np.zeros(3, int), np.array(SIZE) - 1))
         index = np.linalg.inv(first.world_from_index) @ grid.world_from_index
         if grid.quantity == "HU":  # rows run to the left's and to the front's opposite
-            assert_same_field(grid, first.samples, first.world_from_index)
+            assert_same_field(grid, np.asarray(first.samples), first.world_from_index)
             continue
         assert_allclose(index, np.eye(4), atol=1e-5)
         assert_array_equal(values, first.samples)
 
 
-@pytest.mark.parametrize("kind", ["nifti", "nrrd", "nrrd detached", "mrc", "tiff", "raw"])
-def test_an_uncompressed_file_is_mapped(kind, tmp_path):
-    path, *_ = written(
-        tmp_path,
-        kind,
-        KINDS[kind].dtypes[-1]
-        if kind == "mrc"
-        else "float32"
-        if "float32" in KINDS[kind].dtypes
-        else "int16",
-    )
-    samples = leapray.read_volume(path).samples
-    while samples is not None and not isinstance(samples, np.memmap):
-        samples = samples.base
-    assert samples is not None
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "vdb"])
+def test_samples_that_are_many_stay_in_a_file_of_which_slices_are_read(kind, tmp_path, monkeypatch):
+    monkeypatch.setattr(file_samples, "SMALL", 0)
+    path, *_ = written(tmp_path, kind)
+    grid = leapray.read_volume(path)
+    samples = grid.samples
+    assert isinstance(samples, file_samples.FileSamples) and grid.nbytes == 0
+    assert grid.unpacked_nbytes == (0 if kind in PLAIN else samples.nbytes)
+    whole = np.asarray(samples)
+    assert (samples.shape, samples.ndim, samples.size) == (whole.shape, 3, whole.size)
+    for key in (slice(2, 5), slice(None), -1, (3, 4), (slice(1, 3), slice(None), 5), whole > 0):
+        assert_array_equal(samples[key], whole[key])
+    with pytest.raises(IndexError):
+        samples[len(samples)]
 
 
 # ---- NIfTI -----------------------------------------------------------------------
@@ -143,7 +153,7 @@ def test_nifti_scale_unit_and_labels(unit, meters, tmp_path):
     grid = leapray.read_volume(tmp_path / "a.nii.gz")
     told = nibabel.load(tmp_path / "a.nii.gz").dataobj
     assert (grid.scale, grid.offset) == (told.slope, told.inter)
-    assert_allclose(grid.offset + grid.scale * grid.samples, np.asarray(told).T)
+    assert_allclose(grid.offset + grid.scale * np.asarray(grid.samples), np.asarray(told).T)
     assert grid.meters == meters
     assert grid.kind == "labels"
 
@@ -381,4 +391,4 @@ def test_a_packed_file_is_read_once_and_whole(tmp_path):
     stored = phantoms.samples()
     path, *_ = written(tmp_path, "nifti packed")
     assert gzip.decompress(path.read_bytes())[352:] == stored.tobytes()
-    assert leapray.read_volume(path).samples.flags.c_contiguous
+    assert_array_equal(leapray.read_volume(path).samples, stored)

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
+from leapray import file_samples
 from leapray.scalar_grid import LEAF
 
 bpy.utils.expose_bundled_modules()
@@ -20,6 +21,13 @@ TYPES = {
     "Int64Grid": np.int64,
     "BoolGrid": np.bool_,
 }
+
+
+@pytest.fixture(autouse=True, params=["in memory", "in a file"])
+def where(request, monkeypatch):
+    """Phantoms are small: their samples come in memory, unless nothing is."""
+    if request.param == "in a file":
+        monkeypatch.setattr(file_samples, "SMALL", 0)
 
 
 def save(path, *grids):

@@ -8,6 +8,7 @@ voxels: files are read again, and what was made is saved first, into a folder th
 
 from __future__ import annotations
 
+import itertools
 import os
 import tempfile
 from dataclasses import replace
@@ -27,6 +28,7 @@ from .textures import Texture
 
 NOT_IN_FRAME = 2**31 - 1  # Blender's frame of a sequence that has none now
 NUMBERS = "FLOAT", "DOUBLE", "INT", "INT64", "BOOLEAN"  # Blender's types of such grids
+HASHED = 4096  # leaves that are looked at at a time
 MOST_KNOWN = 64  # thresholds that are kept for later frames
 
 _thresholds: dict[str, float] = {}  # that were found, by contents
@@ -154,8 +156,8 @@ def _made(volume, own: Isosurfaces) -> tuple[ScalarGrid, str]:
 
 def _digest(grid: ScalarGrid) -> str:
     samples = grid.samples
-    told = repr((grid.scale, grid.offset, grid.kind, grid.no_data)).encode()
-    if isinstance(samples, Leaves):
-        held = [value for value in vars(samples).values() if not isinstance(value, float)]
-        return arrays.digest(held, told + repr(samples.background).encode())
-    return arrays.digest((samples,), told)
+    assert isinstance(samples, Leaves)
+    told = repr((grid.scale, grid.offset, grid.kind, grid.no_data, samples.background)).encode()
+    blocks = (samples.samples[k : k + HASHED] for k in range(0, len(samples.samples), HASHED))
+    tiles = samples.tile_origins, samples.tile_sizes, samples.tile_values
+    return arrays.digest(itertools.chain((samples.origins, *tiles), blocks), told)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from .._lib import LeapRayError
+from .._lib import LeapRayError, Watch
 from ..scalar_grid import ScalarGrid
 from . import dicom, mrc, nifti, nrrd, raw, tiff, vdb
 from .common import HEAD, Format, RawLayout, Request
@@ -32,6 +32,7 @@ def read_volume(
     grid: str | None = None,
     frame: int | None = None,
     layout: RawLayout | None = None,
+    watch: Watch | None = None,
 ) -> ScalarGrid:
     """A measured volume as its file holds it: NIfTI, DICOM, NRRD, MRC, TIFF, OpenVDB or raw.
 
@@ -42,15 +43,16 @@ def read_volume(
 
     World space is right, anterior, superior (RAS+) for NIfTI, DICOM and anatomical NRRD, in
     the file's unit of length; otherwise it is the file's own. Samples keep their stored type, in
-    the machine's byte order; those of uncompressed files are mapped rather than read, so the
-    file must stay as it is while the grid is used. What was read with a doubt is in the grid's
-    warnings.
+    the machine's byte order. More than 16 MB of them stay in a file and are read by slices: in
+    the file itself, which must stay as it is while the grid is used, or unpacked in a temporary
+    one, in the folder that TMPDIR names, else in /var/tmp. What was read with a doubt is in
+    the grid's warnings. watch stops the call by Stopped.
 
     Raises LeapRayError, in one sentence that names the file, for what is missing, broken, of
     another format, compressed in a way that is not read, of colours or complex numbers, and
-    where the library that the format needs is not installed. OutOfMemory.
+    where the library that the format needs is not installed; OutOfMemory, Stopped.
     """
-    request = Request(Path(path), grid, frame, layout)
+    request = Request(Path(path), grid, frame, layout, watch or Watch())
     chosen = raw.FORMAT if layout is not None else _format_of(request.path)
     return chosen.read(request)
 

@@ -8,18 +8,21 @@ import logging
 import math
 import struct
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._lib import LeapRayError, OutOfMemory
+from .._lib import LeapRayError, OutOfMemory, Stopped, Watch
+from ..file_samples import Samples, Spool, spooled, unmapped
 from ..scalar_grid import ScalarGrid
 
+UNPACKED = 1 << 22  # bytes that are unpacked at a time
 HEAD = 512  # bytes at a file's start by which formats know their own
 LOGGERS = ("nibabel.global", "nrrd", "pydicom", "tifffile")
 STUMBLES = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, struct.error)
@@ -53,12 +56,17 @@ class RawLayout:
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be read: a file or folder, and which grid and frame of it."""
+    """What is to be read: a file or folder, and which grid and frame of it; watch ends it."""
 
     path: Path
     grid: str | None = None
     frame: int | None = None
     layout: RawLayout | None = None
+    watch: Watch = field(default_factory=Watch)
+
+    def check_stopped(self) -> None:
+        if self.watch.stopped:
+            raise Stopped(f"the reading of {self.path} was stopped")
 
 
 @dataclass(frozen=True)
@@ -144,13 +152,31 @@ def native(samples: NDArray) -> NDArray:
     return samples.astype(samples.dtype.newbyteorder("="))
 
 
-def check_samples(path: Path, samples: NDArray) -> NDArray:
+def unpacked(request: Request, stream: Any, dtype: np.dtype, shape: Sequence[int]) -> Samples:
+    """Numbers in C order from a stream of unpacked bytes, a few slices at a time."""
+    spool = Spool(shape, dtype.newbyteorder("="))
+    rows = max(1, UNPACKED // max(dtype.itemsize * math.prod(shape[1:]), 1))
+    for first in range(0, shape[0], rows):
+        request.check_stopped()
+        block = np.empty((min(rows, shape[0] - first), *shape[1:]), dtype)
+        view, done = block.reshape(-1).view(np.uint8).data, 0
+        while done < len(view):
+            n = stream.readinto(view[done:])
+            if not n:
+                raise refuse(request.path, "the file ends before its last sample")
+            done += n
+        spool[first : first + len(block)] = native(block)
+    return spool.samples()
+
+
+def check_samples(path: Path, samples: Samples) -> Samples:
     """Samples in native order, (nz, ny, nx). Raises LeapRayError for what is no scalar field."""
+    samples = unmapped(samples) if isinstance(samples, np.ndarray) else samples
     if samples.dtype.kind not in "biuf" or samples.dtype.itemsize > 8:
         raise refuse(path, f"samples of the type {samples.dtype} are no real numbers")
     if samples.ndim != 3 or samples.size == 0:
         raise refuse(path, f"{sides(samples.shape)} samples make no volume")
-    return native(samples)
+    return spooled(native(samples)) if isinstance(samples, np.ndarray) else samples
 
 
 def check_matrix(path: Path, matrix: ArrayLike) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..file_samples import Samples, Spool
 from ..scalar_grid import ScalarGrid
 from .common import (
     RAS_FROM_LPS,
@@ -106,7 +107,7 @@ def read(request: Request) -> ScalarGrid:
         frames, matrix = place(path, chosen, told)
         frame = choose_frame(request, len(frames), told)
         slices, weights = frames[frame]
-        stored, scale, offset = _stored(pydicom, slices)
+        stored, scale, offset = _stored(pydicom, request, slices)
         samples = weights(check_samples(path, stored))
         if str(head.get("PhotometricInterpretation")) == "MONOCHROME1":
             told.append(f"{path} shows small values white; the values were left as they are")
@@ -308,30 +309,31 @@ DEFLATED = "1.2.840.10008.1.2.1.99"  # the file as a whole, which pydicom unpack
 # ---- what they hold ------------------------------------------------------------------
 
 
-def _stored(pydicom, slices: list[Slice]) -> tuple[NDArray, float, float]:
+def _stored(pydicom, request: Request, slices: list[Slice]) -> tuple[Samples, float, float]:
     """Numbers (n, rows, columns), and what turns them into values.
 
     Where slices differ in scale, as those of PET do, the numbers are the values, as floats.
     """
     scalings = {(each.scale, each.offset) for each in slices}
     alike = len(scalings) == 1
-    volume: NDArray | None = None
+    spool: Spool | None = None
     opened: tuple[Path, NDArray] | None = None
     for n, each in enumerate(slices):
+        request.check_stopped()
         if opened is None or opened[0] != each.path:
             opened = each.path, _pictures(pydicom, each.path)
         picture = opened[1][each.index]
-        if volume is None:
+        if spool is None:
             dtype = picture.dtype if alike else np.dtype(np.float32)
-            volume = np.empty((len(slices), *each.shape), dtype)
-        if alike and picture.dtype != volume.dtype:
-            raise refuse(each.path, f"it holds {picture.dtype}, other slices {volume.dtype}")
-        volume[n] = picture if alike else picture * each.scale + each.offset
-    assert volume is not None
+            spool = Spool((len(slices), *each.shape), dtype)
+        if alike and picture.dtype != spool.dtype:
+            raise refuse(each.path, f"it holds {picture.dtype}, other slices {spool.dtype}")
+        spool[n : n + 1] = picture if alike else picture * each.scale + each.offset
+    assert spool is not None
     scale, offset = scalings.pop() if alike else (1.0, 0.0)
     if scale == 0:
         raise refuse(slices[0].path, "its rescale slope is 0")
-    return volume, scale, offset
+    return spool.samples(), scale, offset
 
 
 def _pictures(pydicom, file: Path) -> NDArray:

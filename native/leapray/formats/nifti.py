@@ -7,12 +7,14 @@ The place of the samples is the sform, else the qform, else the spacing alone, a
 
 from __future__ import annotations
 
+import gzip
 import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..file_samples import Samples
 from ..scalar_grid import ScalarGrid
 from .common import (
     HEAD,
@@ -29,6 +31,7 @@ from .common import (
     scaled,
     sides,
     stem,
+    unpacked,
 )
 
 METERS = {"meter": 1.0, "mm": 1e-3, "micron": 1e-6}
@@ -72,31 +75,28 @@ def _open(nibabel, path: Path):
     return kind.from_file_map(kind.make_file_map({"image": str(path)}))
 
 
-def _samples(request: Request, image, told: list[str]) -> NDArray:
-    """The stored numbers of one frame, (nz, ny, nx); of a plain file a memory map."""
+def _samples(request: Request, image, told: list[str]) -> Samples:
+    """The stored numbers of one frame, (nz, ny, nx)."""
     shape = tuple(int(n) for n in image.shape)
     if min(shape, default=0) < 1 or len(shape) < 2:
         raise refuse(request.path, f"{sides(shape[::-1])} samples make no volume")
     if max(shape[4:], default=1) > 1:
         raise refuse(request.path, f"its {sides(shape[::-1])} samples hold more than one number")
-    nbytes = math.prod(shape) * image.get_data_dtype().itemsize
-    most = request.path.stat().st_size * (PACKED if request.path.suffix.lower() == ".gz" else 1)
+    dtype, offset = image.dataobj.dtype, int(image.dataobj.offset)
+    packed = request.path.suffix.lower() == ".gz"
+    nbytes = math.prod(shape) * dtype.itemsize
+    most = request.path.stat().st_size * (PACKED if packed else 1)
     if nbytes > most:
         raise refuse(request.path, f"its samples take {nbytes} bytes, more than the file can hold")
     n = shape[3] if len(shape) > 3 else 1
     frame = choose_frame(request, n, told)
-    stored = image.dataobj.get_unscaled() if n == 1 else _frame(request.path, image.dataobj, frame)
-    return stored.reshape((*shape, 1)[:3], order="F").T
-
-
-def _frame(path: Path, proxy, frame: int) -> NDArray:
-    """One frame of several, of which a compressed file is read no further than needed."""
-    from nibabel.fileslice import fileslice
-    from nibabel.openers import ImageOpener
-
-    place = (slice(None),) * 3 + (frame,) + (0,) * (len(proxy.shape) - 4)
-    with ImageOpener(str(path)) as file:
-        return fileslice(file, place, proxy.shape, proxy.dtype, proxy.offset, order="F")
+    lattice = (*shape, 1)[2::-1]
+    offset += frame * math.prod(lattice) * dtype.itemsize
+    if not packed:
+        return np.memmap(request.path, dtype, "r", offset, lattice)
+    with gzip.open(request.path) as file:
+        file.seek(offset)
+        return unpacked(request, file, dtype, lattice)
 
 
 def _matrix(path: Path, header, told: list[str]) -> NDArray[np.float64]:

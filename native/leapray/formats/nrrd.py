@@ -8,13 +8,18 @@ give their names and colours.
 
 from __future__ import annotations
 
+import bz2
+import contextlib
+import gzip
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..file_samples import Samples
 from ..scalar_grid import ScalarGrid
 from .common import (
     Format,
@@ -30,6 +35,7 @@ from .common import (
     scaled,
     sides,
     stem,
+    unpacked,
 )
 
 METERS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "microns": 1e-6, "nm": 1e-9}
@@ -37,6 +43,11 @@ SIGNS = {"left": -1, "right": 1, "posterior": -1, "anterior": 1, "inferior": -1,
 LETTERS = {word[0]: word for word in SIGNS}
 ALONG_SPACE = ("domain", "space", "???", "none", "")
 FRAMES = ("list", "time")
+PACKED: dict[str, Callable[..., Any]] = {
+    **dict.fromkeys(("gzip", "gz"), gzip.open),
+    **dict.fromkeys(("bzip2", "bz2"), bz2.open),
+}
+SKIPS = "line skip", "lineskip", "byte skip", "byteskip"
 
 
 def read(request: Request) -> ScalarGrid:
@@ -48,7 +59,7 @@ def read(request: Request) -> ScalarGrid:
         with open(path, "rb") as file:
             header = nrrd.read_header(file)
             axes = _axes_along_space(path, header)
-            stored = _stored(nrrd, path, header, file)
+            stored = _stored(nrrd, request, header, file)
         samples = _one_frame(request, header, axes, stored, told)
         labels = _segments(header)
         return ScalarGrid(
@@ -65,25 +76,33 @@ def read(request: Request) -> ScalarGrid:
         )
 
 
-def _stored(nrrd, path: Path, header: dict[str, Any], file: IO[bytes]) -> NDArray:
+def _stored(nrrd, request: Request, header: dict[str, Any], file: IO[bytes]) -> Samples:
     """All numbers, the file's first axis last."""
-    if str(header["encoding"]).lower() != "raw":
+    path, encoding = request.path, str(header["encoding"]).lower()
+    open_packed = PACKED.get(encoding)
+    if encoding != "raw" and not (open_packed and len(header["sizes"]) == 3):
         return nrrd.read_data(header, file, str(path), "C")
     dtype = nrrd.reader._determine_datatype(header)
     if dtype.kind not in "iuf":
         raise refuse(path, f"samples of the type {header['type']} are no real numbers")
+    if any(int(header.get(name, 0)) for name in SKIPS) and open_packed:
+        return nrrd.read_data(header, file, str(path), "C")
     beside = header.get("data file", header.get("datafile"))
     if beside is not None and re.search(r"^LIST\b|%\d*d", str(beside)):
         raise refuse(path, "its samples lie in several files, and one is needed")
     data = path if beside is None else path.parent / str(beside)
     if beside is not None and not data.is_file():
         raise refuse(path, f"there is no file {data}, which is to hold the samples")
-    nbytes = int(np.prod(header["sizes"], dtype=np.int64)) * dtype.itemsize
+    shape = tuple(int(n) for n in header["sizes"][::-1])
+    if open_packed:
+        with contextlib.ExitStack() as opened:
+            packed = file if beside is None else opened.enter_context(open(data, "rb"))
+            return unpacked(request, opened.enter_context(open_packed(packed)), dtype, shape)
+    nbytes = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
     start = _start(header, file if beside is None else None, data, nbytes)
     if start < 0 or start + nbytes > data.stat().st_size:
         have = data.stat().st_size - max(start, 0)
         raise refuse(path, f"its samples take {nbytes} bytes, and the file has {max(have, 0)}")
-    shape = tuple(int(n) for n in header["sizes"][::-1])
     return np.memmap(data, dtype, "r", start, shape)
 
 
@@ -123,13 +142,17 @@ def _axes_along_space(path: Path, header: dict[str, Any]) -> list[int]:
 
 
 def _one_frame(
-    request: Request, header: dict[str, Any], axes: list[int], stored: NDArray, told: list[str]
-) -> NDArray:
+    request: Request, header: dict[str, Any], axes: list[int], stored: Samples, told: list[str]
+) -> Samples:
     n = stored.ndim
     others = [axis for axis in range(n) if axis not in axes]
     count = int(header["sizes"][others[0]]) if others else 1
     frame = choose_frame(request, count, told)
-    return stored.take(frame, n - 1 - others[0]) if others else stored
+    if not others:
+        return stored
+    place: list[Any] = [slice(None)] * n
+    place[n - 1 - others[0]] = frame
+    return stored[tuple(place)]
 
 
 def _matrix(

@@ -10,6 +10,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..file_samples import Samples, Spool
 from .common import numbers, refuse
 
 EVEN = 0.01  # of a slice's spacing: deviations of positions that rounding in files explains
@@ -33,7 +34,7 @@ class Placed(Protocol):
 
 
 S = TypeVar("S", bound=Placed)
-Fill = Callable[[NDArray], NDArray]  # samples of the slices (n, ny, nx) -> of the lattice
+Fill = Callable[[Samples], Samples]  # samples of the slices (n, ny, nx) -> of the lattice
 Frame = tuple[list[S], Fill]
 
 
@@ -146,16 +147,17 @@ def _lattice(
     )
 
 
-def _filled(samples: NDArray, where: NDArray[np.float64] | None) -> NDArray:
+def _filled(samples: Samples, where: NDArray[np.float64] | None) -> Samples:
     """Samples at places between slices, by linear interpolation."""
     if where is None:
         return samples
     below = np.minimum(where.astype(np.intp), len(samples) - 2)
-    filled = np.empty((len(where), *samples.shape[1:]), samples.dtype)
+    filled = Spool((len(where), *samples.shape[1:]), samples.dtype)
     for k, (b, share) in enumerate(zip(below, where - below, strict=True)):
         if abs(share - round(share)) < EVEN:
-            filled[k] = samples[b + round(share)]
+            filled[k : k + 1] = samples[b + round(share)]
             continue
         between = samples[b] * (1.0 - share) + samples[b + 1] * share
-        filled[k] = between if samples.dtype.kind == "f" else np.round(between)
-    return filled
+        whole = samples.dtype.kind != "f"
+        filled[k : k + 1] = (np.round(between) if whole else between).astype(samples.dtype)
+    return filled.samples()

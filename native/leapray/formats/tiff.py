@@ -7,6 +7,7 @@ ImageJ, of OME's metadata, or of the resolution. Channels are grids of their own
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from ..file_samples import Samples, Spool
 from ..scalar_grid import ScalarGrid
 from .common import (
     Format,
@@ -51,7 +53,7 @@ def read(request: Request) -> ScalarGrid:
         name, channel = _channel(request, axes, series.shape)
         frames = series.shape[axes.index("T")] if "T" in axes else 1
         frame = choose_frame(request, frames, told)
-        samples = _samples(path, series, axes, {"C": channel, "T": frame})
+        samples = _samples(request, series, axes, {"C": channel, "T": frame})
         (x, y, z), meters = _spacing(file, told, path)
         return ScalarGrid(
             name,
@@ -111,8 +113,9 @@ def _channel(request: Request, axes: str, shape: tuple[int, ...]) -> tuple[str, 
     return name, names.index(name)
 
 
-def _samples(path: Path, series, axes: str, chosen: dict[str, int]) -> NDArray:
+def _samples(request: Request, series, axes: str, chosen: dict[str, int]) -> Samples:
     """One channel at one time, (nz, ny, nx); where the file is not packed a memory map."""
+    path = request.path
     dtype = np.dtype(series.dtype)
     if dtype.kind not in "iuf" or dtype.itemsize > 8:
         raise refuse(path, f"samples of the type {dtype} are no real numbers")
@@ -121,14 +124,43 @@ def _samples(path: Path, series, axes: str, chosen: dict[str, int]) -> NDArray:
         if path.stat().st_size < series.dataoffset + series.size * dtype.itemsize:
             raise refuse(path, "the file ends before its last sample")
         stored: NDArray = np.memmap(path, order, "r", series.dataoffset, tuple(series.shape))
+    elif _is_of_planes(series, axes):
+        return _planes(request, series, axes, chosen)
     else:
         stored = series.asarray()
-    place = tuple(chosen.get(a, 0) if a not in "ZYX" else slice(None) for a in axes)
+    place = _place(axes, chosen)
     left = [a for a in axes if a in "ZYX"]
     stored = stored[place]
     if "Z" not in left:
         stored, left = stored[None], ["Z", *left]
     return stored.transpose([left.index(a) for a in "ZYX"])
+
+
+def _place(axes: str, chosen: dict[str, int]) -> tuple[int | slice, ...]:
+    """What is wanted along each axis."""
+    return tuple(chosen.get(a, 0) if a not in "ZYX" else slice(None) for a in axes)
+
+
+def _is_of_planes(series, axes: str) -> bool:
+    """Whether each page is a picture of its own."""
+    pages = list(series.pages)
+    planes = math.prod(series.shape[:-2])
+    return (
+        axes.endswith("YX")
+        and len(pages) == planes
+        and all(page is not None and page.shape == series.shape[-2:] for page in pages)
+    )
+
+
+def _planes(request: Request, series, axes: str, chosen: dict[str, int]) -> Samples:
+    """As `_samples`, unpacked page by page."""
+    numbers = np.arange(len(series.pages)).reshape(series.shape[:-2])
+    wanted = np.atleast_1d(numbers[_place(axes[:-2], chosen)]).tolist()
+    spool = Spool((len(wanted), *series.shape[-2:]), np.dtype(series.dtype).newbyteorder("="))
+    for k, number in enumerate(wanted):
+        request.check_stopped()
+        spool[k : k + 1] = series.pages[number].asarray()
+    return spool.samples()
 
 
 def _spacing(file, told: list[str], path: Path) -> Spacing:

@@ -10,14 +10,17 @@ the inside, which no surface crosses, is inactive.
 from __future__ import annotations
 
 import itertools
+import os
 import struct
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..file_samples import Spool
 from ..scalar_grid import LEAF, Leaves, ScalarGrid
 from .common import (
     Format,
@@ -32,6 +35,7 @@ from .common import (
 # Samples along the nodes of OpenVDB's usual tree: below the root, and below those.
 UPPER, LOWER = 4096, 128
 AROUND = 2  # upper nodes around the box of what is active where inactive tiles are sought
+DELAY_OFF = "OPENVDB_DISABLE_DELAYED_LOAD"  # an environment variable
 MOST = 10_000  # upper nodes: a grid this wide has strayed
 PLAIN_VERSION = 222  # of files, since which their heads are all alike
 UUID = 36  # letters of a file's own name
@@ -48,12 +52,14 @@ def read(request: Request) -> ScalarGrid:
         told: list[str] = []
         choose_frame(request, 1, told)
         name = _choose(request, openvdb, told)
-        grid = openvdb.read(str(path), name)
+        with _undelayed():
+            grid = openvdb.read(str(path), name)
+        request.check_stopped()
         if tuple(_levels(grid)) != (5, 4, 3):
             raise refuse(path, f"the tree of the grid {name!r} is not OpenVDB's usual one")
         return ScalarGrid(
             name,
-            _leaves(path, grid, told),
+            _leaves(request, grid, told),
             check_matrix(path, _matrix(path, grid)),
             kind=CLASSES.get(str(grid.metadata.get("class", "")), "scalar"),
             source=str(path),
@@ -118,6 +124,23 @@ def openvdb_module():
     return library("openvdb", "openvdb (which comes with Blender)")
 
 
+@contextmanager
+def _undelayed() -> Iterator[None]:
+    """Let OpenVDB read at once what it would map, and meet a cut file in, later.
+
+    Source: io/File.cc of OpenVDB.
+    """
+    before = os.environ.get(DELAY_OFF)
+    os.environ[DELAY_OFF] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[DELAY_OFF]
+        else:
+            os.environ[DELAY_OFF] = before
+
+
 def _choose(request: Request, openvdb, told: list[str]) -> str:
     """The name of the grid that is asked for, else of the first of numbers."""
     path = request.path
@@ -165,15 +188,17 @@ def matrix_of(transform) -> NDArray[np.float64]:
     return matrix
 
 
-def _leaves(path: Path, grid, told: list[str]) -> Leaves:
+def _leaves(request: Request, grid, told: list[str]) -> Leaves:
     """All that the tree holds."""
     dtype = np.dtype(DTYPES[grid.valueTypeName])
-    tree = _Tree(grid, dtype)
-    _visit_all(path, grid, tree, told)
     numbers = np.dtype("u1") if dtype.kind == "b" else dtype
+    tree = _Tree(request, grid, dtype, Spool((grid.leafCount(),) + (LEAF,) * 3, numbers))
+    _visit_all(request.path, grid, tree, told)
+    if tree.n_leaves < grid.leafCount():
+        raise refuse(request.path, f"leaves of the grid {grid.name!r} lie outside its own box")
     return Leaves(
         np.concatenate(tree.origins),
-        np.concatenate(tree.samples).view(numbers),
+        tree.spool.samples(),
         float(grid.background),
         np.concatenate(tree.tile_origins),
         np.concatenate(tree.tile_sizes),
@@ -214,15 +239,15 @@ def _corners(first: tuple, end: tuple, step: int) -> Iterator[tuple[int, int, in
 class _Tree:
     """What has been found of a grid."""
 
-    def __init__(self, grid, dtype: np.dtype) -> None:
-        self.grid = grid
+    def __init__(self, request: Request, grid, dtype: np.dtype, spool: Spool) -> None:
+        self.request, self.grid, self.spool = request, grid, spool
         self.accessor = grid.getConstAccessor()
         self.depth = self.accessor.getValueDepth  # -1: background, 0..2: tiles, 3: a leaf's
         self.background = grid.background
+        self.n_leaves = 0
         self.n_nodes = 0  # of both levels between root and leaves
         self.block = np.empty((LOWER,) * 3, dtype)  # a lower node
         self.origins = [np.empty((0, 3), np.int32)]
-        self.samples = [np.empty((0,) + (LEAF,) * 3, dtype)]
         self.tile_origins = [np.empty((0, 3), np.int32)]
         self.tile_values = [np.empty(0, dtype)]
         self.tile_sizes = [np.empty(0, np.int32)]
@@ -242,6 +267,7 @@ class _Tree:
 
     def visit_lower(self, corner: tuple[int, int, int]) -> None:
         """Copy a node as a whole; OpenVDB writes arrays as if their axes were x, y, z."""
+        self.request.check_stopped()
         self.n_nodes += 1
         n = LOWER // LEAF
         below = _corners(corner, tuple(x + LOWER for x in corner), LEAF)
@@ -249,7 +275,10 @@ class _Tree:
         self.grid.copyToArray(self.block, ijk=corner)
         split = self.block.reshape(n, LEAF, n, LEAF, n, LEAF)
         i, j, k = np.nonzero(is_leaf)
-        self.samples.append(split[i, :, j, :, k, :].transpose(0, 3, 2, 1).copy())
+        last = self.n_leaves + len(i)
+        leaves = split[i, :, j, :, k, :].transpose(0, 3, 2, 1)
+        self.spool[self.n_leaves : last] = leaves.astype(self.spool.dtype)
+        self.n_leaves = last
         self.origins.append((np.stack((i, j, k), -1) * LEAF + corner).astype(np.int32))
         values = split[:, 0, :, 0, :, 0]
         tiles = np.nonzero(~is_leaf)
