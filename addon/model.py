@@ -89,6 +89,7 @@ class Field:
     smoothing: float = 0.0  # the standard deviation of a Gaussian, in samples
     least: int = 0  # parts of fewer samples are left out
     clip: Clip | None = None
+    read_nbytes: int = 0  # of the grid that the render's memory budget pays for
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,9 +12,11 @@ import bpy
 import leapray
 
 from .. import pipeline
+from ..plan import fields
+from ..plan.levels import MB
 from ..store.memory_cache import Cache
 from . import properties, result
-from .read import scene
+from .read import scene, volumes
 
 # How the last render of each view layer went: what the JSON file holds, or why there is none.
 reports: dict[str, dict] = {}
@@ -22,7 +24,7 @@ failures: dict[str, leapray.LeapRayError] = {}  # without tracebacks, which hold
 interrupt = threading.Event()  # set from outside to end the render, as Esc does
 pixel: tuple[int, int] | None = None  # set from outside to render and record this one alone
 NO_VIEWPORT = "LeapRay does not render in the viewport yet: press F12, or use Material Preview"
-_volumes = Cache()  # kept between frames where the scene asks for persistent data
+_volumes = Cache()  # kept between frames and renders, within the memory budget
 
 
 class LeapRayEngine(bpy.types.RenderEngine):
@@ -77,18 +79,23 @@ class LeapRayEngine(bpy.types.RenderEngine):
             stop=self._asked_to_stop,
         )
 
+        volumes.kept.trim(job.settings.memory_mb * MB)
+
         def progress(share: float, phase: str) -> None:
             self.update_progress(share)
             self.update_stats("", f"{status}{phase}, {share:.0%}")
 
-        frame = pipeline.render(
-            job,
-            stop=self._asked_to_stop,
-            progress=progress,
-            on_tile=partial(result.write_tile, self, layer),
-            cache=self._cache(depsgraph.scene_eval),
-            pixel=self._pixel(depsgraph.scene_eval.render),
-        )
+        try:
+            frame = pipeline.render(
+                job,
+                stop=self._asked_to_stop,
+                progress=progress,
+                on_tile=partial(result.write_tile, self, layer),
+                cache=None if self.is_preview else _volumes,
+                pixel=self._pixel(depsgraph.scene_eval.render),
+            )
+        finally:
+            self._keep(depsgraph.scene_eval)
         if self.is_preview:
             return
         reports[layer] = frame.report
@@ -126,13 +133,11 @@ class LeapRayEngine(bpy.types.RenderEngine):
             )
         return x, y
 
-    def _cache(self, evaluated_scene) -> Cache | None:
-        if self.is_preview:
-            return None
-        if evaluated_scene.render.use_persistent_data:
-            return _volumes
-        _volumes.clear()
-        return None
+    def _keep(self, evaluated_scene) -> None:
+        """Keep volumes where the scene asks for it; else of fields alone the samples, so that
+        a threshold can move without reading them again."""
+        if not (self.is_preview or evaluated_scene.render.use_persistent_data):
+            _volumes.keep(fields.SAMPLES)
 
 
 def register() -> None:

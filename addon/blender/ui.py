@@ -309,6 +309,9 @@ class MATERIAL_PT_leapray_index(_Panel, bpy.types.Panel):
         self.columns().prop(context.material, "pass_index")
 
 
+SEQUENCE = "frame_duration", "frame_start", "frame_offset", "sequence_mode"  # Blender's own
+
+
 class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
     """Which surfaces of a volume's data are rendered."""
 
@@ -326,6 +329,9 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         if own.file:
             column.prop(own, "frame")
             column.prop(own, "grid")
+            column.prop(volume, "is_sequence")
+            for name in SEQUENCE if volume.is_sequence else ():
+                column.prop(volume, name)
         else:
             column.prop_search(own, "grid", volume, "grids")
         column.separator()

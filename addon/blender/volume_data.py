@@ -112,6 +112,7 @@ def forget() -> None:
     """Drop what is known, and the picture."""
     global _pictures, _shown
     _known.clear()
+    volumes.kept.clear()
     if _pictures is not None:
         import bpy.utils.previews
 
@@ -141,7 +142,7 @@ def add(scene, path: Path, grid: str = "") -> tuple[bpy.types.Object, leapray.Sc
     Its child, an empty, shows the box of the data in the viewport, which draws OpenVDB alone.
     Raises LeapRayError where the file cannot be read; then nothing is added.
     """
-    data = leapray.read_volume(path, grid=grid or None)
+    data, _ = volumes.kept.read(path, grid or None, 0, leapray.Watch())
     name = path.name.partition(".")[0] or path.name
     volume = bpy.data.volumes.new(name)
     if path.suffix.lower() == ".vdb":

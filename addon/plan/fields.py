@@ -24,6 +24,7 @@ from .levels import MB
 from .planned import Plan
 
 MESH_SHARE = 1 / 4  # of the memory that is left for meshes, where there are some
+SAMPLES = "samples"  # what the cache calls those that surfaces share
 COARSEST = 64  # the most samples of which one stands for
 
 
@@ -37,6 +38,7 @@ class Surface:
     factor: int  # samples of the data along a side of a voxel
     scale: float  # the value is offset + scale * occupancy
     offset: float
+    volume_nbytes: int  # with samples that surfaces share on the first of them
 
     @property
     def error(self) -> float:
@@ -73,6 +75,8 @@ class Fields:
             users.setdefault(instance.field, instance.name)
         # The small ones first: what they leave of their shares goes to the large ones.
         order = sorted(users, key=lambda n: np.prod(np.ptp(objects.lattice(self._grid(n)), axis=0)))
+        self.read_nbytes = sum(scene.fields[n].read_nbytes for n in order)
+        room -= self.read_nbytes
         for done, n in enumerate(order):
             share = (room - self.nbytes) / (len(order) - done)
             self._make(n, users[n], share - self._cut(n, users[n], share))
@@ -89,7 +93,8 @@ class Fields:
 
     @property
     def volume_nbytes(self) -> int:
-        return sum(each.volume.info.nbytes for each in self._structures())
+        own = sum(each.volume_nbytes for each in self.surfaces)
+        return own + sum(each.volume.info.nbytes for each in self.cutters.values())
 
     @property
     def structure_nbytes(self) -> int:
@@ -129,6 +134,7 @@ class Fields:
             except leapray.Stopped:
                 raise
             except leapray.OutOfMemory:
+                self._drop_samples(n, factor)
                 factor *= 2
                 continue
             except leapray.LeapRayError as error:
@@ -159,6 +165,7 @@ class Fields:
         """On a lattice that many times coarser, and what is missing; OutOfMemory where they do not
         fit."""
         field, found, left = self.scene.fields[n], [], room
+        known: list[leapray.Isosurfaces] = []
         warnings: list[str] = []
         for number, threshold in enumerate(field.thresholds):
             self._check_cancelled()
@@ -166,10 +173,20 @@ class Fields:
             if why := _no_surface(field, samples, threshold):
                 warnings.append(f"{name!r} has no surface at {threshold:.6g}, for {why}.")
                 continue
-            structure = self._structure(field, samples, threshold, factor, left)
-            left -= structure.volume.info.nbytes + structure.nbytes
-            found.append(Surface(n, number, structure, factor, samples.scale, samples.offset))
+            shared = samples.nbytes if known and samples is known[-1] else 0
+            structure = self._structure(field, samples, threshold, factor, left + shared)
+            nbytes = structure.volume.info.nbytes - shared
+            left -= nbytes + structure.nbytes
+            known.append(samples)
+            law = samples.scale, samples.offset
+            found.append(Surface(n, number, structure, factor, *law, nbytes))
         return found, warnings
+
+    def _drop_samples(self, n: int, factor: int) -> None:
+        """Of a lattice that is too fine."""
+        field = self.scene.fields[n]
+        for threshold in field.thresholds:
+            self.cache.drop(self._samples_key(field, threshold, factor))
 
     def _check_cancelled(self) -> None:
         if self.watch.stopped:
@@ -182,10 +199,11 @@ class Fields:
 
         Where small parts are left out, each threshold has its own.
         """
-        key = *self._key(field, factor), "samples", threshold if field.least else None
+        key = self._samples_key(field, threshold, factor)
         samples = self.cache.get(key)
         if samples is None:
             began = time.perf_counter()
+            self.cache.trim(int(room - _foreseen(field.grid, factor)))
             samples = leapray.Isosurfaces(
                 field_filters.filtered(field, threshold, factor, room, self.threads, self.watch),
                 above=field.above,
@@ -195,12 +213,15 @@ class Fields:
                 max_nbytes=max(int(room), 1),
             )
             self.seconds["voxelize"] += time.perf_counter() - began
-        return self.cache.put(key, samples)
+        return self.cache.put(key, samples, samples.nbytes)
 
-    def _key(self, field: model.Field, factor: int) -> tuple:
+    def _samples_key(self, field: model.Field, threshold: float, factor: int) -> tuple:
+        return SAMPLES, *self._key(field, factor), threshold if field.least else None
+
+    def _key(self, field: model.Field, factor: int) -> tuple[str, str]:
         told = repr((field.above, field.capped, field.smoothing, field.least, factor)).encode()
         where = np.asarray(field.grid.world_from_index)
-        return "field", field.contents, arrays.digest((where,), told)
+        return field.contents, arrays.digest((where,), told)
 
     def _structure(
         self,
@@ -212,7 +233,7 @@ class Fields:
     ) -> leapray.Structure:
         """From the cache, or made."""
         traverser = self.scene.settings.traverser
-        key = *self._key(field, factor), threshold, traverser
+        key = "surface", *self._key(field, factor), threshold, traverser
         structure = self.cache.get(key)
         if structure is None:
             began = time.perf_counter()
@@ -226,7 +247,9 @@ class Fields:
             self.seconds["structure"] += time.perf_counter() - middle
         nbytes = structure.volume.info.nbytes + structure.nbytes
         _check_room(nbytes, room)
-        return self.cache.put(key, structure, nbytes)
+        self.cache.put(key, structure, nbytes - samples.nbytes)
+        self.cache.trim(int(room - nbytes))
+        return structure
 
     # ---- what becomes of them
 
@@ -290,7 +313,7 @@ class Fields:
         clip = self.scene.fields[n].clip
         assert clip is not None
         return {
-            **self._bare_row(n, self.cutters[n]),
+            **self._bare_row(n, self.cutters[n], self.cutters[n].volume.info.nbytes),
             "kind": "clip",
             "why": f"{clip.name!r} cuts it",
         }
@@ -299,7 +322,7 @@ class Fields:
         threshold = self.scene.fields[surface.field].thresholds[surface.number]
         exact = surface.factor == 1
         return {
-            **self._bare_row(surface.field, surface.structure),
+            **self._bare_row(surface.field, surface.structure, surface.volume_nbytes),
             "part": surface.number,
             "kind": "isosurface",
             "why": f"a threshold of {threshold:g}",
@@ -309,7 +332,9 @@ class Fields:
             "stuck": "" if exact else "the memory budget ends",
         }
 
-    def _bare_row(self, n: int, structure: leapray.Structure) -> dict[str, object]:
+    def _bare_row(
+        self, n: int, structure: leapray.Structure, volume_nbytes: int
+    ) -> dict[str, object]:
         """What the report tells of any volume that belongs to a field."""
         info = structure.volume.info
         users = [each for each in self.instances if each.field == n]
@@ -321,8 +346,8 @@ class Fields:
             "voxel_size": voxel_size(structure),
             "sample_type": info.dtype,
             "error_footprints": None,
-            "nbytes": info.nbytes + structure.nbytes,
-            "volume_nbytes": info.nbytes,
+            "nbytes": volume_nbytes + structure.nbytes,
+            "volume_nbytes": volume_nbytes,
             "structure_nbytes": structure.nbytes,
             "instances": len(users),
             "stuck": "",
@@ -339,6 +364,12 @@ def _no_surface(field: model.Field, samples: leapray.Isosurfaces, threshold: flo
         if around >= threshold if field.above else around <= threshold:
             return f"the inside would be all of space: round the data lies {around:.6g}"
     return ""
+
+
+def _foreseen(grid: ScalarGrid, factor: int) -> float:
+    """Bytes that the samples of a grid take, about."""
+    held = grid.samples.samples if isinstance(grid.samples, Leaves) else grid.samples
+    return held.size * min(held.dtype.itemsize, 4) / factor**3
 
 
 def _check_room(nbytes: int, room: float) -> None:

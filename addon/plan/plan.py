@@ -537,7 +537,7 @@ def make(
         instances = list(scene.instances)
     chosen = planner(scene, cache, watch, threads, advance)
     chosen.warnings += warnings
-    chosen.taken = surfaces.nbytes
+    chosen.taken = surfaces.nbytes + surfaces.read_nbytes
     chosen.start(instances)
     if placed and not chosen.works and not surfaces.surfaces:
         raise objects.nothing_left(chosen.warnings + surfaces.warnings)

@@ -77,6 +77,10 @@ class Cache:
         for key in [k for k in self._entries if _contents(k) not in alive]:
             del self._entries[key]
 
+    def keep(self, what: str) -> None:
+        """Drop all values but those of one kind, the first word of their keys."""
+        self._entries = {key: e for key, e in self._entries.items() if key[0] == what}
+
     def clear(self) -> None:
         self._entries.clear()
 

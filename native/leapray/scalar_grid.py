@@ -52,6 +52,7 @@ class ScalarGrid:
     label_names: dict[int, str] = field(default_factory=dict)
     label_colors: dict[int, tuple[float, float, float]] = field(default_factory=dict)  # sRGB 0..1
     source: str = ""  # the file or folder that it was read from
+    files: tuple[str, ...] = ()  # what else was read: slices and their folder, headers, samples
     warnings: tuple[str, ...] = ()  # sentences on what was read with a doubt
 
     @property

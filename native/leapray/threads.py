@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TypeVar
@@ -29,8 +30,8 @@ def run_parts(
 ) -> list[T]:
     """part(first, last) over 0..n in steps of size, in order of the result; threads 0: all cores.
 
-    The first exception, Ctrl-C among them, sets the watch's stop word and is
-    raised once all threads have ended.
+    The first exception is raised once all threads have ended; parts that have not begun are left
+    out. Ctrl-C sets the watch's stop word besides.
     """
 
     def work() -> list[T]:
@@ -43,8 +44,8 @@ def run_parts(
                 if failed:
                     raise failed[0]
                 return [job.result() for job in jobs]
-            except BaseException:
-                watch.stop()
+            except BaseException as error:
+                _stop_unless_part_failed(watch, error)
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise
 
@@ -56,14 +57,22 @@ def run_steps(
 ) -> None:
     """part(step, index) for every index below counts[step], one step after the other.
 
-    The parts of a step run on that many threads, 0: all cores. The first exception,
-    Ctrl-C among them, sets the watch's stop word and is raised once all threads have ended.
+    The parts of a step run on that many threads, 0: all cores. The first exception is raised once
+    all threads have ended; parts that have not begun are left out. Ctrl-C sets the watch's stop
+    word besides.
     """
     hands = threads or cores()
+    failed = threading.Event()
 
     def share(step: int, first: int) -> None:
         for index in range(first, counts[step], hands):
-            part(step, index)
+            if failed.is_set():
+                return
+            try:
+                part(step, index)
+            except BaseException:
+                failed.set()
+                raise
 
     def work() -> None:
         with ThreadPoolExecutor(hands, thread_name_prefix="leapray") as pool:
@@ -71,9 +80,16 @@ def run_steps(
                 for step, count in enumerate(counts):
                     for job in [pool.submit(share, step, i) for i in range(min(hands, count))]:
                         job.result()
-            except BaseException:
-                watch.stop()
+            except BaseException as error:
+                failed.set()
+                _stop_unless_part_failed(watch, error)
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise
 
     apart(work, watch)
+
+
+def _stop_unless_part_failed(watch: CancelToken, error: BaseException) -> None:
+    """A refusal of one volume must not stop what others share the watch with it."""
+    if not isinstance(error, LeapRayError):
+        watch.stop()

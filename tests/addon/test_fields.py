@@ -249,6 +249,40 @@ def test_what_does_not_fit_is_made_coarser_and_both_sizes_are_named():
     assert row["nbytes"] <= 6 * plan.MB and row["coarser"] == 160 // int(told[1])
 
 
+def test_samples_that_surfaces_share_are_counted_once():
+    grid = ball_grid(n=96, dtype=np.uint16)
+    one, three = (
+        pipeline.render(scene([field(grid, *thresholds)], [place(materials=(0,))]))
+        for thresholds in ((800.0,), (800.0, 1000.0, 1400.0))
+    )
+    rows = three.report["volumes"]
+    first, *others = (row["volume_nbytes"] for row in rows)
+    assert first == one.report["volumes"][0]["volume_nbytes"] > 2 * 80**3
+    assert max(others) < first / 4  # tables and surface cells
+    assert sum(row["nbytes"] for row in rows) == sum(
+        three.report["bytes"][name] for name in ("volumes", "structures")
+    )
+
+
+def test_three_surfaces_fit_where_their_samples_fit_once():
+    grid = ball_grid(n=96, dtype=np.uint16)
+    frame = pipeline.render(
+        scene([field(grid, 800.0, 1000.0, 1400.0)], [place(materials=(0,))], memory_mb=5)
+    )
+    assert frame.warnings == [] and {row["coarser"] for row in frame.report["volumes"]} == {1}
+
+
+def test_what_reading_took_counts_in_the_budget():
+    grid = ball_grid(n=96, dtype=np.uint16)
+    coarser = [
+        pipeline.render(
+            scene([field(grid, contents=f"{n}", read_nbytes=n << 20)], memory_mb=5)
+        ).report["volumes"][0]["coarser"]
+        for n in (0, 3)
+    ]
+    assert coarser[0] == 1 < coarser[1]
+
+
 def test_a_large_field_leaves_room_for_a_small_one_and_for_meshes():
     large, small = ball_grid(n=160, dtype=np.float32), ball_grid(n=32)
     made = scene(

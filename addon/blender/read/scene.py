@@ -188,7 +188,7 @@ class _Objects:
     """Walks the depsgraph's instances once: meshes, their places, materials, lights."""
 
     def __init__(self, depsgraph, notes: Warnings, stop: Callable[[], bool]) -> None:
-        self.notes = notes
+        self.notes, self._stop = notes, stop
         self.meshes: list[model.Mesh] = []
         self.instances: list[model.Instance] = []
         self.fields: list[model.Field] = []
@@ -333,7 +333,9 @@ class _Objects:
         key = ob.data.as_pointer(), original.as_pointer()
         if key not in self._field_at:
             try:
-                field = volumes.read_field(ob, original, self._depsgraph, self.notes)
+                field = volumes.read_field(ob, original, self._depsgraph, self.notes, self._stop)
+            except Stopped:
+                raise
             except LeapRayError as error:
                 self._field_at[key] = str(error)
             else:

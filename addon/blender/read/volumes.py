@@ -3,7 +3,8 @@
 
 A volume comes from its OpenVDB file or sequence, from what modifiers and nodes make of it, or from
 measured data of another format that its `leapray` properties name. Blender gives no access to
-voxels: files are read again, and what was made is saved first, into a folder that goes away.
+voxels: files are read here, too, and what was made is saved first, into a folder that goes away.
+What was read of a file is kept for the next frame and the next render.
 """
 
 from __future__ import annotations
@@ -11,8 +12,11 @@ from __future__ import annotations
 import itertools
 import os
 import tempfile
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import bpy
 
@@ -21,27 +25,38 @@ from leapray import LeapRayError
 from leapray.scalar_grid import Leaves, ScalarGrid
 
 from ... import arrays, model
+from ...process import POLL
 from ...settings import Isosurfaces
+from ...store.grid_cache import Grids
 from .. import properties
-from . import clips
+from . import clips, sequences
 from .textures import Texture
+
+T = TypeVar("T")
 
 NOT_IN_FRAME = 2**31 - 1  # Blender's frame of a sequence that has none now
 NUMBERS = "FLOAT", "DOUBLE", "INT", "INT64", "BOOLEAN"  # Blender's types of such grids
 HASHED = 4096  # leaves that are looked at at a time
 MOST_KNOWN = 64  # thresholds that are kept for later frames
 
+kept = Grids()
 _thresholds: dict[str, float] = {}  # that were found, by contents
 
 
-def read_field(ob, original, depsgraph, notes) -> model.Field | None:
+def never() -> bool:
+    return False
+
+
+def read_field(
+    ob, original, depsgraph, notes, stop: Callable[[], bool] = never
+) -> model.Field | None:
     """The field of an evaluated volume object; None where a sequence shows nothing in this frame.
 
     original: the datablock of its object in the file. notes are told of what is in doubt. Raises
-    LeapRayError with the reason that makes the volume useless.
+    LeapRayError with the reason that makes the volume useless, Stopped soon after stop() said so.
     """
     own = wanted(original, depsgraph)
-    found = _grid(ob, own, original)
+    found = _grid(ob, own, original, depsgraph, stop)
     if found is None:
         return None
     grid, contents = found
@@ -51,7 +66,8 @@ def read_field(ob, original, depsgraph, notes) -> model.Field | None:
         name=ob.data.name,
         grid=grid,
         contents=contents,
-        thresholds=thresholds(grid, contents, own),
+        read_nbytes=grid.nbytes,
+        thresholds=thresholds(grid, contents, own, stop),
         above=(grid.kind != "level set") != own.invert,
         capped=own.capped,
         smoothing=own.smoothing,
@@ -70,7 +86,7 @@ def field_color(texture: Texture, field: model.Field) -> model.FieldColor | None
 
 def grid_of(ob, original, depsgraph) -> ScalarGrid | None:
     """The grid of an evaluated volume object, as for `read_field`."""
-    found = _grid(ob, wanted(original, depsgraph), original)
+    found = _grid(ob, wanted(original, depsgraph), original, depsgraph, never)
     return found and found[0]
 
 
@@ -81,17 +97,24 @@ def wanted(original, depsgraph) -> Isosurfaces:
     return properties.isosurfaces(original.evaluated_get(depsgraph))
 
 
-def _grid(ob, own: Isosurfaces, original) -> tuple[ScalarGrid, str] | None:
+def _grid(
+    ob, own: Isosurfaces, original, depsgraph, stop: Callable[[], bool]
+) -> tuple[ScalarGrid, str] | None:
     """The grid, and a name for its contents."""
     if own.file:
-        path: Path | None = Path(absolute(own.file, original.library))
+        path = sequences.file_of_frame(
+            Path(absolute(own.file, original.library)), original, depsgraph
+        )
         name = own.grid or None
     elif ob.data.filepath and not any(each.show_render for each in ob.modifiers):
         path = frame_path(ob.data)
         name = grid_name(own, ob.data)
     else:
-        return _made(ob.data, own)
-    return _of_file(path, name, own.frame) if path else None
+        return _made(ob.data, own, stop)
+    if path is None:
+        return None
+    file = path
+    return listening(lambda watch: kept.read(file, name, own.frame, watch), stop)
 
 
 def absolute(path: str, library) -> str:
@@ -117,32 +140,41 @@ def grid_name(own: Isosurfaces, volume) -> str | None:
     return next((each.name for each in [*active, *grids] if each.data_type in NUMBERS), None)
 
 
-def thresholds(grid: ScalarGrid, contents: str, own: Isosurfaces) -> tuple[float, ...]:
+def thresholds(
+    grid: ScalarGrid, contents: str, own: Isosurfaces, stop: Callable[[], bool]
+) -> tuple[float, ...]:
     """Of each surface that is wanted."""
-    first = automatic(grid, contents) if own.automatic else own.threshold
+    first = automatic(grid, contents, stop) if own.automatic else own.threshold
     return (first, own.threshold_2, own.threshold_3)[: own.surfaces]
 
 
-def automatic(grid: ScalarGrid, contents: str) -> float:
+def automatic(grid: ScalarGrid, contents: str, stop: Callable[[], bool]) -> float:
     """The first threshold of a grid, which is sought once for its contents."""
     if contents not in _thresholds:
         while len(_thresholds) >= MOST_KNOWN:
             _thresholds.pop(next(iter(_thresholds)))
-        _thresholds[contents] = leapray.first_threshold(grid)[0]
+        _thresholds[contents] = listening(
+            lambda watch: leapray.first_threshold(grid, watch=watch)[0], stop
+        )
     return _thresholds[contents]
 
 
-def _of_file(path: Path, name: str | None, frame: int) -> tuple[ScalarGrid, str]:
-    """A grid of a file, and a name for its contents."""
-    if not path.exists():
-        raise LeapRayError(f"there is no file {path}")
-    states = [(each.name, each.stat()) for each in ([path] if path.is_file() else path.iterdir())]
-    told = [(name, state.st_mtime_ns, state.st_size) for name, state in sorted(states)]
-    grid = leapray.read_volume(path, grid=name, frame=frame or None)
-    return grid, arrays.digest((), repr((str(path), name, frame, told)).encode())
+def listening(work: Callable[[leapray.Watch], T], stop: Callable[[], bool]) -> T:
+    """work(watch), while this thread, which Blender knows, asks now and then whether to stop."""
+    watch = leapray.Watch()
+    with ThreadPoolExecutor(1, thread_name_prefix="leapray-read") as pool:
+        job = pool.submit(work, watch)
+        try:
+            while not wait([job], timeout=POLL).done:
+                if stop():
+                    watch.stop()
+        except BaseException:
+            watch.stop()
+            raise
+        return job.result()
 
 
-def _made(volume, own: Isosurfaces) -> tuple[ScalarGrid, str]:
+def _made(volume, own: Isosurfaces, stop: Callable[[], bool]) -> tuple[ScalarGrid, str]:
     """A grid that modifiers or nodes made."""
     if not len(volume.grids):
         raise LeapRayError("it has neither a file nor a grid")
@@ -150,7 +182,9 @@ def _made(volume, own: Isosurfaces) -> tuple[ScalarGrid, str]:
         path = Path(folder, "made.vdb")
         if not volume.grids.save(filepath=str(path)):
             raise LeapRayError(f"its grids cannot be saved: {volume.grids.error_message}")
-        grid = replace(leapray.read_volume(path, grid=grid_name(own, volume)), source="")
+        name = grid_name(own, volume)
+        grid = listening(lambda watch: leapray.read_volume(path, grid=name, watch=watch), stop)
+        grid = replace(grid, source="")
         return grid, _digest(grid)
 
 

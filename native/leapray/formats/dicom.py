@@ -122,6 +122,7 @@ def read(request: Request) -> ScalarGrid:
             quantity=_quantity(head),
             no_data=_padding(head, padding) if samples.dtype.kind in "iu" else None,
             source=str(path),
+            files=tuple(sorted({str(f) for each in slices for f in (each.path, each.path.parent)})),
             warnings=tuple(told),
         )
 

@@ -60,6 +60,7 @@ def read(request: Request) -> ScalarGrid:
             header = nrrd.read_header(file)
             axes = _axes_along_space(path, header)
             stored = _stored(nrrd, request, header, file)
+            beside = _beside(header)
         samples = _one_frame(request, header, axes, stored, told)
         labels = _segments(header)
         return ScalarGrid(
@@ -72,6 +73,7 @@ def read(request: Request) -> ScalarGrid:
             label_names={value: name for value, (name, _) in labels.items()},
             label_colors={value: color for value, (_, color) in labels.items() if color},
             source=str(path),
+            files=() if beside is None else (str(path.parent / beside),),
             warnings=tuple(told),
         )
 
@@ -87,10 +89,10 @@ def _stored(nrrd, request: Request, header: dict[str, Any], file: IO[bytes]) -> 
         raise refuse(path, f"samples of the type {header['type']} are no real numbers")
     if any(int(header.get(name, 0)) for name in SKIPS) and open_packed:
         return nrrd.read_data(header, file, str(path), "C")
-    beside = header.get("data file", header.get("datafile"))
-    if beside is not None and re.search(r"^LIST\b|%\d*d", str(beside)):
+    beside = _beside(header)
+    if beside is not None and re.search(r"^LIST\b|%\d*d", beside):
         raise refuse(path, "its samples lie in several files, and one is needed")
-    data = path if beside is None else path.parent / str(beside)
+    data = path if beside is None else path.parent / beside
     if beside is not None and not data.is_file():
         raise refuse(path, f"there is no file {data}, which is to hold the samples")
     shape = tuple(int(n) for n in header["sizes"][::-1])
@@ -104,6 +106,12 @@ def _stored(nrrd, request: Request, header: dict[str, Any], file: IO[bytes]) -> 
         have = data.stat().st_size - max(start, 0)
         raise refuse(path, f"its samples take {nbytes} bytes, and the file has {max(have, 0)}")
     return np.memmap(data, dtype, "r", start, shape)
+
+
+def _beside(header: dict[str, Any]) -> str | None:
+    """The file that holds the samples, if it is another one."""
+    told = header.get("data file", header.get("datafile"))
+    return None if told is None else str(told)
 
 
 def _start(header: dict[str, Any], attached: IO[bytes] | None, data: Path, nbytes: int) -> int:

@@ -67,6 +67,7 @@ def read(request: Request) -> ScalarGrid:
             quantity=layout.quantity,
             no_data=layout.no_data,
             source=str(path),
+            files=tuple(map(str, _beside(path))),
             warnings=tuple(told),
         )
 
@@ -94,8 +95,7 @@ def _check(path: Path, layout: RawLayout) -> np.dtype:
 
 def _layout_beside(path: Path) -> RawLayout | None:
     """What the .json file beside it says, if there is one."""
-    beside = [path.with_suffix(".json"), path.with_name(path.name + ".json")]
-    found = next((file for file in beside if file.is_file()), None)
+    found = next((file for file in _beside(path) if file.is_file()), None)
     if found is None:
         return None
     try:
@@ -113,6 +113,11 @@ def _layout_beside(path: Path) -> RawLayout | None:
     except TypeError:
         raise refuse(found, "size, spacing and origin are lists of three numbers") from None
     return RawLayout(**{**told, **lists})
+
+
+def _beside(path: Path) -> list[Path]:
+    """Where the layout may stand."""
+    return [path.with_suffix(".json"), path.with_name(path.name + ".json")]
 
 
 def _layout_of_name(path: Path) -> RawLayout | None:
