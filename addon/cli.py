@@ -65,8 +65,8 @@ def render(args: argparse.Namespace) -> int:
     """Render a frame, or several; writes each picture and the JSON beside it."""
     args.scene = resolved(args.scene) if str(args.scene).startswith("~") else args.scene
     measured = not BLEND.fullmatch(args.scene.suffix.lower())
-    name = args.scene.name.partition(".")[0] if measured else args.scene.stem
-    if not (measured and name and args.scene.is_dir()):
+    name = data_name(args.scene) if measured else args.scene.stem
+    if not (measured and args.scene.name and args.scene.is_dir()):
         check_file(args.scene)
     if args.threshold is not None and not measured:
         raise LeapRayError(f"--threshold is for measured data, and {args.scene} is a scene")
@@ -101,6 +101,15 @@ def render(args: argparse.Namespace) -> int:
         warned.update(warnings)
         print(f"{target.picture}, and its figures in {target.figures}", flush=True)
     return 0
+
+
+def data_name(path: Path) -> str:
+    """What pictures of measured data are called: another name than a scene's, and than that of
+    a file that tells the layout of raw numbers."""
+    if path.is_dir():
+        return f"{path.name}_data"
+    stem, _, suffix = path.name.removesuffix(".gz").rpartition(".")
+    return f"{stem}_{suffix}" if stem else suffix
 
 
 def open_data(path: Path, threshold: float | None):

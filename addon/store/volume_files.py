@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes as OpenVDB files, and measured volumes from them (OpenVDB comes with Blender).
+"""Volumes as OpenVDB files (OpenVDB comes with Blender).
 
 A file written here holds a float grid "density" of the occupancies 0..1, a float grid
 "id" if the volume has ids, and for sheets a bool grid "surface", all placed by the
@@ -115,7 +115,7 @@ def read(path: str | Path) -> Volume:
     matrix = told if told.shape == (4, 4) and np.abs(placed - told).max() <= rounding else placed
     builder = VolumeBuilder(size, meta["dtype"], threshold, matrix, ID in grids, sheet)
     touched = grids.get(SURFACE) if sheet else None
-    for origin, block in _blocks(density, (0, 0, 0), size, np.float32):
+    for origin, block in _blocks(density, size, np.float32):
         samples = block * one if dtype == np.float32 else np.round(block.astype(np.float64) * one)
         builder.put(
             origin,
@@ -126,47 +126,6 @@ def read(path: str | Path) -> Volume:
     volume = builder.finish()
     volume.mesh_info = mesh_info
     return volume
-
-
-def measured(
-    path: str | Path,
-    grid: str | None = None,
-    *,
-    values: tuple[float, float] = (0.0, 1.0),
-    threshold: float = 0.5,
-    dtype: str = "u16",
-) -> Volume:
-    """A volume from any scalar grid of a .vdb file, a CT scan for example.
-
-    grid: its name; the first scalar one without. values: the grid's values that
-    become occupancy 0 and 1, the rest is clamped; they may fall, as the (3, -3)
-    of a level set. threshold is in occupancy. The lattice is the box of the
-    grid's active voxels, its transform is kept. Raises LeapRayError for a
-    missing file or grid, an empty one, and values that are not finite.
-    """
-    lo, hi = values
-    if not (np.isfinite(values).all() and lo != hi):
-        raise LeapRayError(f"values must be two different finite numbers; they are {lo:g}, {hi:g}")
-    if dtype not in ONES:
-        raise LeapRayError(f"unknown dtype {dtype!r}; there are {', '.join(ONES)}")
-    source = _named(path, grid)
-    first, last = (np.array(corner, np.int64) for corner in source.evalActiveVoxelBoundingBox())
-    if (first > last).any():
-        raise LeapRayError(f"the grid {source.name!r} of {path} is empty")
-    size = tuple((last - first + 1).tolist())
-    matrix = _matrix(source.transform)
-    matrix[:3, 3] += matrix[:3, :3] @ first
-    builder = VolumeBuilder(size, dtype, threshold, matrix)
-    for origin, block in _blocks(source, tuple(first.tolist()), size, np.float64, keep_all=True):
-        if not np.isfinite(block).all():
-            raise LeapRayError(
-                f"the grid {source.name!r} of {path} holds values that are no numbers"
-            )
-        samples = np.clip((block - lo) / (hi - lo), 0.0, 1.0) * ONES[dtype]
-        if samples.any():
-            samples = samples if dtype == "f32" else np.round(samples)
-            builder.put(origin, samples.astype(DTYPES[dtype]))
-    return builder.finish()
 
 
 # ---- OpenVDB ------------------------------------------------------------------
@@ -180,21 +139,6 @@ def _grids(path: str | Path) -> list:
         return openvdb_module().readAll(str(path))[0]
     except (OSError, RuntimeError, ValueError, TypeError, KeyError) as error:
         raise LeapRayError(f"{path} cannot be read as OpenVDB: {error}") from None
-
-
-def _named(path: str | Path, name: str | None):
-    """The scalar grid of that name, the first one without a name."""
-    grids = _grids(path)
-    known = ", ".join(repr(grid.name) for grid in grids) or "none"
-    named = [grid for grid in grids if name in (None, grid.name)]
-    if not named:
-        raise LeapRayError(f"{path} has no grid {name!r}; there are {known}")
-    scalar = [grid for grid in named if np.ndim(grid.zeroValue) == 0]
-    if not scalar:
-        raise LeapRayError(
-            f"{path} has no grid {name or 'of numbers'!r} of numbers; it has {known}"
-        )
-    return scalar[0]
 
 
 def _transform(openvdb, object_from_index: NDArray[np.float64]):
@@ -268,11 +212,10 @@ def _boxes(origins: NDArray[np.int32]) -> list[tuple[tuple, tuple]]:
     return boxes
 
 
-def _blocks(grid, first: tuple, size: tuple, dtype, keep_all=False) -> Iterator[tuple]:
-    """(origin, values (nz, ny, nx)) of blocks of a lattice whose sample 0 is voxel `first`.
+def _blocks(grid, size: tuple, dtype) -> Iterator[tuple]:
+    """(origin, values (nz, ny, nx)) of blocks of a lattice that are not all zeros.
 
-    Blocks of zeros are left out, unless all are kept. Blocks start 2 samples
-    before multiples of their size, as the core's bricks do.
+    They start 2 samples before multiples of their size, as the core's bricks do.
     """
     starts = [[0, *range(BLOCK - 2, n, BLOCK)] for n in size]
     for k, z in enumerate(starts[2]):
@@ -284,10 +227,8 @@ def _blocks(grid, first: tuple, size: tuple, dtype, keep_all=False) -> Iterator[
                     for a, n in enumerate((i, j, k))
                 ]
                 block = np.empty([e - o for e, o in zip(end, origin, strict=True)], dtype)
-                grid.copyToArray(
-                    block, ijk=tuple(f + o for f, o in zip(first, origin, strict=True))
-                )
-                if keep_all or block.any():
+                grid.copyToArray(block, ijk=origin)
+                if block.any():
                     yield origin, block.T
 
 

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 import vdb_files
-from blender_scenes import fresh, light, put, read
+from blender_scenes import fresh, light, mesh, put, read
 
 import leapray
 from addon import cli, pipeline
@@ -243,6 +243,35 @@ def test_one_command_makes_a_picture_of_a_scan(tmp_path, capsys):
     assert cli.main([*words, "--threshold", "400"]) == 0
     (row,) = json.loads((tmp_path / "out.json").read_text())["volumes"]
     assert row["threshold"] == 400.0
+
+
+@pytest.mark.parametrize("how", ["scan.raw", "scan_40x36x32_int16.raw", "scan"])
+def test_pictures_of_data_and_of_scenes_have_names_of_their_own(
+    how, scene, tmp_path, monkeypatch, capsys
+):
+    """Rendered twice, for figures must not be taken for the layout of raw numbers."""
+    monkeypatch.chdir(tmp_path)
+    path = scan(tmp_path)
+    sources = [path, tmp_path / "scan.blend"]
+    if how == "scan.raw":
+        (tmp_path / "scan.json").rename(tmp_path / "scan.raw.json")
+    else:
+        (tmp_path / "scan.json").unlink()
+        sources[0] = path.rename(tmp_path / how)
+        if how == "scan":  # a folder
+            from phantoms import KINDS, PLACES, samples
+
+            sources[0].unlink()
+            KINDS["dicom"].write(sources[0], samples(), PLACES["anisotropic"])
+    put("Cube", mesh())
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scan.blend"))
+    before = set(tmp_path.iterdir())
+    for source in (*sources, *sources):
+        words = ["render", str(source), "--samples", "1", "--percentage", "3"]
+        assert cli.main(words) == 0, capsys.readouterr().err
+    made = {each.name for each in set(tmp_path.iterdir()) - before}
+    own = "scan_data" if how == "scan" else how.replace(".", "_")
+    assert made == {f"{stem}{end}" for stem in ("scan", own) for end in (".png", ".json")}
 
 
 def test_wrong_words_for_data_are_sentences(tmp_path, capsys):

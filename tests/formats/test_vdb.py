@@ -155,3 +155,32 @@ def test_a_grid_that_has_strayed_is_refused(tmp_path):
         grid.fill((corner,) * 3, (corner,) * 3, 1.0)
     with pytest.raises(leapray.LeapRayError, match="'dust' spans"):
         leapray.read_volume(save(tmp_path / "a.vdb", grid))
+
+
+def test_a_volume_of_a_file_has_its_values_where_its_transform_puts_them(tmp_path):
+    values = np.random.default_rng(1).uniform(-1000, 3000, (20, 30, 70)).astype(np.float32)
+    sheared = np.array([[0.5, 0.1, 0, 1e5], [0, 0.7, 0.2, -2], [0.3, 0, 0.9, 7], [0, 0, 0, 1]])
+    grid = openvdb.FloatGrid()
+    grid.name = "ct"
+    grid.transform = openvdb.createLinearTransform(sheared.T.tolist())
+    grid.copyFromArray(values, ijk=(-5, 7, 3))
+    made = leapray.Isosurfaces(leapray.read_volume(save(tmp_path / "ct.vdb", grid), grid="ct"))
+    volume = made.at(100.0)
+    index = np.random.default_rng(2).integers(0, values.shape, (300, 3))
+    points = (index + np.array([-5, 7, 3])) @ sheared[:3, :3].T + sheared[:3, 3]
+    occupancy = volume.sample(points)[0]
+    # points round to 1e-11, in which values of neighbours differ by some thousands a voxel
+    assert_allclose(
+        made.offset + made.scale * np.asarray(occupancy), values[tuple(index.T)], atol=1e-3
+    )
+
+
+def test_a_level_sets_surface_is_at_zero(tmp_path):
+    grid = openvdb.createLevelSetSphere(2.0, (1.0, 2.0, 3.0), 0.1)
+    made = leapray.Isosurfaces(leapray.read_volume(save(tmp_path / "s.vdb", grid)))
+    volume = made.at(0.0)
+    d = np.random.default_rng(2).normal(size=(500, 3))
+    points = 2.0 * d / np.linalg.norm(d, axis=1, keepdims=True) + (1, 2, 3)
+    value = made.offset + made.scale * np.asarray(volume.sample(points)[0])
+    assert np.abs(value).max() < 0.002  # 0.02 voxel: h / 4R and f32
+    assert made.offset + made.scale * volume.sample([[1.0, 2.0, 3.0]])[0] < -0.25

@@ -11,6 +11,7 @@ import json
 import re
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -94,14 +95,21 @@ def _check(path: Path, layout: RawLayout) -> np.dtype:
 
 
 def _layout_beside(path: Path) -> RawLayout | None:
-    """What the .json file beside it says, if there is one."""
-    found = next((file for file in _beside(path) if file.is_file()), None)
-    if found is None:
-        return None
-    try:
-        told = json.loads(found.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise refuse(found, f"it is no JSON: {error}") from None
+    """What a .json file beside it says, if there is one; one without size and dtype may be
+    anything."""
+    for file in _beside(path):
+        if file.is_file():
+            try:
+                told = json.loads(file.read_text(encoding="utf-8"))
+            except ValueError as error:
+                raise refuse(file, f"it is no JSON: {error}") from None
+            if not isinstance(told, dict) or {"size", "dtype"} & told.keys():
+                return _layout_of(file, told)
+    return None
+
+
+def _layout_of(found: Path, told: Any) -> RawLayout:
+    """What is told by a .json file."""
     known = [field.name for field in fields(RawLayout)]
     if not isinstance(told, dict) or not {"size", "dtype"} <= told.keys():
         raise refuse(found, "it needs the members size and dtype")
@@ -117,7 +125,7 @@ def _layout_beside(path: Path) -> RawLayout | None:
 
 def _beside(path: Path) -> list[Path]:
     """Where the layout may stand."""
-    return [path.with_suffix(".json"), path.with_name(path.name + ".json")]
+    return [path.with_name(path.name + ".json"), path.with_suffix(".json")]
 
 
 def _layout_of_name(path: Path) -> RawLayout | None:
