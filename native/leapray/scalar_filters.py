@@ -136,15 +136,18 @@ def _means(grid: ScalarGrid, array: Samples, factor: int, k: int) -> NDArray:
     """The means of row k of blocks, of which a few slices are taken at a time."""
     whole = array.dtype.kind in "iub"
     all_known = whole and grid.no_data is None
-    ny, nx = array.shape[1:]
-    total, count = np.zeros((ny, nx)), np.zeros((ny, nx), np.float32)
-    rows = max(BLOCK // (ny * nx), 1)
+    largest = factor**2 << 8 * array.dtype.itemsize
+    exact = np.dtype(np.int32 if all_known and largest < 1 << 31 else np.float64)
+    plane = array.shape[1:]
+    total: NDArray = np.zeros(plane, exact)
+    count: NDArray = np.zeros(plane, np.int32)
+    rows = max(BLOCK // math.prod(plane), 1)
     end = min((k + 1) * factor, len(array))
     for first in range(k * factor, end, rows):
         block = array[first : min(first + rows, end)]
         if all_known:
-            total += block.sum(axis=0, dtype=np.float64)
-            count += np.float32(len(block))
+            total += block.sum(axis=0, dtype=exact)
+            count += len(block)
             continue
         numbers = _numbers(grid, block, np.float64 if block.itemsize > 2 else np.float32)
         known = ~np.isnan(numbers)
@@ -158,11 +161,16 @@ def _means(grid: ScalarGrid, array: Samples, factor: int, k: int) -> NDArray:
     return mean
 
 
-def _sums(plane: NDArray, factor: int) -> NDArray:
+def _sums(plane: NDArray, factor: int) -> NDArray[np.float64]:
     """Of squares of factor^2; those at the end may be smaller."""
-    for axis in range(2):
-        plane = np.add.reduceat(plane, np.arange(0, plane.shape[axis], factor), axis=axis)
-    return plane
+    ny, nx = (-(-n // factor) for n in plane.shape)
+    padded = np.zeros((ny * factor, nx * factor), plane.dtype)
+    padded[: plane.shape[0], : plane.shape[1]] = plane
+    lines = padded.reshape(ny, factor, nx * factor).sum(axis=1, dtype=plane.dtype)
+    total = np.zeros((ny, nx))
+    for x in range(factor):
+        total += lines[:, x::factor]
+    return total
 
 
 # ---- smoother ----------------------------------------------------------------------------------

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
@@ -17,7 +18,7 @@ from .threads import check_threads, run_parts
 
 T = TypeVar("T")
 
-BLOCK = 1 << 20  # samples that are counted at a time, which fit the processor's cache
+BLOCK = 1 << 19  # samples that are counted at a time, which fit the processor's cache
 CACHED = 1 << 16  # numbers whose bins are found at a time
 FIRST = 1 << 14  # bins of the whole range; more would cost more than the samples
 FINE = 4096  # bins in which thresholds are sought
@@ -160,6 +161,18 @@ class _Parts:
             raise Stopped("the count of samples was stopped")
         return [item for item in found if item is not None]
 
+    def total(self, part: Callable[[NDArray], NDArray[np.int64]], n: int) -> NDArray[np.int64]:
+        """The sum of n counts of all blocks."""
+        total, lock = np.zeros(n, np.int64), threading.Lock()
+
+        def add(numbers: NDArray) -> None:
+            counts = part(numbers)
+            with lock:
+                np.add(total, counts, out=total)
+
+        self.run(add)
+        return total
+
     def valued(self, numbers: NDArray) -> NDArray:
         """Those that stand for a value."""
         if self.grid.no_data is not None:
@@ -186,7 +199,7 @@ class _Parts:
             flat = np.ascontiguousarray(numbers).reshape(-1)
             return np.bincount(flat.view(unsigned), minlength=n)
 
-        counts = np.sum(self.run(part), axis=0, dtype=np.int64)
+        counts = self.total(part, n)
         numbers = np.arange(n, dtype=unsigned).view(dtype)
         occurs = counts > 0
         if self.grid.no_data is not None:
@@ -231,9 +244,7 @@ class _Parts:
                 total += np.bincount(_bin_numbers(some, edges, place[: some.size]), minlength=n)
             return total
 
-        total = np.sum(
-            [np.zeros(n, np.int64), *(self.run(counts) if self.each is None else ())], axis=0
-        )
+        total = np.zeros(n, np.int64) if self.each is not None else self.total(counts, n)
         values, weights = self.weighted()
         np.add.at(total, _bin_numbers(values, edges, np.empty(len(values))), weights)
         return total[1:-1]

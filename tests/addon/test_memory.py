@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -14,9 +15,10 @@ import scenes
 from meshes import grid_surface
 
 import leapray
-from addon import arrays, memory, pipeline
+from addon import arrays, memory, model, pipeline
 from addon.model import Mesh
 from addon.plan import mesh_colors, mesh_split, objects, probes
+from leapray.formats.vdb import openvdb_module
 from leapray.voxelization import SPARE, mesh_scratch_nbytes
 
 HERE = Path(__file__).parent
@@ -43,6 +45,63 @@ report = frame.report
 print(json.dumps({"grown": grown, "bytes": report["bytes"], "kind": report["volumes"][0]["kind"],
                   "triangles": len(mesh.triangles), "warnings": frame.warnings}))
 """
+
+
+# Likewise of a measured file, which is read meanwhile.
+RENDER_FIELD = """
+import json, sys
+from pathlib import Path
+import bpy
+import test_memory
+from addon import memory
+folder, kind, memory_mb = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+small, large = (test_memory.measured(folder / name, n, kind) for name, n in (("s", 40), ("l", 288)))
+test_memory.render_measured(small, 256)
+Path("/proc/self/clear_refs").write_text("5")
+before = memory.Resident.read()
+frame = test_memory.render_measured(large, memory_mb)
+grown = memory.Resident.read().most - before.now
+print(json.dumps({"grown": grown, "bytes": frame.report["bytes"], "warnings": frame.warnings,
+                  "coarser": frame.report["volumes"][0]["coarser"]}))
+"""
+
+
+def measured(folder: Path, n: int, kind: str) -> Path:
+    """A file of n^3 numbers of 16 bits, noise round a ball, so that none of the bricks is alike."""
+    folder.mkdir()
+    axis = (np.arange(n) - n / 2) / n
+    z, y, x = np.meshgrid(axis, axis, axis, indexing="ij", sparse=True)
+    values = 4000 - 8000 * np.sqrt(x * x + y * y + z * z)
+    values += np.random.default_rng(0).integers(0, 20, values.shape)
+    stored = values.astype(np.int16)
+    if kind == "raw":
+        stored.tofile(folder / f"a_{n}x{n}x{n}_int16.raw")
+    elif kind == "vdb":
+        openvdb = openvdb_module()
+        grid = openvdb.FloatGrid(-10000.0)
+        grid.copyFromArray(values.T.astype(np.float32))
+        grid.name = "a"
+        openvdb.write(str(folder / "a.vdb"), grids=[grid])
+    else:
+        import nibabel
+
+        nibabel.save(nibabel.Nifti1Image(stored.T, np.eye(4)), folder / "a.nii.gz")
+    return next(folder.iterdir())
+
+
+def render_measured(path: Path, memory_mb: int) -> model.Frame:
+    """As the add-on does: read, the threshold sought, rendered."""
+    before = memory.Resident.read()
+    grid = leapray.read_volume(path)
+    threshold, _ = leapray.first_threshold(grid, threads=2)
+    shift, scale = np.eye(4), np.eye(4)
+    scale[:3, :3] /= max(grid.world_from_index[0, 0] * 100, 1)
+    shift[:3, 3] = -50
+    made = scenes.scene([], [], view=scenes.camera(eye=(0, -4, 0)), memory_mb=memory_mb, threads=2)
+    held = model.Field("A", grid, str(path), (threshold,), read_nbytes=grid.nbytes)
+    placed = model.FieldInstance(field=0, name="A", world_from_object=scale @ shift, materials=(0,))
+    made = dataclasses.replace(made, fields=(held,), field_instances=(placed,), resident=before)
+    return pipeline.render(made)
 
 
 def scene(mesh, **settings):
@@ -90,11 +149,11 @@ def crossing() -> Mesh:
     return Mesh("Crossing", np.concatenate([mesh.vertices, moved]), triangles)
 
 
-def rendered(names: str) -> dict:
+def rendered(*words: str, code: str = RENDER) -> dict:
     root = HERE.parents[1]
     paths = [HERE, HERE.parent, root, root / "native"]
-    code = f"import sys; sys.path[:0] = {[str(p) for p in paths]!r}\n{RENDER}"
-    run = subprocess.run([sys.executable, "-c", code, names], capture_output=True, text=True)
+    code = f"import sys; sys.path[:0] = {[str(p) for p in paths]!r}\n{code}"
+    run = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout)
 
@@ -111,6 +170,29 @@ def test_the_peak_is_the_growth_of_the_process(name):
     assert found["bytes"]["peak"] == pytest.approx(found["grown"], rel=0.1, abs=NOISE)
     assert found["grown"] < 170 * found["triangles"] + 2 * NOISE + found["bytes"]["volumes"]
     assert 0 < found["bytes"]["scratch"] < found["bytes"]["peak"]
+
+
+@LINUX
+@pytest.mark.parametrize("kind", ["raw", "nii.gz", "vdb"])
+def test_the_peak_of_measured_data_is_the_growth_of_the_process(kind, tmp_path):
+    """And is that of the samples that rays see: nothing else is held as a whole. OpenVDB holds its
+    tree while it is read, and gives it back before samples are stored."""
+    found = rendered(str(tmp_path), kind, "256", code=RENDER_FIELD)
+    assert found["warnings"] == [] and found["coarser"] == 1
+    told = found["bytes"]
+    assert told["peak"] == pytest.approx(found["grown"], rel=0.1, abs=NOISE)
+    held = told["volumes"] + told["structures"]
+    assert held > 288**3 * (4 if kind == "vdb" else 2)
+    assert found["grown"] < held + 9 * NOISE  # what each thread works on, unpacks and counts
+
+
+@LINUX
+@pytest.mark.parametrize("kind", ["raw", "nii.gz"])
+def test_the_budget_holds_for_measured_data(kind, tmp_path):
+    found = rendered(str(tmp_path), kind, "50", code=RENDER_FIELD)
+    assert found["coarser"] == 2 and "144 x 144 x 144 samples of its 288" in found["warnings"][0]
+    assert found["grown"] < (50 << 20) + NOISE
+    assert found["bytes"]["peak"] == pytest.approx(found["grown"], rel=0.1, abs=NOISE)
 
 
 @LINUX

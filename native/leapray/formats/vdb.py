@@ -9,6 +9,7 @@ the inside, which no surface crosses, is inactive.
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import os
 import struct
@@ -57,7 +58,7 @@ def read(request: Request) -> ScalarGrid:
         request.check_stopped()
         if tuple(_levels(grid)) != (5, 4, 3):
             raise refuse(path, f"the tree of the grid {name!r} is not OpenVDB's usual one")
-        return ScalarGrid(
+        made = ScalarGrid(
             name,
             _leaves(request, grid, told),
             check_matrix(path, _matrix(path, grid)),
@@ -65,6 +66,16 @@ def read(request: Request) -> ScalarGrid:
             source=str(path),
             warnings=tuple(told),
         )
+        del grid
+        _give_back()
+        return made
+
+
+def _give_back() -> None:
+    """Return to the system what trees took in pieces that the C library would keep for later."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
+    if trim is not None:
+        trim(0)
 
 
 def grids(path: Path) -> list[str]:
