@@ -71,7 +71,7 @@ class Layout:
         self.rank = ranks(graph)
         self.chains: list[list[str]] = []  # from the user down to what it uses
         self.rows: list[list[str]] = [[] for _ in range(max(self.rank.values()) + 1)]
-        for name, rank in self.rank.items():
+        for name, rank in sorted(self.rank.items()):
             self.rows[rank].append(name)
         for name in sorted(edges):
             for target in sorted(edges[name]):
