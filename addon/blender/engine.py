@@ -70,6 +70,10 @@ class LeapRayEngine(bpy.types.RenderEngine):
     def _render(self, depsgraph, layer: str) -> None:
         status = f"{depsgraph.scene_eval.name}, {layer} | "
         self.update_stats("", status + "Reading")
+
+        def reading(share: float, what: str) -> None:
+            self.update_stats("", f"{status}Reading {what}, {share:.0%}")
+
         job = scene.read(
             depsgraph,
             self.resolution_x,
@@ -77,8 +81,8 @@ class LeapRayEngine(bpy.types.RenderEngine):
             settings=self._settings(depsgraph),
             camera=self.camera_override,
             stop=self._asked_to_stop,
+            progress=reading,
         )
-
         volumes.kept.trim(job.settings.memory_mb * MB)
 
         def progress(share: float, phase: str) -> None:

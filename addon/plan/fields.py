@@ -9,7 +9,7 @@ apart from the one that meshes share, for their lattices have nothing in common.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +53,10 @@ def voxel_size(structure: leapray.Structure) -> float:
 
 
 class Fields:
-    """The surfaces of all fields that are placed, within so many bytes as room."""
+    """The surfaces of all fields that are placed, within so many bytes as room.
+
+    advance: called with the share 0..1 of them that is made.
+    """
 
     def __init__(
         self,
@@ -63,6 +66,7 @@ class Fields:
         watch: leapray.Watch,
         threads: int,
         room: float,
+        advance: Callable[[float], None] = lambda share: None,
     ) -> None:
         self.scene, self.instances = scene, instances
         self.cache, self.watch, self.threads = cache, watch, threads
@@ -80,6 +84,7 @@ class Fields:
         for done, n in enumerate(order):
             share = (room - self.nbytes) / (len(order) - done)
             self._make(n, users[n], share - self._cut(n, users[n], share))
+            advance((done + 1) / len(order))
         used = {each.field for each in self.surfaces}
         self.cutters = {n: made for n, made in self.cutters.items() if n in used}
         if scene.settings.layout == "scene" and self.surfaces:

@@ -50,6 +50,7 @@ FINEST_START = 512  # of which they get so many at most
 # Shares of the memory, counted without structures, so that traversers see the same volumes:
 EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' sake, or TRIANGLE_NBYTES each
 STEPS_SEEN = 1 / 5  # of the permitted error: less is no reason for wider samples
+FIELDS_SHARE = 0.2  # of the progress, where there are meshes, too
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
 SHARP_SHARE = 1 / 100  # for finer edges than asked for, of all volumes together
 
@@ -526,7 +527,10 @@ def make(
     instances = [i for i in placed if isinstance(i, model.Instance)]
     of_fields = [i for i in placed if isinstance(i, model.FieldInstance)]
     room = scene.settings.memory_mb * MB * (1 - fields.MESH_SHARE * bool(instances))
-    surfaces = fields.Fields(scene, of_fields, cache, watch, threads, room)
+    share = FIELDS_SHARE if instances else 1.0
+    surfaces = fields.Fields(
+        scene, of_fields, cache, watch, threads, room, lambda done: advance(share * done)
+    )
     owners: list[model.Instance] | None = None
     if scene.settings.layout == "scene" and instances:
         kinds = _kinds(scene, instances, cache, watch, warnings)

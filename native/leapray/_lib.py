@@ -112,6 +112,10 @@ class Watch:
         """The share of the work that is done, 0..1."""
         return self._progress.value
 
+    def advance(self, share: float) -> None:
+        """Say what share of the work is done, 0..1, where the work is not the core's."""
+        self._progress.value = share
+
 
 def call(function, *arguments, watch: CancelToken | None = None, outputs: tuple = ()) -> None:
     """Call function(*arguments, watch, &outputs..., error), raise what it reports, hear Ctrl-C.

@@ -278,24 +278,20 @@ def test_a_file_that_changed_between_renders_is_read_again(scene, tmp_path):
     assert radius_of(render()) == 0.9
 
 
-def test_reading_can_be_cancelled(scene, tmp_path):
-    shown(ball(tmp_path / "a.nii.gz", kind="nifti"), automatic=True)
-    bpy.context.view_layer.update()
-    asked = []
-
-    def stop():
-        asked.append(1)
-        return True
-
+def test_reading_tells_how_far_it_is_and_can_be_cancelled():
+    told = []
+    caller = volumes.Caller(lambda: len(told) > 3, lambda share, what: told.append((share, what)))
     with pytest.raises(leapray.Stopped):
-        volumes.listening(lambda watch: waited(watch), stop)
-    assert asked
+        volumes.listening(waited, caller, "a.nii.gz")
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares) and shares[-1] > 0 and told[0][1] == "a.nii.gz"
 
 
 def waited(watch):
     import time
 
-    for _ in range(1000):
+    for k in range(1000):
+        watch.advance(k / 1000)
         if watch.stopped:
             raise leapray.Stopped("stopped")
         time.sleep(0.01)

@@ -265,3 +265,6 @@ def test_reading_can_be_stopped(kind, tmp_path):
     watch.stop()
     with pytest.raises(leapray.Stopped):
         leapray.read_volume(path, watch=watch)
+    going = leapray.Watch()
+    leapray.read_volume(path, watch=going)
+    assert 0 <= going.progress <= 1

@@ -50,12 +50,14 @@ def read(
     settings: model.Settings | None = None,
     camera=None,
     stop: Callable[[], bool] = lambda: False,
+    progress: Callable[[float, str], None] = lambda share, what: None,
 ) -> model.Scene:
     """The scene as the depsgraph has evaluated it.
 
     width, height: of the whole frame in pixels, resolution percentage included; a
     render border is taken from the scene and makes the result smaller. settings:
     the scene's own where None. camera: an evaluated object, the scene's where None.
+    progress(share 0..1, what): called while a file of data is read.
     Raises LeapRayError, one sentence, where there is nothing to render, Stopped soon
     after stop() said so.
     """
@@ -71,7 +73,7 @@ def read(
     _note_scene(scene, notes)
     _note_passes(depsgraph.view_layer, notes)
     _note_libraries(notes)
-    objects = _Objects(depsgraph, notes, stop)
+    objects = _Objects(depsgraph, notes, volumes.Caller(stop, progress))
     shown = objects.instances or objects.field_instances
     if not shown and depsgraph.view_layer_eval.use_solid:
         _nothing_shown(depsgraph, notes)
@@ -187,8 +189,8 @@ def _exposure(scene) -> float:
 class _Objects:
     """Walks the depsgraph's instances once: meshes, their places, materials, lights."""
 
-    def __init__(self, depsgraph, notes: Warnings, stop: Callable[[], bool]) -> None:
-        self.notes, self._stop = notes, stop
+    def __init__(self, depsgraph, notes: Warnings, caller: volumes.Caller) -> None:
+        self.notes, self._caller = notes, caller
         self.meshes: list[model.Mesh] = []
         self.instances: list[model.Instance] = []
         self.fields: list[model.Field] = []
@@ -208,7 +210,7 @@ class _Objects:
         asked = time.monotonic()
         for instance in depsgraph.object_instances:
             if time.monotonic() - asked > POLL:
-                if stop():
+                if caller.stop():
                     raise Stopped("The reading was stopped")
                 asked = time.monotonic()
             self._take(instance)
@@ -333,7 +335,7 @@ class _Objects:
         key = ob.data.as_pointer(), original.as_pointer()
         if key not in self._field_at:
             try:
-                field = volumes.read_field(ob, original, self._depsgraph, self.notes, self._stop)
+                field = volumes.read_field(ob, original, self._depsgraph, self.notes, self._caller)
             except Stopped:
                 raise
             except LeapRayError as error:

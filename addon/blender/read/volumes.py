@@ -14,7 +14,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -43,20 +43,23 @@ kept = Grids()
 _thresholds: dict[str, float] = {}  # that were found, by contents
 
 
-def never() -> bool:
-    return False
+@dataclass(frozen=True)
+class Caller:
+    """Who waits for what is read: asked whether to stop, told the share of a file that is read."""
+
+    stop: Callable[[], bool] = lambda: False
+    progress: Callable[[float, str], None] = lambda share, what: None
 
 
-def read_field(
-    ob, original, depsgraph, notes, stop: Callable[[], bool] = never
-) -> model.Field | None:
+def read_field(ob, original, depsgraph, notes, caller: Caller = Caller()) -> model.Field | None:
     """The field of an evaluated volume object; None where a sequence shows nothing in this frame.
 
     original: the datablock of its object in the file. notes are told of what is in doubt. Raises
-    LeapRayError with the reason that makes the volume useless, Stopped soon after stop() said so.
+    LeapRayError with the reason that makes the volume useless, Stopped soon after the caller said
+    so.
     """
     own = wanted(original, depsgraph)
-    found = _grid(ob, own, original, depsgraph, stop)
+    found = _grid(ob, own, original, depsgraph, caller)
     if found is None:
         return None
     grid, contents = found
@@ -67,7 +70,7 @@ def read_field(
         grid=grid,
         contents=contents,
         read_nbytes=grid.nbytes,
-        thresholds=thresholds(grid, contents, own, stop),
+        thresholds=thresholds(grid, contents, own, caller),
         above=(grid.kind != "level set") != own.invert,
         capped=own.capped,
         smoothing=own.smoothing,
@@ -86,7 +89,7 @@ def field_color(texture: Texture, field: model.Field) -> model.FieldColor | None
 
 def grid_of(ob, original, depsgraph) -> ScalarGrid | None:
     """The grid of an evaluated volume object, as for `read_field`."""
-    found = _grid(ob, wanted(original, depsgraph), original, depsgraph, never)
+    found = _grid(ob, wanted(original, depsgraph), original, depsgraph, Caller())
     return found and found[0]
 
 
@@ -98,7 +101,7 @@ def wanted(original, depsgraph) -> Isosurfaces:
 
 
 def _grid(
-    ob, own: Isosurfaces, original, depsgraph, stop: Callable[[], bool]
+    ob, own: Isosurfaces, original, depsgraph, caller: Caller
 ) -> tuple[ScalarGrid, str] | None:
     """The grid, and a name for its contents."""
     if own.file:
@@ -110,11 +113,11 @@ def _grid(
         path = frame_path(ob.data)
         name = grid_name(own, ob.data)
     else:
-        return _made(ob.data, own, stop)
+        return _made(ob.data, own, caller)
     if path is None:
         return None
     file = path
-    return listening(lambda watch: kept.read(file, name, own.frame, watch), stop)
+    return listening(lambda watch: kept.read(file, name, own.frame, watch), caller, file.name)
 
 
 def absolute(path: str, library) -> str:
@@ -141,32 +144,36 @@ def grid_name(own: Isosurfaces, volume) -> str | None:
 
 
 def thresholds(
-    grid: ScalarGrid, contents: str, own: Isosurfaces, stop: Callable[[], bool]
+    grid: ScalarGrid, contents: str, own: Isosurfaces, caller: Caller
 ) -> tuple[float, ...]:
     """Of each surface that is wanted."""
-    first = automatic(grid, contents, stop) if own.automatic else own.threshold
+    first = automatic(grid, contents, caller) if own.automatic else own.threshold
     return (first, own.threshold_2, own.threshold_3)[: own.surfaces]
 
 
-def automatic(grid: ScalarGrid, contents: str, stop: Callable[[], bool]) -> float:
+def automatic(grid: ScalarGrid, contents: str, caller: Caller) -> float:
     """The first threshold of a grid, which is sought once for its contents."""
     if contents not in _thresholds:
         while len(_thresholds) >= MOST_KNOWN:
             _thresholds.pop(next(iter(_thresholds)))
         _thresholds[contents] = listening(
-            lambda watch: leapray.first_threshold(grid, watch=watch)[0], stop
+            lambda watch: leapray.first_threshold(grid, watch=watch)[0],
+            caller,
+            f"values of {grid.name}",
         )
     return _thresholds[contents]
 
 
-def listening(work: Callable[[leapray.Watch], T], stop: Callable[[], bool]) -> T:
-    """work(watch), while this thread, which Blender knows, asks now and then whether to stop."""
+def listening(work: Callable[[leapray.Watch], T], caller: Caller, what: str) -> T:
+    """work(watch) on what is told, while this thread, which Blender knows, asks the caller now and
+    then whether to stop."""
     watch = leapray.Watch()
     with ThreadPoolExecutor(1, thread_name_prefix="leapray-read") as pool:
         job = pool.submit(work, watch)
         try:
             while not wait([job], timeout=POLL).done:
-                if stop():
+                caller.progress(watch.progress, what)
+                if caller.stop():
                     watch.stop()
         except BaseException:
             watch.stop()
@@ -174,7 +181,7 @@ def listening(work: Callable[[leapray.Watch], T], stop: Callable[[], bool]) -> T
         return job.result()
 
 
-def _made(volume, own: Isosurfaces, stop: Callable[[], bool]) -> tuple[ScalarGrid, str]:
+def _made(volume, own: Isosurfaces, caller: Caller) -> tuple[ScalarGrid, str]:
     """A grid that modifiers or nodes made."""
     if not len(volume.grids):
         raise LeapRayError("it has neither a file nor a grid")
@@ -183,7 +190,9 @@ def _made(volume, own: Isosurfaces, stop: Callable[[], bool]) -> tuple[ScalarGri
         if not volume.grids.save(filepath=str(path)):
             raise LeapRayError(f"its grids cannot be saved: {volume.grids.error_message}")
         name = grid_name(own, volume)
-        grid = listening(lambda watch: leapray.read_volume(path, grid=name, watch=watch), stop)
+        grid = listening(
+            lambda watch: leapray.read_volume(path, grid=name, watch=watch), caller, volume.name
+        )
         grid = replace(grid, source="")
         return grid, _digest(grid)
 

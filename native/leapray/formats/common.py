@@ -64,9 +64,11 @@ class Request:
     layout: RawLayout | None = None
     watch: Watch = field(default_factory=Watch)
 
-    def check_stopped(self) -> None:
+    def check_stopped(self, share: float = 0.0) -> None:
+        """Raise Stopped if the watch says so; else tell it what share of the reading is done."""
         if self.watch.stopped:
             raise Stopped(f"the reading of {self.path} was stopped")
+        self.watch.advance(share)
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,7 @@ def unpacked(request: Request, stream: Any, dtype: np.dtype, shape: Sequence[int
     spool = Spool(shape, dtype.newbyteorder("="))
     rows = max(1, UNPACKED // max(dtype.itemsize * math.prod(shape[1:]), 1))
     for first in range(0, shape[0], rows):
-        request.check_stopped()
+        request.check_stopped(first / shape[0])
         block = np.empty((min(rows, shape[0] - first), *shape[1:]), dtype)
         view, done = block.reshape(-1).view(np.uint8).data, 0
         while done < len(view):

@@ -320,7 +320,7 @@ def _stored(pydicom, request: Request, slices: list[Slice]) -> tuple[Samples, fl
     spool: Spool | None = None
     opened: tuple[Path, NDArray] | None = None
     for n, each in enumerate(slices):
-        request.check_stopped()
+        request.check_stopped(n / len(slices))
         if opened is None or opened[0] != each.path:
             opened = each.path, _pictures(pydicom, each.path)
         picture = opened[1][each.index]

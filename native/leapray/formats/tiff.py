@@ -158,7 +158,7 @@ def _planes(request: Request, series, axes: str, chosen: dict[str, int]) -> Samp
     wanted = np.atleast_1d(numbers[_place(axes[:-2], chosen)]).tolist()
     spool = Spool((len(wanted), *series.shape[-2:]), np.dtype(series.dtype).newbyteorder("="))
     for k, number in enumerate(wanted):
-        request.check_stopped()
+        request.check_stopped(k / len(wanted))
         spool[k : k + 1] = series.pages[number].asarray()
     return spool.samples()
 

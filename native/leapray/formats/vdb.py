@@ -278,7 +278,7 @@ class _Tree:
 
     def visit_lower(self, corner: tuple[int, int, int]) -> None:
         """Copy a node as a whole; OpenVDB writes arrays as if their axes were x, y, z."""
-        self.request.check_stopped()
+        self.request.check_stopped(self.n_leaves / max(self.spool.shape[0], 1))
         self.n_nodes += 1
         n = LOWER // LEAF
         below = _corners(corner, tuple(x + LOWER for x in corner), LEAF)
