@@ -13,7 +13,8 @@ from typing import Any, NoReturn
 
 import leapray
 
-from .settings import SETTINGS, number
+from .descriptions import number
+from .settings import SETTINGS
 
 LAST_FRAME = 1048574  # of Blender, which would quietly clamp
 MOST_PERCENT, LEAST_PIXELS, MOST_PIXELS = 32767, 4, 65536  # likewise

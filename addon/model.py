@@ -74,6 +74,15 @@ class FieldColor:
 
 
 @dataclass(frozen=True)
+class Labels:
+    """Regions of a field that are rendered as solids, told by whole numbers."""
+
+    numbers: tuple[int, ...]  # ascending, of each region; its id is its place here
+    bodies: tuple[tuple[int, ...], ...] = ()  # ids of the regions that make each solid; where two
+    # solids touch, the former reaches a little into the latter
+
+
+@dataclass(frozen=True)
 class Field:
     """A scalar field whose surfaces at some thresholds are rendered; instances share it.
 
@@ -83,12 +92,13 @@ class Field:
     name: str
     grid: ScalarGrid
     contents: str  # a name for the grid's contents
-    thresholds: tuple[float, ...]  # of each surface, in the data's units; at least one
+    thresholds: tuple[float, ...]  # of each surface, in the data's units; of labels none
     above: bool = True  # inside is what exceeds the threshold, else what falls below it
     capped: bool = True  # surfaces are closed where the data end
     smoothing: float = 0.0  # the standard deviation of a Gaussian, in samples
     least: int = 0  # parts of fewer samples are left out
     clip: Clip | None = None
+    labels: Labels | None = None  # in place of surfaces at thresholds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,11 +128,13 @@ class Instance(Placed):
 class FieldInstance(Placed):
     """A field placed in the world; surface n of it has the material in slot n, or in the last.
 
-    The faces of a cut come after the surfaces.
+    The faces of a cut come after the surfaces. Of labels there is a slot for each, which its part
+    of the faces has, too.
     """
 
     field: int  # index into Scene.fields
     colors: tuple[FieldColor | None, ...] = ()  # per slot, where the material takes any
+    slot_objects: tuple[int, ...] = ()  # pass index per slot; (): the object's for all
 
 
 @dataclass(frozen=True)
@@ -136,12 +148,20 @@ class Material:
     image: Image | None = None
     absorption: Color = (0.0, 0.0, 0.0)  # inside solids, per unit of world length
     index: int = 0  # Blender's pass index
+    has_surface: bool = True  # else it is one of volumes alone, and clear
 
     @property
     def refracts(self) -> bool:
         """Whether light goes on through it, bent by its normals."""
         return any(
             lobe.kind in ("glass", "refraction") or lobe.transmission > 0 for lobe in self.lobes
+        )
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether one sees through it."""
+        return self.refracts or any(
+            lobe.kind == "transparent" or lobe.alpha < 1 for lobe in self.lobes
         )
 
     @property

@@ -17,7 +17,8 @@ import bpy
 import leapray
 
 from .. import model
-from ..settings import Choice, Isosurfaces, Setting, Switch, described
+from ..descriptions import Choice, Setting, Switch, described
+from ..settings import Isosurfaces
 from . import result
 
 PATHS = "FILE_PATH", "DIR_PATH"

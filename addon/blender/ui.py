@@ -330,6 +330,21 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
             column.prop_search(own, "grid", volume, "grids")
         column.separator()
         values = volume_data.known(volume)
+        column.prop(own, "shown")
+        if own.shown == "labels" or (values and values.labels and own.shown == "auto"):
+            column.prop(own, "label_colors")
+            column.prop(own, "label_index")
+        else:
+            self.draw_thresholds(column, context, own, values)
+        column.separator()
+        column.prop(own, "clip_object")
+        if own.clip_object:
+            column.prop(own, "clip_keep")
+        if values:
+            self.draw_values(column.box(), own, values)
+        column.operator("object.leapray_look", icon="FILE_REFRESH" if values else "VIEWZOOM")
+
+    def draw_thresholds(self, column, context, own, values) -> None:
         column.prop(own, "surfaces")
         column.prop(own, "automatic", text="Automatic")
         if not own.automatic:
@@ -341,18 +356,14 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         column.separator()
         for name in ("smoothing", "least", "invert", "capped"):
             column.prop(own, name)
-        column.separator()
-        column.prop(own, "clip_object")
-        if own.clip_object:
-            column.prop(own, "clip_keep")
-        if values:
-            self.draw_values(column.box(), own, values)
-        column.operator("object.leapray_look", icon="FILE_REFRESH" if values else "VIEWZOOM")
 
     def draw_values(self, box, own, values) -> None:
         """The range of the values, and how they are spread."""
         low, high = values.limits
         box.label(text=f"{' x '.join(map(str, values.size))} samples")
+        if values.labels:
+            box.label(text=f"labels up to {high:.6g}")
+            return
         box.label(text=f"{low:.6g} to {high:.6g} {values.quantity}".strip())
         first = values.threshold if own.automatic else own.threshold
         thresholds = (first, own.threshold_2, own.threshold_3)[: own.surfaces]

@@ -63,10 +63,14 @@ def of_surface(clip: model.Clip, cutter: leapray.Structure) -> leapray.Clip:
 
 
 def face(
-    clip: model.Clip, cutter: leapray.Structure, surface: leapray.Instance, **more: Any
+    clip: model.Clip,
+    cutter: leapray.Structure,
+    surface: leapray.Instance,
+    volume: leapray.Volume,
+    **more: Any,
 ) -> leapray.Instance:
-    """The faces of a cut through what lies inside a surface; more: what differs from its own."""
-    data = leapray.Clip(surface.structure.volume, surface.world_from_object, inside=True)
+    """The faces of a cut through a volume, placed as a surface; more: what differs from its own."""
+    data = leapray.Clip(volume, surface.world_from_object, inside=True)
     return dataclasses.replace(
         surface,
         structure=cutter,

@@ -8,18 +8,20 @@ apart from the one that meshes share, for their lattices have nothing in common.
 
 from __future__ import annotations
 
+import functools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 import leapray
+from leapray._abi import LR_OWN_INDEX
 from leapray.scalar_grid import Leaves, ScalarGrid
 
 from .. import arrays, model
 from ..store import memory_cache
-from . import clips, field_filters, objects
+from . import clips, field_filters, label_solids, objects
 from .levels import MB
 from .planned import Plan
 
@@ -29,14 +31,14 @@ COARSEST = 64  # the most samples of which one stands for
 
 @dataclass(frozen=True)
 class Surface:
-    """The surface of a field at one of its thresholds."""
+    """The surface of a field at one of its thresholds, or of one solid of its labels."""
 
     field: int  # index into Scene.fields
-    number: int  # of the threshold
+    number: int  # of the threshold, or the solid
     structure: leapray.Structure
     factor: int  # samples of the data along a side of a voxel
-    scale: float  # the value is offset + scale * occupancy
-    offset: float
+    scale: float = 1.0  # the value is offset + scale * occupancy
+    offset: float = 0.0
 
     @property
     def error(self) -> float:
@@ -68,6 +70,7 @@ class Fields:
         self.warnings: list[str] = []
         self.surfaces: list[Surface] = []
         self.cutters: dict[int, leapray.Structure] = {}  # of the fields that are cut
+        self.wholes: dict[int, leapray.Volume] = {}  # all labels of those that have several solids
         users: dict[int, str] = {}  # the first object of each field
         for instance in instances:
             users.setdefault(instance.field, instance.name)
@@ -89,7 +92,8 @@ class Fields:
 
     @property
     def volume_nbytes(self) -> int:
-        return sum(each.volume.info.nbytes for each in self._structures())
+        volumes = [*(each.volume for each in self._structures()), *self.wholes.values()]
+        return sum(each.info.nbytes for each in volumes)
 
     @property
     def structure_nbytes(self) -> int:
@@ -159,6 +163,8 @@ class Fields:
         """On a lattice that many times coarser, and what is missing; OutOfMemory where they do not
         fit."""
         field, found, left = self.scene.fields[n], [], room
+        if field.labels is not None:
+            return self._solids(n, factor, room), []
         warnings: list[str] = []
         for number, threshold in enumerate(field.thresholds):
             self._check_cancelled()
@@ -166,10 +172,38 @@ class Fields:
             if why := _no_surface(field, samples, threshold):
                 warnings.append(f"{name!r} has no surface at {threshold:.6g}, for {why}.")
                 continue
-            structure = self._structure(field, samples, threshold, factor, left)
+            made = functools.partial(samples.at, threshold, threads=self.threads, watch=self.watch)
+            key = *self._key(field, factor), threshold
+            structure = self._structure(key, made, left)
             left -= structure.volume.info.nbytes + structure.nbytes
             found.append(Surface(n, number, structure, factor, samples.scale, samples.offset))
         return found, warnings
+
+    def _solids(self, n: int, factor: int, room: float) -> list[Surface]:
+        """Those of labels; OutOfMemory where they do not fit."""
+        field, found, left = self.scene.fields[n], [], room
+        assert field.labels is not None
+        for number in range(len(field.labels.bodies)):
+            self._check_cancelled()
+            key = *self._key(field, factor), label_solids.key(field, number, factor)
+            made = functools.partial(
+                label_solids.made, field, number, factor, self.threads, self.watch, left
+            )
+            structure = self._structure(key, made, left)
+            left -= structure.volume.info.nbytes + structure.nbytes
+            found.append(Surface(n, number, structure, factor))
+        if n in self.cutters and len(found) > 1:
+            self.wholes[n] = self._whole(field, factor, left)
+        return found
+
+    def _whole(self, field: model.Field, factor: int, room: float) -> leapray.Volume:
+        key = *self._key(field, factor), label_solids.key(field, None, factor)
+        volume = self.cache.get(key)
+        if volume is None:
+            began = time.perf_counter()
+            volume = label_solids.made(field, None, factor, self.threads, self.watch, room)
+            self.seconds["voxelize"] += time.perf_counter() - began
+        return self.cache.put(key, volume, volume.info.nbytes)
 
     def _check_cancelled(self) -> None:
         if self.watch.stopped:
@@ -203,20 +237,15 @@ class Fields:
         return "field", field.contents, arrays.digest((where,), told)
 
     def _structure(
-        self,
-        field: model.Field,
-        samples: leapray.Isosurfaces,
-        threshold: float,
-        factor: int,
-        room: float,
+        self, key: tuple, made: Callable[[], leapray.Volume], room: float
     ) -> leapray.Structure:
-        """From the cache, or made."""
+        """From the cache, or of the volume that is made."""
         traverser = self.scene.settings.traverser
-        key = *self._key(field, factor), threshold, traverser
+        key = *key, traverser
         structure = self.cache.get(key)
         if structure is None:
             began = time.perf_counter()
-            volume = samples.at(threshold, threads=self.threads, watch=self.watch)
+            volume = made()
             middle = time.perf_counter()
             _check_room(volume.info.nbytes, room)
             structure = leapray.build(
@@ -238,15 +267,15 @@ class Fields:
             of_field.setdefault(each.field, []).append((at, each))
         first_cut = len(plan.volumes) + len(self.surfaces) + 1
         cut_at = {n: at for at, n in enumerate(self.cutters, first_cut)}
+        if plan.slot_objects is None and any(each.slot_objects for each in self.instances):
+            plan.slot_objects = [LR_OWN_INDEX] * len(plan.slots)
         for instance in self.instances:
-            own = instance if plan.slot_objects is not None else None
-            key = instance.materials, id(own)
+            own = instance if plan.slot_names is not None else None
+            key = instance.materials, instance.slot_objects, id(own)
             if key not in first:
                 first[key] = len(plan.slots)
                 plan.slots += instance.materials
-                if plan.slot_objects is not None and plan.slot_names is not None:
-                    plan.slot_objects += [instance.object_index] * len(instance.materials)
-                    plan.slot_names += [instance.name] * len(instance.materials)
+                _tell_slots(plan, instance)
             shown = of_field.get(instance.field, [])
             plan.instances += self._placed(instance, shown, first[key], cut_at)
             plan.names += [instance.name] * (len(plan.instances) - len(plan.names))
@@ -269,10 +298,16 @@ class Fields:
         of its cut."""
         field = self.scene.fields[instance.field]
         clip, cutter = field.clip, self.cutters.get(instance.field)
+        labels = field.labels is not None
         if clip is None or cutter is None or not shown:
-            return [_instance(instance, each, first, at) for at, each in shown]
+            return [_instance(instance, each, first, at, (), labels) for at, each in shown]
         clipped = [clips.of_surface(clip, cutter)]
-        made = [_instance(instance, each, first, at, clipped) for at, each in shown]
+        made = [_instance(instance, each, first, at, clipped, labels) for at, each in shown]
+        if labels:
+            whole = self.wholes.get(instance.field, shown[0][1].structure.volume)
+            color = leapray.FieldColor(whole, instance.world_from_object, None, part="id")
+            more = {"volume_index": cut_at[instance.field], "field_color": color}
+            return [*made, clips.face(clip, cutter, made[0], whole, **more)]
         outermost = (min if field.above else max)(
             range(len(shown)), key=lambda k: field.thresholds[shown[k][1].number]
         )
@@ -283,7 +318,8 @@ class Fields:
                 "volume_index": cut_at[instance.field],
                 "field_color": _color(instance, shown[outermost][1], slot),
             }
-            made.append(clips.face(clip, cutter, made[outermost], **more))
+            data = shown[outermost][1].structure.volume
+            made.append(clips.face(clip, cutter, made[outermost], data, **more))
         return made
 
     def _cut_row(self, n: int) -> dict[str, object]:
@@ -296,14 +332,18 @@ class Fields:
         }
 
     def _row(self, surface: Surface) -> dict[str, object]:
-        threshold = self.scene.fields[surface.field].thresholds[surface.number]
-        exact = surface.factor == 1
+        field, exact = self.scene.fields[surface.field], surface.factor == 1
+        if field.labels is not None:
+            n = len(field.labels.bodies[surface.number])
+            told = {"kind": "labels", "why": f"{n} label{'s' * (n != 1)}", "labels": n}
+        else:
+            threshold = field.thresholds[surface.number]
+            why = f"a threshold of {threshold:g}"
+            told = {"kind": "isosurface", "why": why, "threshold": threshold}
         return {
             **self._bare_row(surface.field, surface.structure),
+            **told,
             "part": surface.number,
-            "kind": "isosurface",
-            "why": f"a threshold of {threshold:g}",
-            "threshold": threshold,
             "coarser": surface.factor,
             "error_footprints": 0.0 if exact else None,  # else not measured
             "stuck": "" if exact else "the memory budget ends",
@@ -327,6 +367,16 @@ class Fields:
             "instances": len(users),
             "stuck": "",
         }
+
+
+def _tell_slots(plan: Plan, instance: model.FieldInstance) -> None:
+    """What object the slots of a placed field belong to, where slots tell that."""
+    n = len(instance.materials)
+    if plan.slot_objects is not None:
+        own = instance.object_index if plan.slot_names is not None else LR_OWN_INDEX
+        plan.slot_objects += instance.slot_objects or [own] * n
+    if plan.slot_names is not None:
+        plan.slot_names += [instance.name] * n
 
 
 def _no_surface(field: model.Field, samples: leapray.Isosurfaces, threshold: float) -> str:
@@ -372,13 +422,14 @@ def _instance(
     first: int,
     volume: int,
     clipped: Sequence[leapray.Clip] = (),
+    labels: bool = False,
 ) -> leapray.Instance:
-    slot = min(surface.number, len(instance.materials) - 1)
+    slot = 0 if labels else min(surface.number, len(instance.materials) - 1)
     return leapray.Instance(
         surface.structure,
         **objects.told_of(instance),
         first_material=first + slot,
-        n_materials=1,
+        n_materials=len(instance.materials) if labels else 1,
         volume_index=volume,
         error=surface.error * objects.scale(instance.world_from_object),
         clips=clipped,

@@ -22,7 +22,7 @@ from leapray.scalar_grid import Leaves, ScalarGrid
 from ... import arrays, model
 from ...settings import Isosurfaces
 from .. import properties
-from . import clips
+from . import clips, labels
 from .textures import Texture
 
 NOT_IN_FRAME = 2**31 - 1  # Blender's frame of a sequence that has none now
@@ -45,8 +45,11 @@ def read_field(ob, original, depsgraph, notes) -> model.Field | None:
     grid, contents = found
     for doubt in grid.warnings:
         notes.missing("The data of", ob.name, f"are in doubt: {doubt}")
+    told = {"name": ob.data.name, "clip": clips.read_clip(ob, own, depsgraph, notes)}
+    if labels.are_shown(grid, own):
+        grid, found_labels = labels.read(grid, contents, ob.name, own, notes)
+        return model.Field(grid=grid, contents=contents, thresholds=(), labels=found_labels, **told)
     return model.Field(
-        name=ob.data.name,
         grid=grid,
         contents=contents,
         thresholds=thresholds(grid, contents, own),
@@ -54,7 +57,7 @@ def read_field(ob, original, depsgraph, notes) -> model.Field | None:
         capped=own.capped,
         smoothing=own.smoothing,
         least=own.least,
-        clip=clips.read_clip(ob, own, depsgraph, notes),
+        **told,
     )
 
 
