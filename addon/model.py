@@ -66,11 +66,20 @@ class Clip:
 
 
 @dataclass(frozen=True)
+class OtherGrid:
+    """A grid beside that of a field, in the same object."""
+
+    grid: ScalarGrid
+    contents: str  # a name for the grid's contents
+
+
+@dataclass(frozen=True)
 class FieldColor:
     """The colours that a material takes from the field whose surface wears it."""
 
     program: Program  # makes linear RGB of r = g = b, in the data's units
     part: str = "value"  # | "slope", per unit of world length
+    other: OtherGrid | None = None  # that gives the value in place of the field
 
 
 @dataclass(frozen=True)

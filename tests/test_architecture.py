@@ -61,7 +61,7 @@ LAYERS = {
         "tiles store.volume_files",
         "plan.error_metric plan.field_filters plan.mesh_split plan.proximity plan.sample_types",
         "store.disk_cache store.memory_cache",
-        "plan.clips plan.label_solids plan.levels",
+        "plan.clips plan.label_solids plan.levels plan.other_grids",
         "plan.fields plan.separation",
         "plan.plan",
         "pixel_report",

@@ -21,7 +21,7 @@ from leapray.scalar_grid import Leaves, ScalarGrid
 
 from .. import arrays, model
 from ..store import memory_cache
-from . import clips, field_filters, label_solids, objects
+from . import clips, field_filters, label_solids, objects, other_grids
 from .levels import MB
 from .planned import Plan
 
@@ -71,6 +71,7 @@ class Fields:
         self.surfaces: list[Surface] = []
         self.cutters: dict[int, leapray.Structure] = {}  # of the fields that are cut
         self.wholes: dict[int, leapray.Volume] = {}  # all labels of those that have several solids
+        self.others: dict[tuple, other_grids.Samples] = {}  # grids that colour surfaces
         users: dict[int, str] = {}  # the first object of each field
         for instance in instances:
             users.setdefault(instance.field, instance.name)
@@ -80,6 +81,9 @@ class Fields:
             share = (room - self.nbytes) / (len(order) - done)
             self._make(n, users[n], share - self._cut(n, users[n], share))
         used = {each.field for each in self.surfaces}
+        for instance in instances:
+            if instance.field in used:
+                self._read_others(instance, room - self.nbytes)
         self.cutters = {n: made for n, made in self.cutters.items() if n in used}
         if scene.settings.layout == "scene" and self.surfaces:
             self.warnings.append(
@@ -93,6 +97,7 @@ class Fields:
     @property
     def volume_nbytes(self) -> int:
         volumes = [*(each.volume for each in self._structures()), *self.wholes.values()]
+        volumes += [each.volume for each in self.others.values()]
         return sum(each.info.nbytes for each in volumes)
 
     @property
@@ -123,6 +128,29 @@ class Fields:
         self.seconds["voxelize"] += time.perf_counter() - began
         self.cutters[n] = made
         return made.volume.info.nbytes + made.nbytes
+
+    def _read_others(self, instance: model.FieldInstance, room: float) -> None:
+        """The grids whose values colour an instance."""
+        for color in instance.colors:
+            other = color.other if color else None
+            if other is None or other_grids.key(other) in self.others:
+                continue
+            name, began = other.grid.name, time.perf_counter()
+            try:
+                found = other_grids.samples(other, self.cache, self.watch, self.threads, room)
+            except leapray.Stopped:
+                raise
+            except leapray.LeapRayError as error:
+                self.warnings.append(f"{instance.name!r} has no colors of {name!r}: {error}.")
+                continue
+            self.seconds["voxelize"] += time.perf_counter() - began
+            self.others[other_grids.key(other)] = found
+            room -= found.volume.info.nbytes
+            if found.factor > 1:
+                self.warnings.append(
+                    f"{instance.name!r} has the colors of one in {found.factor} samples of "
+                    f"{name!r} along each axis, for its memory budget holds no more."
+                )
 
     def _make(self, n: int, name: str, room: float) -> None:
         """The surfaces of a field on the finest lattice that fits into room."""
@@ -298,12 +326,11 @@ class Fields:
         of its cut."""
         field = self.scene.fields[instance.field]
         clip, cutter = field.clip, self.cutters.get(instance.field)
-        labels = field.labels is not None
         if clip is None or cutter is None or not shown:
-            return [_instance(instance, each, first, at, (), labels) for at, each in shown]
+            return [self._instance(instance, each, first, at) for at, each in shown]
         clipped = [clips.of_surface(clip, cutter)]
-        made = [_instance(instance, each, first, at, clipped, labels) for at, each in shown]
-        if labels:
+        made = [self._instance(instance, each, first, at, clipped) for at, each in shown]
+        if field.labels is not None:
             whole = self.wholes.get(instance.field, shown[0][1].structure.volume)
             color = leapray.FieldColor(whole, instance.world_from_object, None, part="id")
             more = {"volume_index": cut_at[instance.field], "field_color": color}
@@ -316,11 +343,49 @@ class Fields:
             more = {
                 "first_material": first + slot,
                 "volume_index": cut_at[instance.field],
-                "field_color": _color(instance, shown[outermost][1], slot),
+                "field_color": self._color(instance, shown[outermost][1], slot),
             }
             data = shown[outermost][1].structure.volume
             made.append(clips.face(clip, cutter, made[outermost], data, **more))
         return made
+
+    def _color(
+        self, instance: model.FieldInstance, surface: Surface, slot: int
+    ) -> leapray.FieldColor | None:
+        """What colours a surface, or the faces of a cut, with the material in that slot."""
+        color = instance.colors[slot] if instance.colors else None
+        if color is None:
+            return None
+        law: tuple = (surface.structure.volume, surface.scale, surface.offset)
+        if color.other is not None:
+            found = self.others.get(other_grids.key(color.other))
+            if found is None:
+                return None
+            law = found.volume, found.scale, found.offset
+        volume, scale, offset = law
+        placed = instance.world_from_object
+        return leapray.FieldColor(volume, placed, color.program, scale, offset, color.part)
+
+    def _instance(
+        self,
+        instance: model.FieldInstance,
+        surface: Surface,
+        first: int,
+        volume: int,
+        clipped: Sequence[leapray.Clip] = (),
+    ) -> leapray.Instance:
+        labels = self.scene.fields[surface.field].labels is not None
+        slot = 0 if labels else min(surface.number, len(instance.materials) - 1)
+        return leapray.Instance(
+            surface.structure,
+            **objects.told_of(instance),
+            first_material=first + slot,
+            n_materials=len(instance.materials) if labels else 1,
+            volume_index=volume,
+            error=surface.error * objects.scale(instance.world_from_object),
+            clips=clipped,
+            field_color=self._color(instance, surface, slot),
+        )
 
     def _cut_row(self, n: int) -> dict[str, object]:
         clip = self.scene.fields[n].clip
@@ -399,39 +464,3 @@ def _check_room(nbytes: int, room: float) -> None:
         )
         error.nbytes = nbytes
         raise error
-
-
-def _color(instance: model.FieldInstance, surface: Surface, slot: int) -> leapray.FieldColor | None:
-    """What colours a surface, or the faces of a cut, with the material in that slot."""
-    color = instance.colors[slot] if instance.colors else None
-    if color is None:
-        return None
-    return leapray.FieldColor(
-        surface.structure.volume,
-        instance.world_from_object,
-        color.program,
-        surface.scale,
-        surface.offset,
-        color.part,
-    )
-
-
-def _instance(
-    instance: model.FieldInstance,
-    surface: Surface,
-    first: int,
-    volume: int,
-    clipped: Sequence[leapray.Clip] = (),
-    labels: bool = False,
-) -> leapray.Instance:
-    slot = 0 if labels else min(surface.number, len(instance.materials) - 1)
-    return leapray.Instance(
-        surface.structure,
-        **objects.told_of(instance),
-        first_material=first + slot,
-        n_materials=len(instance.materials) if labels else 1,
-        volume_index=volume,
-        error=surface.error * objects.scale(instance.world_from_object),
-        clips=clipped,
-        field_color=_color(instance, surface, slot),
-    )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ._lib import LeapRayError, OutOfMemory, Stopped, Watch
 from .arrays import numbers as whole_numbers
-from .scalar_grid import ScalarGrid
+from .scalar_grid import Leaves, ScalarGrid
 from .scalar_source import Source, source_of
 from .volume import Volume, VolumeBuilder
 
@@ -76,8 +76,8 @@ def labels(
     for first in range(0, hi[0] - lo[0], SLAB):
         _check_stopped(watch)
         low, last = max(0, first - 1), min(first + SLAB, hi[0] - lo[0])
-        block = array[lo[0] + low : lo[0] + last + 1, lo[1] : hi[1], lo[2] : hi[2]]
-        occupancy, ids = shown.samples(block[: hi[0] - lo[0] - low])
+        block = array[lo[0] + low : min(lo[0] + last + 1, hi[0])]
+        occupancy, ids = shown.samples(block[:, lo[1] : hi[1], lo[2] : hi[2]])
         own = slice(first - low, last - low)
         nbytes += _nbytes(occupancy[own])
         if max_nbytes is not None and nbytes > max_nbytes:
@@ -171,7 +171,7 @@ def _box_of(shown: _Shown, array: NDArray, watch: Watch | None) -> tuple[tuple, 
 
 def _array_of(grid: ScalarGrid) -> tuple[Source, NDArray]:
     source = source_of(grid)
-    if source.sparse or not isinstance(grid.samples, np.ndarray):
+    if isinstance(grid.samples, Leaves):
         raise LeapRayError(f"labels of {grid.name!r} must be an array, not leaves")
     return source, grid.samples
 

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 import vdb_files
-from blender_scenes import diffuse, fresh, light, mesh, nodes_of, plane, put, read
+from blender_scenes import colored, diffuse, fresh, light, mesh, plane, put, read
 
 import leapray
 from addon import pipeline
@@ -53,24 +53,6 @@ def cutter(data=None, **attributes):
     told = {"location": (*CENTRE[:2], CENTRE[2] + TOP + 2), "scale": (1.5, 1.5, 2)} | attributes
     made = put("Cutter", mesh() if data is None else data, **told)
     made.hide_render = made.hide_viewport = True
-    return made
-
-
-def colored(name, attribute="density", socket="Fac", low=0.0, high=3.0, **settings):
-    """A material that shines by a ramp from red at low to green at high of an attribute."""
-    made = bpy.data.materials.new(name)
-    tree = nodes_of(made)
-    tree.nodes.clear()
-    kinds = "Attribute", "MapRange", "ValToRGB", "Emission", "OutputMaterial"
-    told, mapped, ramp, bsdf, output = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
-    told.attribute_name = attribute
-    mapped.inputs["From Min"].default_value, mapped.inputs["From Max"].default_value = low, high
-    ramp.color_ramp.elements[0].color = (1, 0, 0, 1)
-    ramp.color_ramp.elements[1].color = (0, 1, 0, 1)
-    tree.links.new(told.outputs[socket], mapped.inputs["Value"])
-    tree.links.new(mapped.outputs["Result"], ramp.inputs["Fac"])
-    tree.links.new(ramp.outputs["Color"], bsdf.inputs["Color"])
-    tree.links.new(bsdf.outputs[0], output.inputs["Surface"])
     return made
 
 
@@ -208,11 +190,6 @@ def test_frames_of_one_cut_keep_its_volume(scene, tmp_path, monkeypatch):
     for _ in range(2):
         pipeline.render(read(*SIZE), cache=cache)
     assert len(made) == 1
-
-
-def test_another_attribute_is_named(scene, tmp_path):
-    ball(tmp_path, colored("Other", "temperature"))
-    assert any("'Ball'" in each and "Textures" in each for each in render().warnings)
 
 
 def test_a_reopened_file_is_cut_alike(scene, tmp_path):

@@ -204,6 +204,7 @@ class _Objects:
         self._material_at: dict[str, int] = {}
         self._surface_at: dict[int, int] = {}  # for volumes, of materials that have no surface
         self._tinted_at: dict[tuple[int, int], int] = {}  # first of a field's, by its material
+        self._other_at: dict[tuple, model.OtherGrid] = {}
         self._split_at: dict[tuple, int] = {}  # fields of labels, by their solids
         self._depsgraph = depsgraph
         self._view_layer = depsgraph.view_layer_eval
@@ -267,7 +268,7 @@ class _Objects:
         self._note_unread(instance, ob)
         slots = self._volume_slots(ob, lasting.original)
         worn = tuple(self._on_surface(at) for at in slots)
-        colors = self._field_colors(ob, slots, self.fields[found])
+        colors = self._field_colors(ob, lasting.original.data, slots, self.fields[found])
         told: dict[str, Any] = {"field": found, "materials": worn, "colors": colors}
         if self.fields[found].labels is not None:
             own = volumes.wanted(lasting.original.data, self._depsgraph)
@@ -378,14 +379,40 @@ class _Objects:
         return tuple(map(self._material, ob.data.materials)) or (self._material(None),)
 
     def _field_colors(
-        self, ob, slots: tuple[int, ...], field: model.Field
+        self, ob, original, slots: tuple[int, ...], field: model.Field
     ) -> tuple[model.FieldColor | None, ...]:
-        """What the materials make of the field's values; other textures are noted."""
-        textures = [self._textures[at] for at in slots]
-        made = tuple(volumes.field_color(each, field) if each else None for each in textures)
-        if any(each and not color for each, color in zip(textures, made, strict=True)):
+        """What the materials make of the field's values, or of another grid's; other textures are
+        noted."""
+        made: list[model.FieldColor | None] = []
+        for at in slots:
+            texture, color = self._textures[at], None
+            if texture:
+                color = volumes.field_color(texture, field)
+            if texture and color is None:
+                color = self._other_color(ob, original, texture, self.materials[at].name)
+            made.append(color)
+        return tuple(made)
+
+    def _other_color(
+        self, ob, original, texture: materials.Texture, name: str
+    ) -> model.FieldColor | None:
+        """The colours that a material of that name takes from another grid of the object."""
+        if texture.program is None or not texture.layer:
             self.notes.unsupported("Textures on surfaces of volumes are", ob.name)
-        return made
+            return None
+        key = ob.data.as_pointer(), original.as_pointer(), texture.layer
+        try:
+            if key not in self._other_at:
+                self._other_at[key] = volumes.other_grid(
+                    ob, original, self._depsgraph, texture.layer
+                )
+            return model.FieldColor(texture.program, other=self._other_at[key])
+        except LeapRayError as error:
+            what = (
+                f"asks for the attribute '{texture.layer}' of '{ob.name}', which is no grid of it"
+            )
+            self.notes.missing("Material", name, f"{what}: {error}")
+            return None
 
     def _on_surface(self, at: int) -> int:
         """The material with that index; with the default surface, if it is one of volumes alone."""

@@ -69,6 +69,14 @@ def field_color(texture: Texture, field: model.Field) -> model.FieldColor | None
     return model.FieldColor(texture.program, "value" if texture.layer in values else "slope")
 
 
+def other_grid(ob, original, depsgraph, name: str) -> model.OtherGrid:
+    """The grid of that name beside the one that `read_field` takes. Raises LeapRayError."""
+    found = _grid(ob, replace(wanted(original, depsgraph), grid=name), original)
+    if found is None:
+        raise LeapRayError("there is none in this frame")
+    return model.OtherGrid(*found)
+
+
 def grid_of(ob, original, depsgraph) -> ScalarGrid | None:
     """The grid of an evaluated volume object, as for `read_field`."""
     found = _grid(ob, wanted(original, depsgraph), original)
@@ -147,6 +155,9 @@ def _made(volume, own: Isosurfaces) -> tuple[ScalarGrid, str]:
     """A grid that modifiers or nodes made."""
     if not len(volume.grids):
         raise LeapRayError("it has neither a file nor a grid")
+    names = [each.name for each in volume.grids]
+    if own.grid and own.grid not in names:
+        raise LeapRayError(f"it has no grid {own.grid!r}; there are {', '.join(names)}")
     with tempfile.TemporaryDirectory(prefix="leapray-") as folder:
         path = Path(folder, "made.vdb")
         if not volume.grids.save(filepath=str(path)):
