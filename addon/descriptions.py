@@ -59,7 +59,7 @@ class Setting:
     zero: Switch | None = None
     option: bool = True  # on the command line, by the name with hyphens
     zero_word: str = ""  # what the command line calls 0, which it then does not take
-    object_type: str = ""  # it names an object of that type, as "MESH", in Blender alone
+    object_types: tuple[str, ...] = ()  # it names an object of one, as "MESH", in Blender alone
     in_blender: bool = True  # a property of LeapRay's; else Blender has its own
     in_presets: bool = True  # not where things are kept, and what the machine has
 
@@ -70,7 +70,7 @@ class Setting:
     @property
     def animates(self) -> bool:
         """Whether it can be keyed: Blender does so for numbers and choices."""
-        held = self.kind is not str and not self.object_type
+        held = self.kind is not str and not self.object_types
         return self.in_blender and (held or bool(self.choices))
 
     def problem(self, value: Any) -> str:

@@ -57,10 +57,10 @@ class Image:
 
 @dataclass(frozen=True)
 class Clip:
-    """A mesh that cuts the surfaces of a field."""
+    """A mesh, or a plane, that cuts the surfaces of a field."""
 
     name: str  # of its object, for messages
-    mesh: Mesh
+    mesh: Mesh | None  # None: all of its space where z > 0
     world_from_object: NDArray[np.float64]  # (4, 4)
     inside: bool = False  # what lies inside the mesh stays, else what lies outside
 

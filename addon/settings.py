@@ -80,8 +80,8 @@ EXACT_CHOICES = choices(
     "Those of open surfaces, and of solids where creases or thin walls are worth it",
 )
 CLIP_CHOICES = (
-    Choice("outside", "Outside", "What lies inside the object is cut away"),
-    Choice("inside", "Inside", "What lies outside the object is cut away"),
+    Choice("outside", "Outside", "What lies inside the object, or before it, is cut away"),
+    Choice("inside", "Inside", "What lies outside the object, or behind it, is cut away"),
 )
 SHOWN_CHOICES = (
     Choice("auto", "Automatic", "Labels where the data are such, else thresholds"),
@@ -462,9 +462,10 @@ class Isosurfaces:
     clip_object: Any = setting(  # noqa: RUF009
         None,
         "Clip Object",
-        "A closed mesh that cuts the data open; it may be hidden. The faces of the cut have the "
-        "material after the surfaces' own",
-        object_type="MESH",
+        "What cuts the data open, and may be hidden: a closed mesh or an empty cube takes what it "
+        "holds, a flat mesh or another empty all that lies before it, where its Z axis points. The "
+        "faces of the cut have the material after the surfaces' own",
+        object_types=("MESH", "EMPTY"),
     )
     clip_keep: str = setting(
         "outside", "Keep", "What stays of the data where an object cuts them", choices=CLIP_CHOICES

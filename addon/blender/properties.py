@@ -41,9 +41,9 @@ def of(setting: Setting, **more: Any) -> Any:
     if setting.choices:
         default = setting.default or setting.choices[0].name
         return bpy.props.EnumProperty(items=menu(setting.choices), default=default, **told)
-    if setting.object_type:
-        of_type = setting.object_type
-        told["poll"] = lambda _, ob: ob.type == of_type
+    if setting.object_types:
+        types = setting.object_types
+        told["poll"] = lambda _, ob: ob.type in types
         return bpy.props.PointerProperty(type=bpy.types.Object, **told)
     told["default"] = setting.default
     if setting.kind is bool:

@@ -309,6 +309,27 @@ class MATERIAL_PT_leapray_index(_Panel, bpy.types.Panel):
         self.columns().prop(context.material, "pass_index")
 
 
+def _asks_for_labels(own, values) -> bool:
+    """Whether a volume is rendered as labels, as far as is known."""
+    known = values is not None and values.labels
+    return own.shown == "labels" or (own.shown == "auto" and known)
+
+
+def _draw_thresholds(column, region, own, values) -> None:
+    """What is asked of surfaces at thresholds."""
+    column.prop(own, "surfaces")
+    column.prop(own, "automatic", text="Automatic")
+    if not own.automatic:
+        column.prop(own, "threshold")
+    elif values:
+        ui_report.paragraph(column, region, f"{values.threshold:.6g}: {values.how}")
+    for number in range(2, own.surfaces + 1):
+        column.prop(own, f"threshold_{number}")
+    column.separator()
+    for name in ("smoothing", "least", "invert", "capped"):
+        column.prop(own, name)
+
+
 class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
     """Which surfaces of a volume's data are rendered."""
 
@@ -331,11 +352,11 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         column.separator()
         values = volume_data.known(volume)
         column.prop(own, "shown")
-        if own.shown == "labels" or (values and values.labels and own.shown == "auto"):
+        if _asks_for_labels(own, values):
             column.prop(own, "label_colors")
             column.prop(own, "label_index")
         else:
-            self.draw_thresholds(column, context, own, values)
+            _draw_thresholds(column, context.region, own, values)
         column.separator()
         column.prop(own, "clip_object")
         if own.clip_object:
@@ -344,25 +365,11 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
             self.draw_values(column.box(), own, values)
         column.operator("object.leapray_look", icon="FILE_REFRESH" if values else "VIEWZOOM")
 
-    def draw_thresholds(self, column, context, own, values) -> None:
-        column.prop(own, "surfaces")
-        column.prop(own, "automatic", text="Automatic")
-        if not own.automatic:
-            column.prop(own, "threshold")
-        elif values:
-            ui_report.paragraph(column, context.region, f"{values.threshold:.6g}: {values.how}")
-        for number in range(2, own.surfaces + 1):
-            column.prop(own, f"threshold_{number}")
-        column.separator()
-        for name in ("smoothing", "least", "invert", "capped"):
-            column.prop(own, name)
-
     def draw_values(self, box, own, values) -> None:
         """The range of the values, and how they are spread."""
         low, high = values.limits
         box.label(text=f"{' x '.join(map(str, values.size))} samples")
-        if values.labels:
-            box.label(text=f"labels up to {high:.6g}")
+        if _asks_for_labels(own, values):
             return
         box.label(text=f"{low:.6g} to {high:.6g} {values.quantity}".strip())
         first = values.threshold if own.automatic else own.threshold

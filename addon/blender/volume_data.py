@@ -29,7 +29,7 @@ BAR, BACK = (0.55, 0.55, 0.55, 1.0), (0.11, 0.11, 0.11, 1.0)
 MARKS = ((1.0, 0.55, 0.1, 1.0), (0.3, 0.7, 1.0, 1.0), (0.5, 0.9, 0.3, 1.0))  # of each threshold
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Values:
     """What the panel tells of a grid."""
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 import leapray
 from leapray._abi import LR_OWN_INDEX
@@ -70,6 +71,7 @@ class Fields:
         self.warnings: list[str] = []
         self.surfaces: list[Surface] = []
         self.cutters: dict[int, leapray.Structure] = {}  # of the fields that are cut
+        self.clips: dict[int, model.Clip] = {}  # by which they are
         self.wholes: dict[int, leapray.Volume] = {}  # all labels of those that have several solids
         self.others: dict[tuple, other_grids.Samples] = {}  # grids that colour surfaces
         users: dict[int, str] = {}  # the first object of each field
@@ -116,6 +118,7 @@ class Fields:
         if clip is None:
             return 0
         began = time.perf_counter()
+        clip = self.clips[n] = clips.bounded(clip, self._corners(n))
         try:
             made = clips.solid(
                 clip, self.scene.settings.traverser, self.cache, self.watch, self.threads, room
@@ -128,6 +131,16 @@ class Fields:
         self.seconds["voxelize"] += time.perf_counter() - began
         self.cutters[n] = made
         return made.volume.info.nbytes + made.nbytes
+
+    def _corners(self, n: int) -> NDArray[np.float64]:
+        """(m, 3): of boxes round all places of a field, in the world."""
+        found = []
+        for instance in self.instances:
+            if instance.field == n:
+                matrix = np.asarray(instance.world_from_object)
+                local = objects.corners(self.scene, instance)
+                found.append(local @ matrix[:3, :3].T + matrix[:3, 3])
+        return np.concatenate(found)
 
     def _read_others(self, instance: model.FieldInstance, room: float) -> None:
         """The grids whose values colour an instance."""
@@ -325,7 +338,7 @@ class Fields:
         """The surfaces of a placed field, each with its number among the volumes, and the faces
         of its cut."""
         field = self.scene.fields[instance.field]
-        clip, cutter = field.clip, self.cutters.get(instance.field)
+        clip, cutter = self.clips.get(instance.field), self.cutters.get(instance.field)
         if clip is None or cutter is None or not shown:
             return [self._instance(instance, each, first, at) for at, each in shown]
         clipped = [clips.of_surface(clip, cutter)]
