@@ -13,12 +13,16 @@ from typing import Any, NoReturn
 
 import leapray
 
-from .settings import SETTINGS, number
+from .descriptions import number
+from .settings import SETTINGS
 
 LAST_FRAME = 1048574  # of Blender, which would quietly clamp
 MOST_PERCENT, LEAST_PIXELS, MOST_PIXELS = 32767, 4, 65536  # likewise
 VERBS = ("render", "compare", "study")
 FRAMES = re.compile(r"(-?\d+)(?:(?:-|\.\.)(-?\d+))?")
+
+
+CLIP = re.compile(r"([xyz])=(\d*\.?\d+|\d+\.)")
 
 
 class Parser(argparse.ArgumentParser):
@@ -102,6 +106,14 @@ def study_module(name: str):
         ) from error
 
 
+def clip(word: str) -> tuple[str, float]:
+    """An axis, and a share of the data's box along it."""
+    found = CLIP.fullmatch(word)
+    if not found or not 0.0 <= float(found[2]) <= 1.0:
+        raise argparse.ArgumentTypeError(f"must be as z=0.5, from 0 to 1 of x, y or z, not {word}")
+    return found[1], float(found[2])
+
+
 def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
     """The words there are, and those of each verb and study. A study's own options are known only
     where argv names it, as they take what it needs to be looked up."""
@@ -123,6 +135,13 @@ def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
         type=number(None, None, float),
         metavar="X",
         help="of measured data: the value on the surface, in their units; default: found in them",
+    )
+    verb.add_argument(
+        "--clip",
+        type=clip,
+        metavar="x|y|z=SHARE",
+        help="of measured data: cut them open across an axis, so far along their box, 0 to 1, and "
+        "show the values on the cut in grey",
     )
     verb.add_argument(
         "--output",

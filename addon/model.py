@@ -57,12 +57,20 @@ class Image:
 
 @dataclass(frozen=True)
 class Clip:
-    """A mesh that cuts the surfaces of a field."""
+    """A mesh, or a plane, that cuts the surfaces of a field."""
 
     name: str  # of its object, for messages
-    mesh: Mesh
+    mesh: Mesh | None  # None: all of its space where z > 0
     world_from_object: NDArray[np.float64]  # (4, 4)
     inside: bool = False  # what lies inside the mesh stays, else what lies outside
+
+
+@dataclass(frozen=True)
+class OtherGrid:
+    """A grid beside that of a field, in the same object."""
+
+    grid: ScalarGrid
+    contents: str  # a name for the grid's contents
 
 
 @dataclass(frozen=True)
@@ -71,6 +79,16 @@ class FieldColor:
 
     program: Program  # makes linear RGB of r = g = b, in the data's units
     part: str = "value"  # | "slope", per unit of world length
+    other: OtherGrid | None = None  # that gives the value in place of the field
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Regions of a field that are rendered as solids, told by whole numbers."""
+
+    numbers: tuple[int, ...]  # ascending, of each region; its id is its place here
+    bodies: tuple[tuple[int, ...], ...] = ()  # ids of the regions that make each solid; where two
+    # solids touch, the former reaches a little into the latter
 
 
 @dataclass(frozen=True)
@@ -83,13 +101,14 @@ class Field:
     name: str
     grid: ScalarGrid
     contents: str  # a name for the grid's contents
-    thresholds: tuple[float, ...]  # of each surface, in the data's units; at least one
+    thresholds: tuple[float, ...]  # of each surface, in the data's units; of labels none
     above: bool = True  # inside is what exceeds the threshold, else what falls below it
     capped: bool = True  # surfaces are closed where the data end
     smoothing: float = 0.0  # the standard deviation of a Gaussian, in samples
     least: int = 0  # parts of fewer samples are left out
     clip: Clip | None = None
     read_nbytes: int = 0  # of the grid that the render's memory budget pays for
+    labels: Labels | None = None  # in place of surfaces at thresholds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,11 +138,13 @@ class Instance(Placed):
 class FieldInstance(Placed):
     """A field placed in the world; surface n of it has the material in slot n, or in the last.
 
-    The faces of a cut come after the surfaces.
+    The faces of a cut come after the surfaces. Of labels there is a slot for each, which its part
+    of the faces has, too.
     """
 
     field: int  # index into Scene.fields
     colors: tuple[FieldColor | None, ...] = ()  # per slot, where the material takes any
+    slot_objects: tuple[int, ...] = ()  # pass index per slot; (): the object's for all
 
 
 @dataclass(frozen=True)
@@ -137,12 +158,20 @@ class Material:
     image: Image | None = None
     absorption: Color = (0.0, 0.0, 0.0)  # inside solids, per unit of world length
     index: int = 0  # Blender's pass index
+    has_surface: bool = True  # else it is one of volumes alone, and clear
 
     @property
     def refracts(self) -> bool:
         """Whether light goes on through it, bent by its normals."""
         return any(
             lobe.kind in ("glass", "refraction") or lobe.transmission > 0 for lobe in self.lobes
+        )
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether one sees through it."""
+        return self.refracts or any(
+            lobe.kind == "transparent" or lobe.alpha < 1 for lobe in self.lobes
         )
 
     @property

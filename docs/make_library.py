@@ -44,7 +44,7 @@ TOPICS = {
         "A scalar grid is a field as files hold it: numbers on a lattice and what they mean. An "
         "isosurface is a volume of them: the solid on one side of a threshold. Filters make "
         "grids of grids.",
-        "isosurface Isosurfaces labels coarser smooth without_islands",
+        "isosurface Isosurfaces labels label_numbers coarser smooth without_islands",
     ),
     "Voxelization": (
         "`voxelize` turns triangles into a volume. Attributes let hits take colours and smooth "

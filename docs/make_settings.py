@@ -18,7 +18,8 @@ if __name__ == "__main__":
 import generated  # noqa: E402
 
 from addon.blender.presets import PRESETS  # noqa: E402
-from addon.settings import SETTINGS, Isosurfaces, Modelling, Setting, described  # noqa: E402
+from addon.descriptions import Setting, described  # noqa: E402
+from addon.settings import SETTINGS, Isosurfaces, Modelling  # noqa: E402
 
 PAGE = ROOT / "docs" / "settings.md"
 UNITS = {"PIXEL": "pixels", "DISTANCE": "scene units"}

@@ -24,17 +24,20 @@ SIDE = 1024  # pixels of the picture, unless asked otherwise
 MILLIMETRES = 1e-3  # in metres: the unit of anatomical data,
 ANATOMICAL = ".nii", ".nii.gz", ".dcm", ".dicom", ".ima"  # or what their files are called
 FROM = (0.5, -0.8, 0.2)  # where the camera stands, as seen from the data
+ABOVE = (0.4, -0.6, 0.7)  # likewise, of data that are cut across z
+DARK, BRIGHT = 0.01, 0.99  # shares of the inside's samples between which the cut shows greys
 LENS = 85.0  # mm, as for portraits
 ROOM = 1.02  # of the picture round the data
 KEY, FILL = (4.0, (-0.5, -0.9, 0.6)), (0.5, (0.9, -0.3, 0.2))  # strength, and where it comes from
 SKY = (0.05, 0.055, 0.065)
 
 
-def make(path: Path, threshold: float | None = None):
+def make(path: Path, threshold: float | None = None, clip: tuple[str, float] | None = None):
     """A new scene, in place of the one that is open, which shows the data of a file.
 
-    threshold: of the surface, in the data's units; None: the automatic one. Raises LeapRayError
-    where the file cannot be read.
+    threshold: of the surface, in the data's units; None: the automatic one. clip: the axis across
+    which the data are cut, and how far along their box. Raises LeapRayError where the file cannot
+    be read.
     """
     open_file.empty_scene()
     scene = bpy.context.scene
@@ -42,10 +45,14 @@ def make(path: Path, threshold: float | None = None):
     if threshold is not None:
         ob.data.leapray.automatic = False
         ob.data.leapray.threshold = threshold
+        ob.data.leapray.shown = "threshold"
     bpy.context.view_layer.update()
     corners = _corners(grid, np.array(ob.matrix_world))
-    front = np.array(FROM) / np.linalg.norm(FROM)
+    aside = np.array(ABOVE if clip is not None and clip[0] == "z" else FROM)
+    front = aside / np.linalg.norm(aside)
     turn = np.diag([-1.0, -1.0, 1.0]) if _is_anatomical(path, grid) else np.eye(3)
+    if clip is not None:
+        _cut(scene, ob, grid, corners, turn @ front, "xyz".index(clip[0]), clip[1])
     scene.render.resolution_x = scene.render.resolution_y = SIDE
     scene.render.resolution_percentage = 100
     scene.camera = _camera(scene, corners, turn @ front)
@@ -53,6 +60,58 @@ def make(path: Path, threshold: float | None = None):
         _sun(scene, name, strength, turn @ np.array(origin))
     _sky(scene)
     return scene
+
+
+def _cut(
+    scene, ob, grid: leapray.ScalarGrid, corners: NDArray, front: NDArray, axis: int, share: float
+) -> None:
+    """Take away what lies between a plane across the data and the camera."""
+    place = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    place[axis] = (1 - share) * corners[:, axis].min() + share * corners[:, axis].max()
+    towards = np.zeros(3)
+    towards[axis] = np.copysign(1.0, front[axis])
+    plane = bpy.data.objects.new("Cut", None)
+    turn = Vector(towards.tolist()).to_track_quat("Z", "Y").to_matrix().to_4x4()
+    plane.matrix_world = Matrix.Translation(Vector(place.tolist())) @ turn
+    scene.collection.objects.link(plane)
+    own = ob.data.leapray
+    own.clip_object = plane
+    if own.shown != "threshold" and grid.kind == "labels":
+        return  # which are shown by their own materials
+    threshold = leapray.first_threshold(grid)[0] if own.automatic else own.threshold
+    ob.data.materials.append(_greys(*_shown_values(grid, threshold)))
+
+
+def _shown_values(grid: leapray.ScalarGrid, threshold: float) -> tuple[float, float]:
+    """Values between which most of the samples inside a surface lie."""
+    told = leapray.histogram(grid, 1024)
+    middles = (told.edges[:-1] + told.edges[1:]) / 2
+    inside = middles <= threshold if grid.kind == "level set" else middles >= threshold
+    share = np.cumsum(told.counts * inside) / max((told.counts * inside).sum(), 1)
+    at = np.searchsorted(share, (DARK, BRIGHT)).clip(0, len(share) - 1)
+    low, high = middles[at].tolist()
+    return (low, high) if low < high else (threshold, threshold + 1.0)
+
+
+def _greys(low: float, high: float):
+    """A material that shines in greys from black at one value of the data to white at another."""
+    made = bpy.data.materials.new("Cut")
+    if bpy.app.version < (5, 0):
+        made.use_nodes = True
+    tree = made.node_tree
+    tree.nodes.clear()
+    kinds = "Attribute", "MapRange", "ValToRGB", "Emission", "OutputMaterial"
+    value, mapped, ramp, shine, output = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
+    value.attribute_name = "value"
+    mapped.inputs["From Min"].default_value, mapped.inputs["From Max"].default_value = low, high
+    for start, end in (
+        (value.outputs["Fac"], mapped.inputs["Value"]),
+        (mapped.outputs["Result"], ramp.inputs["Fac"]),
+        (ramp.outputs["Color"], shine.inputs["Color"]),
+        (shine.outputs[0], output.inputs["Surface"]),
+    ):
+        tree.links.new(start, end)
+    return made
 
 
 def _is_anatomical(path: Path, grid: leapray.ScalarGrid) -> bool:

@@ -17,7 +17,8 @@ import bpy
 import leapray
 
 from .. import model
-from ..settings import Choice, Isosurfaces, Setting, Switch, described
+from ..descriptions import Choice, Setting, Switch, described
+from ..settings import Isosurfaces
 from . import result
 
 PATHS = "FILE_PATH", "DIR_PATH"
@@ -40,9 +41,9 @@ def of(setting: Setting, **more: Any) -> Any:
     if setting.choices:
         default = setting.default or setting.choices[0].name
         return bpy.props.EnumProperty(items=menu(setting.choices), default=default, **told)
-    if setting.object_type:
-        of_type = setting.object_type
-        told["poll"] = lambda _, ob: ob.type == of_type
+    if setting.object_types:
+        types = setting.object_types
+        told["poll"] = lambda _, ob: ob.type in types
         return bpy.props.PointerProperty(type=bpy.types.Object, **told)
     told["default"] = setting.default
     if setting.kind is bool:

@@ -312,6 +312,27 @@ class MATERIAL_PT_leapray_index(_Panel, bpy.types.Panel):
 SEQUENCE = "frame_duration", "frame_start", "frame_offset", "sequence_mode"  # Blender's own
 
 
+def _asks_for_labels(own, values) -> bool:
+    """Whether a volume is rendered as labels, as far as is known."""
+    known = values is not None and values.labels
+    return own.shown == "labels" or (own.shown == "auto" and known)
+
+
+def _draw_thresholds(column, region, own, values) -> None:
+    """What is asked of surfaces at thresholds."""
+    column.prop(own, "surfaces")
+    column.prop(own, "automatic", text="Automatic")
+    if not own.automatic:
+        column.prop(own, "threshold")
+    elif values:
+        ui_report.paragraph(column, region, f"{values.threshold:.6g}: {values.how}")
+    for number in range(2, own.surfaces + 1):
+        column.prop(own, f"threshold_{number}")
+    column.separator()
+    for name in ("smoothing", "least", "invert", "capped"):
+        column.prop(own, name)
+
+
 class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
     """Which surfaces of a volume's data are rendered."""
 
@@ -336,17 +357,12 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
             column.prop_search(own, "grid", volume, "grids")
         column.separator()
         values = volume_data.known(volume)
-        column.prop(own, "surfaces")
-        column.prop(own, "automatic", text="Automatic")
-        if not own.automatic:
-            column.prop(own, "threshold")
-        elif values:
-            ui_report.paragraph(column, context.region, f"{values.threshold:.6g}: {values.how}")
-        for number in range(2, own.surfaces + 1):
-            column.prop(own, f"threshold_{number}")
-        column.separator()
-        for name in ("smoothing", "least", "invert", "capped"):
-            column.prop(own, name)
+        column.prop(own, "shown")
+        if _asks_for_labels(own, values):
+            column.prop(own, "label_colors")
+            column.prop(own, "label_index")
+        else:
+            _draw_thresholds(column, context.region, own, values)
         column.separator()
         column.prop(own, "clip_object")
         if own.clip_object:
@@ -359,6 +375,8 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         """The range of the values, and how they are spread."""
         low, high = values.limits
         box.label(text=f"{' x '.join(map(str, values.size))} samples")
+        if _asks_for_labels(own, values):
+            return
         box.label(text=f"{low:.6g} to {high:.6g} {values.quantity}".strip())
         first = values.threshold if own.automatic else own.threshold
         thresholds = (first, own.threshold_2, own.threshold_3)[: own.surfaces]

@@ -29,7 +29,7 @@ BAR, BACK = (0.55, 0.55, 0.55, 1.0), (0.11, 0.11, 0.11, 1.0)
 MARKS = ((1.0, 0.55, 0.1, 1.0), (0.3, 0.7, 1.0, 1.0), (0.5, 0.9, 0.3, 1.0))  # of each threshold
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Values:
     """What the panel tells of a grid."""
 
@@ -38,6 +38,7 @@ class Values:
     histogram: leapray.Histogram
     threshold: float  # the automatic one
     how: str  # it was found
+    labels: bool = False  # they name regions
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -71,9 +72,8 @@ def look(ob, depsgraph) -> Values:
         raise leapray.LeapRayError(f"'{ob.name}' has no data in this frame")
     first, last = objects.lattice(grid)
     size = tuple((last - first - 1).tolist())
-    found = Values(
-        size, grid.quantity, leapray.histogram(grid, BINS), *leapray.first_threshold(grid)
-    )
+    told = leapray.histogram(grid, BINS), *leapray.first_threshold(grid)
+    found = Values(size, grid.quantity, *told, grid.kind == "labels")
     _known[asked(ob.data)] = found
     return found
 

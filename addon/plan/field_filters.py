@@ -36,9 +36,7 @@ def filtered(
     threshold: where parts are told apart. room: bytes of memory. Raises LeapRayError where a sparse
     field is too large to be filtered, OutOfMemory, Stopped.
     """
-    grid = field.grid
-    if factor > 1:
-        grid = leapray.coarser(grid, factor, threads=threads, watch=watch)
+    grid = coarser(field.grid, factor, threads, watch)
     if field.smoothing:
         grid = leapray.smooth(
             _one_region(grid), field.smoothing / factor, threads=threads, watch=watch
@@ -51,6 +49,13 @@ def filtered(
             raise leapray.OutOfMemory("the search for small parts needs more than its room")
         grid = leapray.without_islands(whole, threshold, least, above=field.above, watch=watch)
     return grid
+
+
+def coarser(grid: ScalarGrid, factor: int, threads: int, watch: leapray.Watch) -> ScalarGrid:
+    """The grid on a lattice so many times as coarse; itself, where that is 1."""
+    if factor == 1:
+        return grid
+    return leapray.coarser(grid, factor, threads=threads, watch=watch)
 
 
 def _one_region(grid: ScalarGrid) -> ScalarGrid:

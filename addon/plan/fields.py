@@ -8,18 +8,21 @@ apart from the one that meshes share, for their lattices have nothing in common.
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 import leapray
+from leapray._abi import LR_OWN_INDEX
 from leapray.scalar_grid import Leaves, ScalarGrid
 
 from .. import arrays, model
 from ..store import memory_cache
-from . import clips, field_filters, objects
+from . import clips, field_filters, label_solids, objects, other_grids
 from .levels import MB
 from .planned import Plan
 
@@ -30,15 +33,15 @@ COARSEST = 64  # the most samples of which one stands for
 
 @dataclass(frozen=True)
 class Surface:
-    """The surface of a field at one of its thresholds."""
+    """The surface of a field at one of its thresholds, or of one solid of its labels."""
 
     field: int  # index into Scene.fields
-    number: int  # of the threshold
+    number: int  # of the threshold, or the solid
     structure: leapray.Structure
     factor: int  # samples of the data along a side of a voxel
-    scale: float  # the value is offset + scale * occupancy
-    offset: float
     volume_nbytes: int  # with samples that surfaces share on the first of them
+    scale: float = 1.0  # the value is offset + scale * occupancy
+    offset: float = 0.0
 
     @property
     def error(self) -> float:
@@ -74,6 +77,9 @@ class Fields:
         self.warnings: list[str] = []
         self.surfaces: list[Surface] = []
         self.cutters: dict[int, leapray.Structure] = {}  # of the fields that are cut
+        self.clips: dict[int, model.Clip] = {}  # by which they are
+        self.wholes: dict[int, leapray.Volume] = {}  # all labels of those that have several solids
+        self.others: dict[tuple, other_grids.Samples] = {}  # grids that colour surfaces
         users: dict[int, str] = {}  # the first object of each field
         for instance in instances:
             users.setdefault(instance.field, instance.name)
@@ -86,6 +92,9 @@ class Fields:
             self._make(n, users[n], share - self._cut(n, users[n], share))
             advance((done + 1) / len(order))
         used = {each.field for each in self.surfaces}
+        for instance in instances:
+            if instance.field in used:
+                self._read_others(instance, room - self.nbytes)
         self.cutters = {n: made for n, made in self.cutters.items() if n in used}
         if scene.settings.layout == "scene" and self.surfaces:
             self.warnings.append(
@@ -99,7 +108,9 @@ class Fields:
     @property
     def volume_nbytes(self) -> int:
         own = sum(each.volume_nbytes for each in self.surfaces)
-        return own + sum(each.volume.info.nbytes for each in self.cutters.values())
+        volumes = [*(each.volume for each in self.cutters.values()), *self.wholes.values()]
+        volumes += [each.volume for each in self.others.values()]
+        return own + sum(each.info.nbytes for each in volumes)
 
     @property
     def structure_nbytes(self) -> int:
@@ -117,6 +128,7 @@ class Fields:
         if clip is None:
             return 0
         began = time.perf_counter()
+        clip = self.clips[n] = clips.bounded(clip, self._corners(n))
         try:
             made = clips.solid(
                 clip, self.scene.settings.traverser, self.cache, self.watch, self.threads, room
@@ -129,6 +141,39 @@ class Fields:
         self.seconds["voxelize"] += time.perf_counter() - began
         self.cutters[n] = made
         return made.volume.info.nbytes + made.nbytes
+
+    def _corners(self, n: int) -> NDArray[np.float64]:
+        """(m, 3): of boxes round all places of a field, in the world."""
+        found = []
+        for instance in self.instances:
+            if instance.field == n:
+                matrix = np.asarray(instance.world_from_object)
+                local = objects.corners(self.scene, instance)
+                found.append(local @ matrix[:3, :3].T + matrix[:3, 3])
+        return np.concatenate(found)
+
+    def _read_others(self, instance: model.FieldInstance, room: float) -> None:
+        """The grids whose values colour an instance."""
+        for color in instance.colors:
+            other = color.other if color else None
+            if other is None or other_grids.key(other) in self.others:
+                continue
+            name, began = other.grid.name, time.perf_counter()
+            try:
+                found = other_grids.samples(other, self.cache, self.watch, self.threads, room)
+            except leapray.Stopped:
+                raise
+            except leapray.LeapRayError as error:
+                self.warnings.append(f"{instance.name!r} has no colors of {name!r}: {error}.")
+                continue
+            self.seconds["voxelize"] += time.perf_counter() - began
+            self.others[other_grids.key(other)] = found
+            room -= found.volume.info.nbytes
+            if found.factor > 1:
+                self.warnings.append(
+                    f"{instance.name!r} has the colors of one in {found.factor} samples of "
+                    f"{name!r} along each axis, for its memory budget holds no more."
+                )
 
     def _make(self, n: int, name: str, room: float) -> None:
         """The surfaces of a field on the finest lattice that fits into room."""
@@ -170,6 +215,8 @@ class Fields:
         """On a lattice that many times coarser, and what is missing; OutOfMemory where they do not
         fit."""
         field, found, left = self.scene.fields[n], [], room
+        if field.labels is not None:
+            return self._solids(n, factor, room), []
         known: list[leapray.Isosurfaces] = []
         warnings: list[str] = []
         for number, threshold in enumerate(field.thresholds):
@@ -178,14 +225,43 @@ class Fields:
             if why := _no_surface(field, samples, threshold):
                 warnings.append(f"{name!r} has no surface at {threshold:.6g}, for {why}.")
                 continue
+            made = functools.partial(samples.at, threshold, threads=self.threads, watch=self.watch)
+            key = *self._key(field, factor), threshold
             shared = samples.nbytes if known and samples is known[-1] else 0
-            structure = self._structure(field, samples, threshold, factor, left + shared)
+            structure = self._structure(key, made, left + shared, samples.nbytes)
             nbytes = structure.volume.info.nbytes - shared
             left -= nbytes + structure.nbytes
             known.append(samples)
             law = samples.scale, samples.offset
-            found.append(Surface(n, number, structure, factor, *law, nbytes))
+            found.append(Surface(n, number, structure, factor, nbytes, *law))
         return found, warnings
+
+    def _solids(self, n: int, factor: int, room: float) -> list[Surface]:
+        """Those of labels; OutOfMemory where they do not fit."""
+        field, found, left = self.scene.fields[n], [], room
+        assert field.labels is not None
+        for number in range(len(field.labels.bodies)):
+            self._check_cancelled()
+            key = *self._key(field, factor), label_solids.key(field, number, factor)
+            made = functools.partial(
+                label_solids.made, field, number, factor, self.threads, self.watch, left
+            )
+            structure = self._structure(key, made, left)
+            nbytes = structure.volume.info.nbytes
+            left -= nbytes + structure.nbytes
+            found.append(Surface(n, number, structure, factor, nbytes))
+        if n in self.cutters and len(found) > 1:
+            self.wholes[n] = self._whole(field, factor, left)
+        return found
+
+    def _whole(self, field: model.Field, factor: int, room: float) -> leapray.Volume:
+        key = "labels", *self._key(field, factor), label_solids.key(field, None, factor)
+        volume = self.cache.get(key)
+        if volume is None:
+            began = time.perf_counter()
+            volume = label_solids.made(field, None, factor, self.threads, self.watch, room)
+            self.seconds["voxelize"] += time.perf_counter() - began
+        return self.cache.put(key, volume, volume.info.nbytes)
 
     def _drop_samples(self, n: int, factor: int) -> None:
         """Of a lattice that is too fine."""
@@ -229,20 +305,16 @@ class Fields:
         return field.contents, arrays.digest((where,), told)
 
     def _structure(
-        self,
-        field: model.Field,
-        samples: leapray.Isosurfaces,
-        threshold: float,
-        factor: int,
-        room: float,
+        self, key: tuple, made: Callable[[], leapray.Volume], room: float, shared: int = 0
     ) -> leapray.Structure:
-        """From the cache, or made."""
+        """From the cache, or of the volume that is made. shared: bytes of its samples that the
+        cache counts elsewhere."""
         traverser = self.scene.settings.traverser
-        key = "surface", *self._key(field, factor), threshold, traverser
+        key = "surface", *key, traverser
         structure = self.cache.get(key)
         if structure is None:
             began = time.perf_counter()
-            volume = samples.at(threshold, threads=self.threads, watch=self.watch)
+            volume = made()
             middle = time.perf_counter()
             _check_room(volume.info.nbytes, room)
             structure = leapray.build(
@@ -252,7 +324,7 @@ class Fields:
             self.seconds["structure"] += time.perf_counter() - middle
         nbytes = structure.volume.info.nbytes + structure.nbytes
         _check_room(nbytes, room)
-        self.cache.put(key, structure, nbytes - samples.nbytes)
+        self.cache.put(key, structure, nbytes - shared)
         self.cache.trim(int(room - nbytes))
         return structure
 
@@ -266,15 +338,15 @@ class Fields:
             of_field.setdefault(each.field, []).append((at, each))
         first_cut = len(plan.volumes) + len(self.surfaces) + 1
         cut_at = {n: at for at, n in enumerate(self.cutters, first_cut)}
+        if plan.slot_objects is None and any(each.slot_objects for each in self.instances):
+            plan.slot_objects = [LR_OWN_INDEX] * len(plan.slots)
         for instance in self.instances:
-            own = instance if plan.slot_objects is not None else None
-            key = instance.materials, id(own)
+            own = instance if plan.slot_names is not None else None
+            key = instance.materials, instance.slot_objects, id(own)
             if key not in first:
                 first[key] = len(plan.slots)
                 plan.slots += instance.materials
-                if plan.slot_objects is not None and plan.slot_names is not None:
-                    plan.slot_objects += [instance.object_index] * len(instance.materials)
-                    plan.slot_names += [instance.name] * len(instance.materials)
+                _tell_slots(plan, instance)
             shown = of_field.get(instance.field, [])
             plan.instances += self._placed(instance, shown, first[key], cut_at)
             plan.names += [instance.name] * (len(plan.instances) - len(plan.names))
@@ -296,11 +368,16 @@ class Fields:
         """The surfaces of a placed field, each with its number among the volumes, and the faces
         of its cut."""
         field = self.scene.fields[instance.field]
-        clip, cutter = field.clip, self.cutters.get(instance.field)
+        clip, cutter = self.clips.get(instance.field), self.cutters.get(instance.field)
         if clip is None or cutter is None or not shown:
-            return [_instance(instance, each, first, at) for at, each in shown]
+            return [self._instance(instance, each, first, at) for at, each in shown]
         clipped = [clips.of_surface(clip, cutter)]
-        made = [_instance(instance, each, first, at, clipped) for at, each in shown]
+        made = [self._instance(instance, each, first, at, clipped) for at, each in shown]
+        if field.labels is not None:
+            whole = self.wholes.get(instance.field, shown[0][1].structure.volume)
+            color = leapray.FieldColor(whole, instance.world_from_object, None, part="id")
+            more = {"volume_index": cut_at[instance.field], "field_color": color}
+            return [*made, clips.face(clip, cutter, made[0], whole, **more)]
         outermost = (min if field.above else max)(
             range(len(shown)), key=lambda k: field.thresholds[shown[k][1].number]
         )
@@ -309,10 +386,49 @@ class Fields:
             more = {
                 "first_material": first + slot,
                 "volume_index": cut_at[instance.field],
-                "field_color": _color(instance, shown[outermost][1], slot),
+                "field_color": self._color(instance, shown[outermost][1], slot),
             }
-            made.append(clips.face(clip, cutter, made[outermost], **more))
+            data = shown[outermost][1].structure.volume
+            made.append(clips.face(clip, cutter, made[outermost], data, **more))
         return made
+
+    def _color(
+        self, instance: model.FieldInstance, surface: Surface, slot: int
+    ) -> leapray.FieldColor | None:
+        """What colours a surface, or the faces of a cut, with the material in that slot."""
+        color = instance.colors[slot] if instance.colors else None
+        if color is None:
+            return None
+        law: tuple = (surface.structure.volume, surface.scale, surface.offset)
+        if color.other is not None:
+            found = self.others.get(other_grids.key(color.other))
+            if found is None:
+                return None
+            law = found.volume, found.scale, found.offset
+        volume, scale, offset = law
+        placed = instance.world_from_object
+        return leapray.FieldColor(volume, placed, color.program, scale, offset, color.part)
+
+    def _instance(
+        self,
+        instance: model.FieldInstance,
+        surface: Surface,
+        first: int,
+        volume: int,
+        clipped: Sequence[leapray.Clip] = (),
+    ) -> leapray.Instance:
+        labels = self.scene.fields[surface.field].labels is not None
+        slot = 0 if labels else min(surface.number, len(instance.materials) - 1)
+        return leapray.Instance(
+            surface.structure,
+            **objects.told_of(instance),
+            first_material=first + slot,
+            n_materials=len(instance.materials) if labels else 1,
+            volume_index=volume,
+            error=surface.error * objects.scale(instance.world_from_object),
+            clips=clipped,
+            field_color=self._color(instance, surface, slot),
+        )
 
     def _cut_row(self, n: int) -> dict[str, object]:
         clip = self.scene.fields[n].clip
@@ -324,14 +440,18 @@ class Fields:
         }
 
     def _row(self, surface: Surface) -> dict[str, object]:
-        threshold = self.scene.fields[surface.field].thresholds[surface.number]
-        exact = surface.factor == 1
+        field, exact = self.scene.fields[surface.field], surface.factor == 1
+        if field.labels is not None:
+            n = len(field.labels.bodies[surface.number])
+            told = {"kind": "labels", "why": f"{n} label{'s' * (n != 1)}", "labels": n}
+        else:
+            threshold = field.thresholds[surface.number]
+            why = f"a threshold of {threshold:g}"
+            told = {"kind": "isosurface", "why": why, "threshold": threshold}
         return {
             **self._bare_row(surface.field, surface.structure, surface.volume_nbytes),
+            **told,
             "part": surface.number,
-            "kind": "isosurface",
-            "why": f"a threshold of {threshold:g}",
-            "threshold": threshold,
             "coarser": surface.factor,
             "error_footprints": 0.0 if exact else None,  # else not measured
             "stuck": "" if exact else "the memory budget ends",
@@ -357,6 +477,16 @@ class Fields:
             "instances": len(users),
             "stuck": "",
         }
+
+
+def _tell_slots(plan: Plan, instance: model.FieldInstance) -> None:
+    """What object the slots of a placed field belong to, where slots tell that."""
+    n = len(instance.materials)
+    if plan.slot_objects is not None:
+        own = instance.object_index if plan.slot_names is not None else LR_OWN_INDEX
+        plan.slot_objects += instance.slot_objects or [own] * n
+    if plan.slot_names is not None:
+        plan.slot_names += [instance.name] * n
 
 
 def _no_surface(field: model.Field, samples: leapray.Isosurfaces, threshold: float) -> str:
@@ -385,38 +515,3 @@ def _check_room(nbytes: int, room: float) -> None:
         )
         error.nbytes = nbytes
         raise error
-
-
-def _color(instance: model.FieldInstance, surface: Surface, slot: int) -> leapray.FieldColor | None:
-    """What colours a surface, or the faces of a cut, with the material in that slot."""
-    color = instance.colors[slot] if instance.colors else None
-    if color is None:
-        return None
-    return leapray.FieldColor(
-        surface.structure.volume,
-        instance.world_from_object,
-        color.program,
-        surface.scale,
-        surface.offset,
-        color.part,
-    )
-
-
-def _instance(
-    instance: model.FieldInstance,
-    surface: Surface,
-    first: int,
-    volume: int,
-    clipped: Sequence[leapray.Clip] = (),
-) -> leapray.Instance:
-    slot = min(surface.number, len(instance.materials) - 1)
-    return leapray.Instance(
-        surface.structure,
-        **objects.told_of(instance),
-        first_material=first + slot,
-        n_materials=1,
-        volume_index=volume,
-        error=surface.error * objects.scale(instance.world_from_object),
-        clips=clipped,
-        field_color=_color(instance, surface, slot),
-    )

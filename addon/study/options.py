@@ -5,18 +5,18 @@ from __future__ import annotations
 
 import argparse
 
-from .. import settings
+from .. import descriptions
 
 
 def number(parser: argparse.ArgumentParser, name: str, words: str, *, least: int = 1) -> None:
     """An integer `--name N`; None where it is not given."""
-    parser.add_argument(f"--{name}", type=settings.number(least), metavar="N", help=words)
+    parser.add_argument(f"--{name}", type=descriptions.number(least), metavar="N", help=words)
 
 
 def numbers(parser: argparse.ArgumentParser, name: str, words: str, *, least: int = 1) -> None:
     """One or more integers `--name N N ...`; None where they are not given."""
     parser.add_argument(
-        f"--{name}", type=settings.number(least), metavar="N", nargs="+", help=words
+        f"--{name}", type=descriptions.number(least), metavar="N", nargs="+", help=words
     )
 
 

@@ -24,7 +24,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI     35 /* raised whenever a struct or a signature below changes */
+#define LR_ABI     36 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -916,8 +916,12 @@ typedef struct lr_clip {
     int32_t reserved;
 } lr_clip;
 
-/* What of a field colours hits: the length of the gradient is per unit of world length. */
-typedef enum lr_field_part { LR_FIELD_VALUE = 0, LR_FIELD_SLOPE = 1 } lr_field_part;
+/* What of a field hits take: the length of the gradient is per unit of world length. */
+typedef enum lr_field_part {
+    LR_FIELD_VALUE = 0,
+    LR_FIELD_SLOPE = 1,
+    LR_FIELD_ID = 2 /* no colour: the id, and so the material, of its nearest sample inside */
+} lr_field_part;
 
 /* A scalar field that colours the hits of an instance: the program makes linear RGB of the grey
  * of its value = offset + scale * occupancy, or of its slope. Beyond the lattice occupancy and
@@ -925,7 +929,7 @@ typedef enum lr_field_part { LR_FIELD_VALUE = 0, LR_FIELD_SLOPE = 1 } lr_field_p
 typedef struct lr_field_color {
     const lr_volume *volume;      /* must live longer, as must the program */
     double world_from_object[16]; /* invertible */
-    const lr_program *program;
+    const lr_program *program;    /* of LR_FIELD_ID: NULL */
     double scale, offset;
     int32_t part; /* lr_field_part */
     int32_t reserved;
@@ -947,6 +951,8 @@ typedef struct lr_instance {
     const lr_field_color *field_color; /* in place of the colours that the volume keeps; or NULL */
 } lr_instance;
 
+#define LR_OWN_INDEX -2147483647
+
 typedef struct lr_scene_desc {
     lr_camera camera;             /* its pixels are those of the tiles */
     const lr_instance *instances; /* [n_instances] */
@@ -955,9 +961,9 @@ typedef struct lr_scene_desc {
     uint64_t n_lights;
     const lr_material_desc *materials; /* [n_materials] */
     uint64_t n_materials;
-    const uint32_t *slots; /* [n_slots], indices into materials */
-    const int32_t
-        *slot_objects; /* [n_slots] object index of hits with that slot; NULL: their instance's */
+    const uint32_t *slots;       /* [n_slots], indices into materials */
+    const int32_t *slot_objects; /* [n_slots] object index of hits with that slot; NULL, or
+                                    LR_OWN_INDEX for one slot: their instance's */
     uint64_t n_slots;
     lr_world world;                /* what surrounds it */
     double mist_start, mist_depth; /* of the mist pass: distances from the camera */

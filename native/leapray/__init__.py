@@ -8,7 +8,7 @@ from .attributes import VERTEX, WHITE, Attributes, Texture
 from .formats import RawLayout, read_volume, volume_grids
 from .imaging import SKIPS, Clearance, FirstCells, first_cells
 from .isosurfaces import Isosurfaces, isosurface
-from .label_volume import labels
+from .label_volume import label_numbers, labels
 from .programs import (
     INPUTS,
     Program,
@@ -123,6 +123,7 @@ __all__ = [
     "inputs_of",
     "is_affine",
     "isosurface",
+    "label_numbers",
     "labels",
     "merge",
     "mesh_edges",

@@ -9,11 +9,12 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 35
+LR_ABI = 36
 LR_PROGRAM_REGISTERS = 256
 LR_EUCLID_MAX = 26754
 LR_BOUNCES_MAX = 1024
 LR_LOBES_MAX = 8
+LR_OWN_INDEX = -2147483647
 LR_BRANCHES_MAX = 16
 
 
@@ -239,6 +240,7 @@ class lr_lobe_flag(IntEnum):
 class lr_field_part(IntEnum):
     LR_FIELD_VALUE = 0
     LR_FIELD_SLOPE = 1
+    LR_FIELD_ID = 2
 
 
 class lr_film_filter(IntEnum):
@@ -299,7 +301,7 @@ LR_LIGHT_SUN, LR_LIGHT_POINT, LR_LIGHT_SPOT, LR_LIGHT_AREA = lr_light_kind
 LR_LIGHT_ROUND, LR_LIGHT_FULL = lr_light_shape
 LR_LOBE_DIFFUSE, LR_LOBE_GLOSSY, LR_LOBE_GLASS, LR_LOBE_REFRACTION, LR_LOBE_TRANSPARENT, LR_LOBE_EMISSION, LR_LOBE_PRINCIPLED = lr_lobe_kind
 LR_LOBE_TEXTURED, LR_LOBE_MULTISCATTER = lr_lobe_flag
-LR_FIELD_VALUE, LR_FIELD_SLOPE = lr_field_part
+LR_FIELD_VALUE, LR_FIELD_SLOPE, LR_FIELD_ID = lr_field_part
 LR_FILM_BOX, LR_FILM_BLACKMAN_HARRIS = lr_film_filter
 LR_RAY_CAMERA, LR_RAY_DIFFUSE, LR_RAY_GLOSSY, LR_RAY_TRANSMISSION, LR_RAY_TRANSPARENT = lr_ray_kind
 LR_EVENT_RAY, LR_EVENT_HIT, LR_EVENT_LIGHT, LR_EVENT_FOUND = lr_event_kind
@@ -1333,6 +1335,7 @@ ABOUT = {
     "LR_LOBE_PRINCIPLED": "Blender's Principled BSDF, without sheen, coat, subsurface, film",
     "LR_LOBE_TEXTURED": "the volume's colours multiply color",
     "LR_LOBE_MULTISCATTER": "light between microfacets is not lost",
+    "LR_FIELD_ID": "no colour: the id, and so the material, of its nearest sample inside",
     "LR_FILM_BOX": "the mean over the pixel itself: sharp edges",
     "LR_FILM_BLACKMAN_HARRIS": "Cycles' own: smooth edges, no stair steps",
     "LR_RAY_CAMERA": "by none",

@@ -183,15 +183,16 @@ class FieldColor:
     """A scalar field that colours hits: program makes linear RGB of the grey that it has there.
 
     That is its value, offset + scale * occupancy, or its slope, the length of the gradient per
-    unit of world length. Beyond the lattice occupancy and slope are 0.
+    unit of world length. Beyond the lattice occupancy and slope are 0. Of the part "id" hits take
+    no colour, but the id of the field's nearest sample inside, and so its material.
     """
 
     volume: Volume
     world_from_object: ArrayLike  # (4, 4)
-    program: Program
+    program: Program | None  # of the part "id": None
     scale: float = 1.0
     offset: float = 0.0
-    part: str = "value"  # | "slope"
+    part: str = "value"  # | "slope" | "id"
 
 
 @dataclass(frozen=True)
@@ -251,10 +252,10 @@ class Scene:
 
     camera, instances, lights, materials and world are of the classes above, or have
     attributes of the same names. slots are indices into materials; slot_objects, (n,) for n
-    slots, replaces the object index of the hits with that slot. film_transparent: the camera
-    sees alpha in place of the world. mist: start, depth and Blender's falloff of the Mist pass.
-    nested: solids in each other or side by side bend light by the ratio of their indices; else
-    each surface by its own index, as in Cycles.
+    slots, replaces the object index of the hits with that slot, unless it is LR_OWN_INDEX.
+    film_transparent: the camera sees alpha in place of the world. mist: start, depth and
+    Blender's falloff of the Mist pass. nested: solids in each other or side by side bend light
+    by the ratio of their indices; else each surface by its own index, as in Cycles.
     Structures are kept alive.
     Raises LeapRayError with a sentence that names the culprit.
     """
@@ -490,7 +491,8 @@ def _field_colors(instances: Sequence[Instance]) -> NDArray:
     for row, (i, color) in zip(table, colors, strict=True):
         row["volume"] = _address(color.volume.handle)
         row["part"] = choice(FIELD_PARTS, color.part, f"part of the field of instance {i}")
-        row["program"] = ctypes.addressof(color.program.packed)
+        if color.program is not None:
+            row["program"] = ctypes.addressof(color.program.packed)
         matrix = _vector(
             color.world_from_object, f"the matrix of the field that colours instance {i}", (4, 4)
         )

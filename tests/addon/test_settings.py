@@ -13,7 +13,8 @@ from blender_scenes import fresh, mesh, put
 from addon import arguments, cli, pipeline
 from addon.blender import properties
 from addon.blender.presets import PRESETS
-from addon.settings import SETTINGS, Isosurfaces, Modelling, Settings, described
+from addon.descriptions import described
+from addon.settings import SETTINGS, Isosurfaces, Modelling, Settings
 from leapray import LeapRayError
 
 

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 import vdb_files
-from blender_scenes import diffuse, fresh, light, mesh, nodes_of, plane, put, read
+from blender_scenes import colored, diffuse, fresh, light, mesh, plane, polygons, put, read
 
 import leapray
 from addon import pipeline
@@ -53,24 +53,6 @@ def cutter(data=None, **attributes):
     told = {"location": (*CENTRE[:2], CENTRE[2] + TOP + 2), "scale": (1.5, 1.5, 2)} | attributes
     made = put("Cutter", mesh() if data is None else data, **told)
     made.hide_render = made.hide_viewport = True
-    return made
-
-
-def colored(name, attribute="density", socket="Fac", low=0.0, high=3.0, **settings):
-    """A material that shines by a ramp from red at low to green at high of an attribute."""
-    made = bpy.data.materials.new(name)
-    tree = nodes_of(made)
-    tree.nodes.clear()
-    kinds = "Attribute", "MapRange", "ValToRGB", "Emission", "OutputMaterial"
-    told, mapped, ramp, bsdf, output = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
-    told.attribute_name = attribute
-    mapped.inputs["From Min"].default_value, mapped.inputs["From Max"].default_value = low, high
-    ramp.color_ramp.elements[0].color = (1, 0, 0, 1)
-    ramp.color_ramp.elements[1].color = (0, 1, 0, 1)
-    tree.links.new(told.outputs[socket], mapped.inputs["Value"])
-    tree.links.new(mapped.outputs["Result"], ramp.inputs["Fac"])
-    tree.links.new(ramp.outputs["Color"], bsdf.inputs["Color"])
-    tree.links.new(bsdf.outputs[0], output.inputs["Surface"])
     return made
 
 
@@ -148,6 +130,115 @@ def test_a_turned_mirrored_and_sheared_cube_cuts_as_it_stands(keep, scene, tmp_p
     assert ((outmost[rest] > 0.97) if keep == "outside" else (outmost[rest] < 1.03)).all()
 
 
+def empty(kind="PLAIN_AXES", **attributes):
+    told = {"location": (*CENTRE[:2], CENTRE[2] + TOP), "scale": (0.01, 3, -0.5)} | attributes
+    made = put("Cutter", None, **told)
+    made.empty_display_type = kind
+    return made
+
+
+def flat(kind):
+    """A half-space that removes what lies above TOP."""
+    if kind == "empty":
+        return empty(scale=(0.01, 3, 0.5), rotation_euler=(0, 0, 0.3))
+    if kind == "mirrored empty":
+        return empty(rotation_euler=(np.pi, 0, 0.3))
+    place = {"location": (*CENTRE[:2], CENTRE[2] + TOP), "scale": (1e-3, 2e-3, 1)}
+    if kind == "plane":
+        return cutter(plane(), **place)
+    if kind == "turned polygon":  # its normal points down, until it is turned
+        corners = [(x, y, 0.2) for x, y in ((-1, -1), (0, -3), (1, -1), (1, 1), (-1, 1))]
+        place |= {"rotation_euler": (np.pi, 0, 0), "location": (0, 0, CENTRE[2] + TOP + 0.2)}
+        return cutter(polygons("Five", corners, [(4, 3, 2, 1, 0)]), **place)
+    return cutter(polygons("Three", [(0, 0, 0), (2, 0, 0), (0, 1, 0), (2, 1, 0)],
+                           [(0, 1, 2), (1, 3, 2)]), **place)  # fmt: skip
+
+
+@pytest.mark.parametrize("keep", ["outside", "inside"])
+@pytest.mark.parametrize(
+    "kind", ["empty", "mirrored empty", "plane", "turned polygon", "triangles"]
+)
+def test_a_plane_cuts_all_that_lies_before_it(kind, keep, scene, tmp_path):
+    ball(tmp_path, clip_object=flat(kind), clip_keep=keep)
+    if keep == "inside":
+        scene.camera.location, scene.camera.rotation_euler = (*CENTRE[:2], -6), (np.pi, 0, 0)
+    frame = render()
+    assert frame.warnings == []
+    face = on_face(frame)
+    assert face.sum() > 200
+    assert frame.passes["Position"][face][:, 2] == pytest.approx(CENTRE[2] + TOP, abs=1e-4)
+    assert radius(frame, face).max() == pytest.approx(1, abs=0.02)
+    rest = frame.passes["Position"][seen(frame) & ~face][:, 2] - CENTRE[2] - TOP
+    assert (rest < 0.02).all() if keep == "outside" else (rest > -0.02).all()
+
+
+@pytest.mark.parametrize("beyond", [3.0, -3.0])
+def test_a_plane_beside_the_data_takes_nothing_or_all(beyond, scene, tmp_path):
+    whole_cut = empty(location=(*CENTRE[:2], CENTRE[2] + beyond), scale=(1, 1, 1))
+    ob = ball(tmp_path)
+    whole = render().passes["Depth"]
+    ob.data.leapray.clip_object = whole_cut
+    frame = render()
+    if beyond > 0:
+        np.testing.assert_array_equal(frame.passes["Depth"], whole)
+    else:
+        assert not seen(frame).any()
+
+
+def test_one_plane_cuts_all_places_of_the_data(scene, tmp_path):
+    ob = ball(tmp_path, clip_object=empty(scale=(1, 1, 1)))
+    other = put("Other", ob.data, location=(CENTRE[0] - 1.7, CENTRE[1], CENTRE[2] + 0.3),
+                scale=(0.5, 0.7, 0.9), pass_index=1)  # fmt: skip
+    frame = render()
+    face = on_face(frame)
+    assert frame.passes["Position"][face][:, 2] == pytest.approx(CENTRE[2] + TOP, abs=1e-4)
+    near = abs(frame.passes["Position"][face][:, 0] - other.location.x) < 0.4
+    assert near.sum() > 30 and (~near).sum() > 200
+
+
+def test_an_empty_cube_cuts_by_what_it_shows(scene, tmp_path):
+    cube = empty("CUBE", location=(*CENTRE[:2], CENTRE[2] + TOP + 1), scale=(0.2, 0.3, 0.5))
+    cube.empty_display_size = 2.0  # of half its sides
+    ball(tmp_path, clip_object=cube)
+    frame = render()
+    assert frame.warnings == []
+    face = on_face(frame)
+    place = frame.passes["Position"][face] - np.array(CENTRE)
+    bottom = abs(place[:, 2] - TOP) < 1e-4
+    assert bottom.sum() > 100
+    assert np.abs(place[bottom][:, 0]).max() == pytest.approx(0.4, abs=0.04)
+    assert np.abs(place[bottom][:, 1]).max() == pytest.approx(0.6, abs=0.06)
+    assert frame.passes["Position"][seen(frame) & ~face][:, 2].max() > CENTRE[2] + TOP + 0.1
+
+
+@pytest.mark.parametrize("kind", ["empty", "plane"])
+def test_a_cut_may_be_keyed_off_by_hiding_it(kind, scene, tmp_path):
+    """Shown in frame 1, hidden in frame 2, shown in frame 3; an empty moves, too."""
+    cut = flat(kind)
+    cut.hide_viewport = False
+    ball(tmp_path, clip_object=cut)
+    for rays in ("camera", "shadow", "diffuse", "glossy", "transmission"):
+        setattr(cut, f"visible_{rays}", False)
+    for frame in (1, 2, 3):
+        cut.hide_render = frame == 2
+        cut.keyframe_insert("hide_render", frame=frame)
+        cut.location.z = CENTRE[2] + TOP + 0.1 * (frame - 1)
+        cut.keyframe_insert("location", frame=frame)
+    heights = []
+    for frame in (1, 2, 3):
+        scene.frame_set(frame)
+        bpy.ops.render.render()
+        (report,) = engine.reports.values()
+        assert report["warnings"] == []
+        assert [row["kind"] for row in report["volumes"]] == ["isosurface", "clip"][
+            : 1 + (frame != 2)
+        ]
+        if frame != 2:
+            made = render()
+            heights.append(np.median(made.passes["Position"][on_face(made)][:, 2]))
+    assert np.diff(heights) == pytest.approx(0.2, abs=1e-3)
+
+
 @pytest.mark.parametrize(("attribute", "socket"), [("density", "Fac"), ("value", "Color")])
 def test_the_face_has_the_colors_of_the_values(attribute, socket, scene, tmp_path):
     ball(tmp_path, diffuse("Skin"), colored("Inner", attribute, socket), clip_object=cutter())
@@ -208,11 +299,6 @@ def test_frames_of_one_cut_keep_its_volume(scene, tmp_path, monkeypatch):
     for _ in range(2):
         pipeline.render(read(*SIZE), cache=cache)
     assert len(made) == 1
-
-
-def test_another_attribute_is_named(scene, tmp_path):
-    ball(tmp_path, colored("Other", "temperature"))
-    assert any("'Ball'" in each and "Textures" in each for each in render().warnings)
 
 
 def test_a_reopened_file_is_cut_alike(scene, tmp_path):
@@ -280,9 +366,12 @@ def wrong(kind):
     if kind == "no mesh":
         ob = cutter()
         bpy.data.volumes["Ball"].leapray.clip_object = ob
-        return put("Cutter.lamp", light("POINT")), "no mesh"
+        return put("Cutter.lamp", light("POINT")), "neither a mesh nor an empty"
     if kind == "open":
-        return cutter(plane()), "no solid"
+        bowl = cutter()
+        bowl.data = polygons("Bowl", [tuple(v.co) for v in bowl.data.vertices],
+                             [tuple(p.vertices) for p in bowl.data.polygons][:-1])  # fmt: skip
+        return bowl, "no solid"
     return cutter(bpy.data.meshes.new("Empty")), "no faces"
 
 

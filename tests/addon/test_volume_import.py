@@ -197,6 +197,18 @@ def test_the_panel_tells_the_values_and_how_the_threshold_was_found(scene, tmp_p
     assert {"threshold", "threshold_2", "threshold_3"} <= set(shown)
 
 
+def test_of_labels_the_panel_asks_for_colors(scene, tmp_path):
+    data = imported(scan(tmp_path, "named", kind="labels")).data
+    told = drawn(data)
+    shown = [words[1] for name, words, _ in told if name == "prop"]
+    assert {"shown", "label_colors", "label_index", "clip_object"} <= set(shown)
+    assert not {"surfaces", "automatic", "smoothing"} & set(shown)
+    assert not [name for name, _, _ in told if name == "template_icon"]
+    data.leapray.shown = "threshold"
+    shown = [words[1] for name, words, _ in drawn(data) if name == "prop"]
+    assert "surfaces" in shown and "label_colors" not in shown
+
+
 def test_of_other_data_the_panel_tells_nothing_until_they_are_read(scene, tmp_path):
     ob = imported(scan(tmp_path))
     ob.data.leapray.file = str(scan(tmp_path, "other", quantity="K"))
@@ -274,6 +286,43 @@ def test_pictures_of_data_and_of_scenes_have_names_of_their_own(
     assert made == {f"{stem}{end}" for stem in ("scan", own) for end in (".png", ".json")}
 
 
+@pytest.mark.parametrize(("axis", "share"), [("x", 0.5), ("y", 0.4), ("z", 0.7)])
+def test_one_word_cuts_a_scan_open(axis, share, tmp_path, capsys):
+    path, output = scan(tmp_path), tmp_path / "out.exr"
+    words = ["render", str(path), "--samples", "4", "--percentage", "10", "--output", str(output)]
+    assert cli.main([*words, "--clip", f"{axis}={share}"]) == 0, capsys.readouterr().err
+    figures = json.loads((tmp_path / "out.json").read_text())
+    assert [row["kind"] for row in figures["volumes"]] == ["isosurface", "clip"]
+    assert figures["warnings"] == []
+    from blender_scenes import exr
+
+    cut, at = bpy.data.objects["Cut"], "xyz".index(axis)
+    where = 1e-3 * (CENTRE[at] + (share - 0.5) * (SIZE[at] - 1) * SPACING)
+    assert cut.location[at] == pytest.approx(where, abs=1e-6)
+    towards = bpy.context.scene.camera.location - cut.location
+    assert cut.matrix_world.col[2].to_3d()[at] * towards[at] > 0  # the camera sees the face
+    made = exr(output)
+    greys = np.stack([made[f"ViewLayer.Combined.{c}"] for c in "RGB"], axis=-1)
+    depth = made["ViewLayer.Depth.Z"]
+    seen = depth < 1e9
+    assert 0.02 < seen.mean() < 0.6
+    assert np.ptp(greys[seen][:, 0]) > 0.3
+
+
+def test_labels_are_cut_open_in_their_colors(tmp_path):
+    samples = np.repeat([[[1, 2, 3, 0]] * 5], 4, 0).astype(np.uint8)
+    path = tmp_path / "labels.nrrd"
+    nrrd = pytest.importorskip("nrrd")
+    header = {"space": "right-anterior-superior", "Segment0_ID": "a", "Segment0_Name": "Bone",
+              "Segment0_LabelValue": "1", "Segment0_Layer": "0", "Segment0_Color": "1 0 0",
+              "space directions": np.eye(3), "space origin": np.zeros(3)}  # fmt: skip
+    nrrd.write(str(path), samples, header)
+    fresh()
+    data_scene.make(path, clip=("z", 0.5))
+    (data,) = bpy.data.volumes
+    assert data.leapray.clip_object.name == "Cut" and len(data.materials) == 1
+
+
 def test_wrong_words_for_data_are_sentences(tmp_path, capsys):
     (tmp_path / "some.png").write_bytes(b"\x89PNG")
     for words, sentence in (
@@ -281,6 +330,8 @@ def test_wrong_words_for_data_are_sentences(tmp_path, capsys):
         (["render", str(tmp_path / "gone.nii.gz")], "There is no file"),
         (["render", str(tmp_path / "a.blend"), "--threshold", "3"], "no file"),
         (["render", str(scan(tmp_path)), "--threshold", "high"], "--threshold"),
+        (["render", str(scan(tmp_path)), "--clip", "z=1.5"], "must be as z=0.5"),
+        (["render", str(scan(tmp_path)), "--clip", "w=0.5"], "must be as z=0.5"),
     ):
         assert cli.main([*words, "--output", str(tmp_path / "o.png")]) != 0
         error = capsys.readouterr().err

@@ -111,6 +111,7 @@ class _Reader(Walk):
             lobes=tuple(self.lobes),
             color_source=self.texture.source if self.texture else "",
             attribute=self.texture.layer if self.texture else "",
+            has_surface=bool(surfaces) or not volumes,
             image=self.image,
             absorption=tuple(absorption.tolist()),
             index=self.material.pass_index,

@@ -19,10 +19,12 @@ from leapray import LeapRayError, Stopped
 from leapray.rendering import VISIBILITIES
 
 from ... import model
+from ...descriptions import WHOLE_MAX
 from ...memory import Resident
 from ...process import POLL
+from ...settings import Isosurfaces
 from .. import properties, result
-from . import lights, materials, matrices, volumes
+from . import labels, lights, materials, matrices, volumes
 from .meshes import NO_FACES, read_mesh, read_object_mesh
 from .warnings import Warnings
 
@@ -203,6 +205,9 @@ class _Objects:
         self._field_at: dict[tuple, int | str | None] = {}
         self._material_at: dict[str, int] = {}
         self._surface_at: dict[int, int] = {}  # for volumes, of materials that have no surface
+        self._tinted_at: dict[tuple[int, int], int] = {}  # first of a field's, by its material
+        self._other_at: dict[tuple, model.OtherGrid] = {}
+        self._split_at: dict[tuple, int] = {}  # fields of labels, by their solids
         self._depsgraph = depsgraph
         self._view_layer = depsgraph.view_layer_eval
         self._override = self._view_layer.material_override
@@ -264,13 +269,38 @@ class _Objects:
             return
         self._note_unread(instance, ob)
         slots = self._volume_slots(ob, lasting.original)
-        made = model.FieldInstance(
-            field=found,
-            materials=tuple(self._on_surface(at) for at in slots),
-            colors=self._field_colors(ob, slots, self.fields[found]),
-            **placed,
-        )
-        self.field_instances.append(made)
+        worn = tuple(self._on_surface(at) for at in slots)
+        colors = self._field_colors(ob, lasting.original.data, slots, self.fields[found])
+        told: dict[str, Any] = {"field": found, "materials": worn, "colors": colors}
+        if self.fields[found].labels is not None:
+            own = volumes.wanted(lasting.original.data, self._depsgraph)
+            told = self._labels(found, worn, own)
+        self.field_instances.append(model.FieldInstance(**told, **placed))
+
+    def _labels(self, found: int, worn: tuple[int, ...], own: Isosurfaces) -> dict[str, Any]:
+        """What is told of a field of labels that wears materials: a slot for each label."""
+        field = self.fields[found]
+        assert field.labels is not None
+        numbers = field.labels.numbers
+        if len(worn) == 1 and own.label_colors and not self._override:
+            key = found, worn[0]
+            if key not in self._tinted_at:
+                self._tinted_at[key] = len(self.materials)
+                made = labels.materials(self.materials[worn[0]], field.grid, numbers)
+                self.materials += made
+                self._textures += [None] * len(made)
+            first = self._tinted_at[key]
+            slots = tuple(range(first, first + len(numbers)))
+        else:
+            slots = tuple(worn[min(n, len(worn) - 1)] for n in range(len(numbers)))
+        bodies = labels.bodies(slots, self.materials)
+        if field.labels.bodies != bodies:
+            found = self._split_at.setdefault((found, bodies), len(self.fields))
+            if found == len(self.fields):
+                split = model.Labels(numbers, bodies)
+                self.fields.append(replace(field, labels=split))
+        indices = tuple(min(n, WHOLE_MAX) for n in numbers) if own.label_index else ()
+        return {"field": found, "materials": slots, "slot_objects": indices}
 
     def _placed(self, instance, ob) -> dict[str, Any]:
         """What model.Placed holds beside materials; nothing where no ray sees the instance."""
@@ -353,19 +383,47 @@ class _Objects:
         return tuple(map(self._material, ob.data.materials)) or (self._material(None),)
 
     def _field_colors(
-        self, ob, slots: tuple[int, ...], field: model.Field
+        self, ob, original, slots: tuple[int, ...], field: model.Field
     ) -> tuple[model.FieldColor | None, ...]:
-        """What the materials make of the field's values; other textures are noted."""
-        textures = [self._textures[at] for at in slots]
-        made = tuple(volumes.field_color(each, field) if each else None for each in textures)
-        if any(each and not color for each, color in zip(textures, made, strict=True)):
+        """What the materials make of the field's values, or of another grid's; other textures are
+        noted."""
+        made: list[model.FieldColor | None] = []
+        for at in slots:
+            texture, color = self._textures[at], None
+            if texture:
+                color = volumes.field_color(texture, field)
+            if texture and color is None:
+                color = self._other_color(ob, original, texture, self.materials[at].name)
+            made.append(color)
+        return tuple(made)
+
+    def _other_color(
+        self, ob, original, texture: materials.Texture, name: str
+    ) -> model.FieldColor | None:
+        """The colours that a material of that name takes from another grid of the object."""
+        if texture.program is None or not texture.layer:
             self.notes.unsupported("Textures on surfaces of volumes are", ob.name)
-        return made
+            return None
+        key = ob.data.as_pointer(), original.as_pointer(), texture.layer
+        try:
+            if key not in self._other_at:
+                self._other_at[key] = volumes.other_grid(
+                    ob, original, self._depsgraph, texture.layer, self._caller
+                )
+            return model.FieldColor(texture.program, other=self._other_at[key])
+        except Stopped:
+            raise
+        except LeapRayError as error:
+            what = (
+                f"asks for the attribute '{texture.layer}' of '{ob.name}', which is no grid of it"
+            )
+            self.notes.missing("Material", name, f"{what}: {error}")
+            return None
 
     def _on_surface(self, at: int) -> int:
         """The material with that index; with the default surface, if it is one of volumes alone."""
         made = self.materials[at]
-        if any(lobe.kind != "transparent" for lobe in made.lobes):
+        if made.has_surface:
             return at
         if at not in self._surface_at:
             self._surface_at[at] = len(self.materials)

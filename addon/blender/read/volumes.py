@@ -29,7 +29,7 @@ from ...process import POLL
 from ...settings import Isosurfaces
 from ...store.grid_cache import Grids
 from .. import properties
-from . import clips, sequences
+from . import clips, labels, sequences
 from .textures import Texture
 
 T = TypeVar("T")
@@ -65,17 +65,23 @@ def read_field(ob, original, depsgraph, notes, caller: Caller = Caller()) -> mod
     grid, contents = found
     for doubt in grid.warnings:
         notes.missing("The data of", ob.name, f"are in doubt: {doubt}")
+    told = {
+        "name": ob.data.name,
+        "read_nbytes": grid.nbytes,
+        "clip": clips.read_clip(ob, own, depsgraph, notes),
+    }
+    if labels.are_shown(grid, own):
+        grid, found_labels = labels.read(grid, contents, ob.name, own, notes)
+        return model.Field(grid=grid, contents=contents, thresholds=(), labels=found_labels, **told)
     return model.Field(
-        name=ob.data.name,
         grid=grid,
         contents=contents,
-        read_nbytes=grid.nbytes,
         thresholds=thresholds(grid, contents, own, caller),
         above=(grid.kind != "level set") != own.invert,
         capped=own.capped,
         smoothing=own.smoothing,
         least=own.least,
-        clip=clips.read_clip(ob, own, depsgraph, notes),
+        **told,
     )
 
 
@@ -85,6 +91,15 @@ def field_color(texture: Texture, field: model.Field) -> model.FieldColor | None
     if texture.program is None or texture.layer not in values | {"gradient"}:
         return None
     return model.FieldColor(texture.program, "value" if texture.layer in values else "slope")
+
+
+def other_grid(ob, original, depsgraph, name: str, caller: Caller = Caller()) -> model.OtherGrid:
+    """The grid of that name beside the one that `read_field` takes. Raises as that does."""
+    own = replace(wanted(original, depsgraph), grid=name)
+    found = _grid(ob, own, original, depsgraph, caller)
+    if found is None:
+        raise LeapRayError("there is none in this frame")
+    return model.OtherGrid(*found)
 
 
 def grid_of(ob, original, depsgraph) -> ScalarGrid | None:
@@ -185,6 +200,9 @@ def _made(volume, own: Isosurfaces, caller: Caller) -> tuple[ScalarGrid, str]:
     """A grid that modifiers or nodes made."""
     if not len(volume.grids):
         raise LeapRayError("it has neither a file nor a grid")
+    names = [each.name for each in volume.grids]
+    if own.grid and own.grid not in names:
+        raise LeapRayError(f"it has no grid {own.grid!r}; there are {', '.join(names)}")
     with tempfile.TemporaryDirectory(prefix="leapray-") as folder:
         path = Path(folder, "made.vdb")
         if not volume.grids.save(filepath=str(path)):

@@ -181,8 +181,11 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
     if (!point->bends && !(lr_dot(point->normal, point->view) > 0)) /* at the rim of the field */
         memcpy(point->normal, point->facing, sizeof point->normal);
     locate(placed, shading_point, c, p);
-    if (placed->color.volume != NULL)
+    int32_t id = hit->id[i];
+    if (placed->color.program != NULL)
         lr_field_color_at(&placed->color, shading_point->position, point->color);
+    else if (placed->color.volume != NULL)
+        id = lr_field_id_at(&placed->color, shading_point->position);
     else
         lr_volume_color(volume, c, p, hit->id[i], hit->triangle[i], 0.0, point->color);
     memcpy(shading_point->origin, shading_point->position, sizeof shading_point->origin);
@@ -192,11 +195,10 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
     shading_point->has_smooth_offset =
         smooth_offset(placed, shading_point, hit->triangle[i], c, p, shading_point->smooth_offset);
     uint32_t slot;
-    shading_point->material_index =
-        lr_material_of(scene, shading_point->instance, hit->id[i], &slot);
+    shading_point->material_index = lr_material_of(scene, shading_point->instance, id, &slot);
     shading_point->material = &scene->materials[shading_point->material_index];
-    shading_point->object_index =
-        scene->slot_objects != NULL ? scene->slot_objects[slot] : placed->object_index;
+    const int32_t index = scene->slot_objects != NULL ? scene->slot_objects[slot] : LR_OWN_INDEX;
+    shading_point->object_index = index != LR_OWN_INDEX ? index : placed->object_index;
     const bool bends = (shading_point->material->flags & LR_MATERIAL_REFRACTS) != 0;
     point->eta = !bends ? 1 : scene->lone_media ? 0 : eta(scene, shading_point, media);
     lr_bsdf_at(shading_point->material, point, &shading_point->bsdf);

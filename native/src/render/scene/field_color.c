@@ -5,23 +5,24 @@
 #include "base/error.h"
 #include "grid/attributes/shader_program.h"
 #include "grid/trilinear.h"
+#include "trace/hit_record.h"
 
 lr_status lr_field_color_place(const lr_field_color *color, uint64_t instance,
                                lr_placed_color *placed, lr_error *error)
 {
     const lr_volume *v = color->volume;
-    if (v == NULL || !v->finished || v->planes[0] != NULL || color->program == NULL)
+    const bool has_id = color->part == LR_FIELD_ID;
+    if (v == NULL || !v->finished || v->planes[0] != NULL || (color->program == NULL) != has_id)
         return lr_fail(error, LR_E_ARGUMENT,
                        "instance %llu must take its colours from a finished volume that is not "
-                       "rectilinear, by a program",
+                       "rectilinear, by a program, or its ids without one",
                        (unsigned long long)instance);
     if (!isfinite(color->scale) || !isfinite(color->offset))
         return lr_fail(error, LR_E_ARGUMENT,
                        "the field that colours instance %llu must have a finite scale and offset, "
                        "it has %g and %g",
                        (unsigned long long)instance, color->scale, color->offset);
-    const lr_status status =
-        lr_check_choice("part of the field", color->part, LR_FIELD_SLOPE, error);
+    const lr_status status = lr_check_choice("part of the field", color->part, LR_FIELD_ID, error);
     if (status != LR_OK)
         return status;
     if (!lr_affine_invert(color->world_from_object, placed->object_from_world))
@@ -34,7 +35,7 @@ lr_status lr_field_color_place(const lr_field_color *color, uint64_t instance,
     placed->scale = color->scale / v->one;
     placed->offset = color->offset;
     placed->slope = color->part == LR_FIELD_SLOPE;
-    return lr_program_check(color->program, error);
+    return has_id ? LR_OK : lr_program_check(color->program, error);
 }
 
 void lr_field_color_at(const lr_placed_color *color, const double world[3], double rgb[3])
@@ -59,4 +60,15 @@ void lr_field_color_at(const lr_placed_color *color, const double world[3], doub
     lr_program_color(color->program, told, made);
     for (int a = 0; a < 3; a++)
         rgb[a] = isfinite(made[a]) ? made[a] : 0;
+}
+
+int32_t lr_field_id_at(const lr_placed_color *color, const double world[3])
+{
+    double object[3], p[3], corner[8];
+    int32_t c[3];
+    lr_map_point(color->object_from_world, world, object);
+    if (!lr_cell_at(color->volume, object, c, p))
+        return 0;
+    lr_corners(color->volume, c, corner);
+    return lr_nearest_id(color->volume, c, corner, p);
 }

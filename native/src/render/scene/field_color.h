@@ -8,8 +8,8 @@
 
 /* A placed field. */
 typedef struct lr_placed_color {
-    const lr_volume *volume; /* NULL: there is none */
-    const lr_program *program;
+    const lr_volume *volume;   /* NULL: there is none */
+    const lr_program *program; /* NULL: hits take ids */
     double object_from_world[16];
     double scale, offset; /* of stored values */
     bool slope;           /* not the value */
@@ -21,5 +21,8 @@ lr_status lr_field_color_place(const lr_field_color *color, uint64_t instance,
 
 /* Linear RGB at a point of world space. */
 void lr_field_color_at(const lr_placed_color *color, const double world[3], double rgb[3]);
+
+/* The id of the nearest sample inside, at a point of world space; 0 where there is none. */
+int32_t lr_field_id_at(const lr_placed_color *color, const double world[3]);
 
 #endif

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Labels of any numbers, solids of some of them side by side, and cuts that show them."""
+
+import numpy as np
+import pytest
+import stage
+from numpy.testing import assert_array_equal
+
+import leapray
+from leapray import ScalarGrid, label_numbers, labels
+from leapray._abi import LR_OWN_INDEX
+
+
+def grid_of(samples, **more):
+    return ScalarGrid("map", np.asarray(samples), np.eye(4), kind="labels", **more)
+
+
+def thirds(n=24):
+    """A ball that is three labels, which meet in its axis, among air."""
+    k, j, i = np.indices((n, n, n)) - (n - 1) / 2
+    turn = np.floor((np.arctan2(j, i) / np.pi + 1) * 1.4999).astype(int)
+    return np.choose(turn, (5, 1000, 70_000_000)) * (i**2 + j**2 + k**2 < (0.4 * n) ** 2)
+
+
+def test_labels_of_any_size_have_their_places_as_ids():
+    grid = grid_of(thirds())
+    numbers = label_numbers(grid)
+    assert_array_equal(numbers, (5, 1000, 70_000_000))
+    volume = labels(grid, numbers=numbers)
+    inside = grid.samples > 0
+    assert_array_equal(volume.read() >= 128, inside)
+    assert_array_equal(numbers[volume.read_ids()[inside]], grid.samples[inside])
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.float32, np.float64])
+def test_numbers_are_those_of_the_values_and_none_is_none(dtype):
+    stored = np.array([[[0, 3, 7, 9, 3, 2]]], dtype)
+    grid = ScalarGrid("map", stored, np.eye(4), kind="labels", scale=2.0, offset=1.0, no_data=9)
+    assert_array_equal(label_numbers(grid), (1, 5, 7, 15))
+
+
+def test_a_solid_of_some_labels_is_no_larger_than_they_are():
+    samples = np.zeros((40, 50, 60), np.int32)
+    samples[10:20, 12:30, 15:18] = 4
+    samples[20:25, 12:30, 15:18] = 9
+    whole = labels(grid_of(samples), numbers=(4, 9))
+    some = labels(grid_of(samples), numbers=(4, 9), of=[1])
+    assert some.info.size == (7, 22, 9) and whole.info.size == (60, 50, 40)
+    points = np.argwhere(np.ones(samples.shape, bool))[:, ::-1].astype(float)
+    assert_array_equal((some.sample(points)[0] >= 0.5).reshape(samples.shape), samples == 9)
+
+
+def held_by_each(points, reaching):
+    """(3, n): which solid of the labels of `thirds` holds points (n, 3)."""
+    grid = grid_of(thirds())
+    numbers, held = label_numbers(grid), []
+    for n, later in enumerate(((1, 2), (2,), ())):
+        solid = labels(grid, numbers=numbers, of=[n], over=later if reaching else ())
+        held.append(solid.sample(points)[0] >= solid.info.threshold)
+    return np.array(held)
+
+
+def test_solids_of_labels_that_touch_overlap():
+    """Every point in the ball lies in a solid, but for a thread where all three meet."""
+    rng = np.random.default_rng(3)
+    way = rng.normal(size=(60000, 3))
+    way *= (rng.random((len(way), 1)) ** (1 / 3)) * 7.5 / np.linalg.norm(way, axis=1)[:, None]
+    off = np.hypot(way[:, 0], way[:, 1])
+    reaching, apart = (held_by_each(way + 11.5, reaches) for reaches in (True, False))
+    assert reaching[:, off > 0.75].any(axis=0).all()
+    assert (reaching.sum(axis=0) == 2).mean() > 0.02
+    void, wider = (~held.any(axis=0) for held in (reaching, apart))
+    assert 0 < 5 * void.sum() < wider.sum()
+
+
+def test_a_solid_that_reaches_over_others_keeps_its_own_ids():
+    samples = np.repeat(np.repeat([[[0, 0, 3, 3, 3, 8, 8, 8, 0, 0]]], 9, 0), 9, 1)
+    solid = labels(grid_of(samples), numbers=(3, 8), of=[0], over=[1])
+    hits = leapray.trace(leapray.build(solid), [(20, 4, 4), (-9, 4, 4)], [(-1, 0, 0), (1, 0, 0)])
+    assert_array_equal(hits.id, (0, 0))
+    assert 20 - hits.t[0] == pytest.approx(4.5 + 1 / 3, abs=0.01)  # a third into the neighbour
+    assert hits.t[1] - 9 == pytest.approx(1.5, abs=0.02)  # and not into the air
+
+
+def test_more_labels_than_ids_are_a_sentence():
+    grid = grid_of(np.arange(1, 41**3 + 1).reshape(41, 41, 41))
+    with pytest.raises(leapray.LeapRayError, match="'map' has 68921 labels; ids hold 65536"):
+        labels(grid, numbers=label_numbers(grid))
+    assert labels(grid, numbers=np.arange(1, 65537)).info.has_ids
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"numbers": (3, 3)}, "ascends"),
+        ({"numbers": (0, 3)}, "ascends"),
+        ({"numbers": (5,), "of": [1]}, "below 1; one is 1"),
+        ({"numbers": (5,), "of": [0.5]}, "whole numbers"),
+        ({"numbers": (5,), "over": [-1]}, "whole numbers"),
+        ({}, "whole numbers in 0..65535"),
+    ],
+)
+def test_wrong_lists_are_sentences(given, words):
+    with pytest.raises(leapray.LeapRayError, match=words):
+        labels(grid_of(thirds()), **given)
+
+
+def test_labels_that_do_not_fit_are_out_of_memory():
+    grid = grid_of(thirds(40))
+    numbers = label_numbers(grid)
+    needed = labels(grid, numbers=numbers).info.nbytes
+    assert labels(grid, numbers=numbers, max_nbytes=needed).info.nbytes == needed
+    with pytest.raises(leapray.OutOfMemory):
+        labels(grid, numbers=numbers, max_nbytes=needed // 3)
+
+
+# ---- in a scene ------------------------------------------------------------------
+
+COLORS = ((0.9, 0.1, 0.1), (0.1, 0.9, 0.1), (0.1, 0.1, 0.9), (0.5, 0.5, 0.5))
+
+
+def glowing(color, index):
+    return leapray.Material((leapray.Lobe("emission", color),), index=index)
+
+
+def cut_scene(objects=None):
+    """A ball of three labels that is cut where z is greatest, seen from above."""
+    grid = grid_of(thirds(48))
+    ball = labels(grid, numbers=label_numbers(grid))
+    axis = np.linspace(-1, 1, 24)
+    outward = np.abs(np.stack(np.meshgrid(axis, axis, axis, indexing="ij"))).max(0)
+    box = leapray.Volume((0.5 + 2 * (0.6 - outward)).clip(0, 1).astype(np.float32))
+    place = np.diag([4.0, 4.0, 4.0, 1.0])
+    place[:3, 3] = (23.5 - 46, 23.5 - 46, 23.5 + 3.5 - 4 * (11.5 - 0.6 * 11.5))
+    clip = leapray.Clip(box, place)
+    id_of = leapray.FieldColor(ball, np.eye(4), None, part="id")
+    face = leapray.Instance(
+        leapray.build(box), place, 0, 3, 7, clips=[leapray.Clip(ball, np.eye(4), inside=True)],
+        field_color=id_of, volume_index=2,
+    )  # fmt: skip
+    solid = leapray.Instance(leapray.build(ball), np.eye(4), 0, 3, 7, clips=[clip], volume_index=1)
+    camera = leapray.Camera("orthographic", (23.5, 23.5, 90), (0, 0, -1), (-24, -24, 0),
+                            (0.5, 0, 0), (0, 0.5, 0))  # fmt: skip
+    materials = [glowing(color, 11 + n) for n, color in enumerate(COLORS)]
+    scene = leapray.Scene(camera, [solid, face], [], materials, [0, 1, 2], slot_objects=objects)
+    passes = "Combined", "Position", "Object Index", "Material Index", "Volume"
+    return grid, scene.render_tile(0, 0, 96, 96, samples=1, passes=passes)
+
+
+@pytest.mark.parametrize("objects", [None, (21, LR_OWN_INDEX, 23)])
+def test_the_face_of_a_cut_has_the_label_that_it_goes_through(objects):
+    grid, tile = cut_scene(objects)
+    face = tile["Volume"][..., 0] == 2
+    assert face.sum() > 2000
+    place = tile["Position"][face]
+    assert place[:, 2] == pytest.approx(place[0, 2], abs=1e-3)
+    near = np.rint(place).astype(int)
+    whole = (np.abs(place - near) < 0.45).all(axis=1)
+    held = grid.samples[near[:, 2], near[:, 1], near[:, 0]]
+    whole &= held > 0
+    which = np.searchsorted((5, 1000, 70_000_000), held[whole])
+    assert_array_equal(np.unique(which), (0, 1, 2))
+    assert_array_equal(tile["Material Index"][face][whole, 0], 11 + which)
+    index = (7, 7, 7) if objects is None else (21, 7, 23)
+    assert_array_equal(tile["Object Index"][face][whole, 0], np.array(index)[which])
+
+
+def test_ids_come_without_a_program_and_colors_with_one():
+    solid = labels(grid_of(np.ones((4, 4, 4), int)))
+    red, *_ = leapray.INPUTS
+    program = leapray.compile_program((red, red, red))
+    for color in (
+        leapray.FieldColor(solid, np.eye(4), program, part="id"),
+        leapray.FieldColor(solid, np.eye(4), None),
+    ):
+        one = [leapray.Instance(leapray.build(solid), np.eye(4), field_color=color)]
+        with pytest.raises(leapray.LeapRayError, match="instance 0 must take its colours"):
+            leapray.Scene(stage.camera((6, 0, 0)), one, [], [glowing((1, 1, 1), 0)], [0])
