@@ -408,9 +408,8 @@ def walk(samples, level, place, seed, bounces=8, n=4000):
             d = d - side * lean[:, None] * outward
             hits = leapray.trace(structure, points, d, start=(cell, np.full(len(d), side)))
             done += len(d)
-            # The field rises by lean along the way: a root nearer than this is that of the start,
-            # unless the surface is more curved than its samples can make it.
-            stuck += int(((hits.t < 1e-7 * scale) & (lean > 1e-3)).sum())
+            # What is nearer to a start than 1e-6 is never met; behind, the field has risen by lean.
+            stuck += int(((hits.t < 1e-5 * scale) & (lean > 1e-3)).sum())
         out += int(np.isinf(hits.t).sum())  # of those inside
         o = points
     return done, out, stuck, volume

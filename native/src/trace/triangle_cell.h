@@ -45,7 +45,8 @@ LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_lattice lattice, c
         const lr_cursor cursor = *u;
         lr_found own = {.triangle = LR_NO_TRIANGLE, .object = LR_NO_OBJECT};
         uint64_t more = 0;
-        const bool hit = lr_hit_tricubic(v, &ray, &cursor, &start, options, &own, &more);
+        const bool hit =
+            lr_hit_tricubic(v, &ray, &cursor, leaving->t, &start, options, &own, &more);
         *n_samples += more;
         *side = start;
         if (hit)

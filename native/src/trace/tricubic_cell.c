@@ -11,10 +11,11 @@
  * sides. Else the interval is halved, and its first half comes first. So the first root is found,
  * unless the field passes T by less than NEGLIGIBLE and comes back; and what is found is a root.
  *
- * A ray that leaves the surface starts on it but for rounding, and half of the time beyond it. In
- * its cell the surface is taken to lie where the start is on its side, so that it is met only where
- * the ray leads through it. Where the ray leaves the cell beyond T all the same, its side goes with
- * it into the next one; in front of a cell without surface it has met the surface.
+ * A ray that leaves the surface starts on it but for rounding, and half of the time beyond it. The
+ * surface is taken to lie where the start is on its side, and what is nearer to the start than that
+ * may be off (lr_start_off) is the surface that it leaves, unless the ray is beyond it from there
+ * on. Where it leaves the cell beyond T all the same, or on it but for rounding, its side goes with
+ * it into the next one; what lies beyond T in front of a cell without surface has met the surface.
  *
  * Sources: Lane and Riesenfeld 1981, Bounds on a polynomial; Spencer 1994, who finds the first root
  * like this. Departure: coefficients by the blossoms of the basis, not by a change of basis.
@@ -87,14 +88,15 @@ static void restrict_field(const double s[LR_TRICUBIC_SAMPLES], const lr_chord *
         f->b[n] *= scale[n];
 }
 
-/* The two halves, by de Casteljau. upper may be f. */
-static void halve(const lr_polynomial *f, lr_polynomial *lower, lr_polynomial *upper)
+/* Cut at x, by de Casteljau. lower may be NULL, upper may be f. */
+static void cut(const lr_polynomial *f, double x, lr_polynomial *lower, lr_polynomial *upper)
 {
     lr_polynomial rest = *f;
     for (int n = 0; n < COUNT; n++) {
-        lower->b[n] = rest.b[0];
+        if (lower != NULL)
+            lower->b[n] = rest.b[0];
         for (int i = 0; i < DEGREE - n; i++)
-            rest.b[i] = 0.5 * (rest.b[i] + rest.b[i + 1]);
+            rest.b[i] = (1.0 - x) * rest.b[i] + x * rest.b[i + 1];
     }
     *upper = rest;
 }
@@ -184,7 +186,7 @@ static bool find_change(const lr_polynomial *f, bool above, double negligible, i
             size[n] = size[n - 1];
             from[n] = from[n - 1];
             from[n - 1] += size[n];
-            halve(now, &held[n], &held[n - 1]);
+            cut(now, 0.5, &held[n], &held[n - 1]);
             n++;
             continue;
         }
@@ -215,34 +217,63 @@ static bool goes_on(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int
     return lr_holds_surface(v, beside);
 }
 
-bool lr_hit_tricubic(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int *side,
-                     const lr_trace_options *options, lr_found *found, uint64_t *n_samples)
+/* find_change of a ray that has left the surface, on the side `above`: nothing is met before
+ * `from`, and the start may be off by so much. */
+static bool find_next(const lr_polynomial *f, bool above, double from, double off,
+                      double negligible, int32_t root, uint64_t *n_samples, double *x)
+{
+    lr_polynomial rest = *f;
+    *x = 0.0;
+    if (!move_to_side(&rest, above, 2.0 * negligible, off))
+        return true;
+    if (!(from < 1.0))
+        return false;
+    if (from > 0.0)
+        cut(&rest, from, NULL, &rest);
+    from = fmax(from, 0.0);
+    const bool found = find_change(&rest, above, negligible, root, n_samples, x);
+    *x = from + (1.0 - from) * *x;
+    return found;
+}
+
+/* The samples of a cell, less T; returns the largest size. */
+static double take_samples(const lr_volume *v, const int32_t c[3], double s[LR_TRICUBIC_SAMPLES])
+{
+    double largest = 0.0;
+    lr_tricubic_samples(v, c, s);
+    for (int n = 0; n < LR_TRICUBIC_SAMPLES; n++) {
+        s[n] -= v->threshold;
+        largest = fabs(s[n]) > largest ? fabs(s[n]) : largest;
+    }
+    return largest;
+}
+
+bool lr_hit_tricubic(const lr_volume *v, const lr_ray *r, const lr_cursor *u, double t_start,
+                     int *side, const lr_trace_options *options, lr_found *found,
+                     uint64_t *n_samples)
 {
     lr_chord h;
     lr_polynomial f;
     int axis;
-    double s[LR_TRICUBIC_SAMPLES], low = INFINITY, high = -INFINITY, x = 0.0;
+    double s[LR_TRICUBIC_SAMPLES], x;
     lr_chord_points(&h, r, LR_REGULAR, u, &axis);
-    lr_tricubic_samples(v, u->c, s);
-    for (int n = 0; n < LR_TRICUBIC_SAMPLES; n++) {
-        s[n] -= v->threshold;
-        low = s[n] < low ? s[n] : low;
-        high = s[n] > high ? s[n] : high;
-    }
+    const double scale = take_samples(v, u->c, s), negligible = NEGLIGIBLE * scale;
     restrict_field(s, &h, &f);
     *n_samples += 2;
     const int start = *side;
-    const bool above = start != 0 ? start > 0 : f.b[0] >= 0.0;
-    const double end = f.b[DEGREE], negligible = NEGLIGIBLE * fmax(high, -low);
-    const bool ends_off = is_off(end, above);
+    const bool above = start != 0 ? start > 0 : f.b[0] >= 0.0,
+               ends_off = is_off(f.b[DEGREE], above);
+    /* by how much a start may be off: no slope is larger than 2 scale along each of three axes */
+    const double voxels = lr_start_off(v), off = 4.0 * voxels * scale;
     *side = 0;
     if (options->hit_test == LR_HIT_FACES && start == 0 && !ends_off)
         return false;
-    /* no slope is larger than what samples differ by, along each of three axes */
-    const double off = 2.0 * lr_start_off(v) * (high - low);
-    bool met = start != 0 && !move_to_side(&f, above, 2.0 * negligible, off);
-    met = met || find_change(&f, above, negligible, options->root, n_samples, &x);
-    if (!met && start != 0 && (ends_off || fabs(end) <= off) && goes_on(v, r, u, axis)) {
+    const double clear = t_start + voxels / sqrt(lr_dot(r->d, r->d));
+    const double from = (clear - h.t_in) / (h.t_out - h.t_in);
+    const bool met =
+        start == 0 ? find_change(&f, above, negligible, options->root, n_samples, &x)
+                   : find_next(&f, above, from, off, negligible, options->root, n_samples, &x);
+    if (!met && start != 0 && (ends_off || fabs(f.b[DEGREE]) <= off) && goes_on(v, r, u, axis)) {
         *side = start;
         return false;
     }
