@@ -174,8 +174,8 @@ LR_API lr_status lr_volume_unpack(const uint8_t *bytes, uint64_t nbytes, const l
 
 /* Value and gradient of the field at n points in object space:
  * points[n][3], value[n] (0..1), gradient[n][3] (per unit of object space);
- * either output may be NULL. Outside the cells that surface can lie in the field is 0. ids: of a merged
- * volume, whose object's own field; NULL: of the largest samples. gain: 0, or what
+ * either output may be NULL. Outside the cells that surface can lie in the field is 0. ids: of a
+ * merged volume, whose object's own field; NULL: of the largest samples. gain: 0, or what
  * lr_volume_narrow were to be called with: the field that it would leave. LR_E_ARGUMENT for a
  * volume that is not finished, as of all that follow, and for a gain of a cubic one. */
 LR_API lr_status lr_volume_sample(const lr_volume *volume, const double *points,
@@ -184,8 +184,8 @@ LR_API lr_status lr_volume_sample(const lr_volume *volume, const double *points,
 
 /* Make the samples u8, in place, and occupancy gain times as steep at the threshold, as
  * far as 0..1 reaches. No sample changes sides, so that cells stay what they are. Before
- * a structure is built. LR_E_ARGUMENT for a volume that is u8 or cubic and for a gain beyond 0..256;
- * LR_E_MEMORY; after LR_E_STOPPED it may only be freed. */
+ * a structure is built. LR_E_ARGUMENT for a volume that is u8 or cubic and for a gain beyond
+ * 0..256; LR_E_MEMORY; after LR_E_STOPPED it may only be freed. */
 LR_API lr_status lr_volume_narrow(lr_volume *volume, double gain, const lr_watch *watch,
                                   lr_error *error);
 

@@ -249,9 +249,7 @@ def _map_of(source: Source, samples: _Samples, law: _Law) -> tuple[_abi.lr_sampl
 class _Samples:
     """The core's samples of a source: looked at when made, then stored."""
 
-    def __init__(
-        self, source: Source, interpolation: str, threads: int, watch: Watch
-    ) -> None:
+    def __init__(self, source: Source, interpolation: str, threads: int, watch: Watch) -> None:
         self.handle = ctypes.POINTER(_abi.lr_samples)()
         none = source.no_data
         desc = _abi.lr_samples_desc(

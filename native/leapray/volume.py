@@ -71,10 +71,9 @@ class Volume:
     default. planes: where those of samples lie along x (nx,), y (ny,) and z (nz,),
     increasing, in place of 0, 1, 2, ...; object_from_index is applied to these. Such a
     rectilinear volume is for traversers with `rectilinear` set; scenes do not take it.
-    interpolation: "linear", a trilinear field through the samples; or "cubic", the tricubic B-spline
-    whose coefficients are the samples: smooth to the second derivative, rounder than they are; it
-    takes neither ids nor planes, and is traced in the mode "surface" by hit tests and roots that
-    `trace` names.
+    interpolation: "linear", a trilinear field through the samples; or "cubic", the tricubic
+    B-spline of which they are the coefficients, smooth to the second derivative and rounder than
+    they are. It takes neither ids nor planes; `trace` says what it is traced by.
     Outside the lattice all samples are 0.
     Raises LeapRayError for anything else, OutOfMemory where there is no room.
     Attributes: info, a VolumeInfo; mesh_info, the MeshInfo of a voxelized volume, else None;
@@ -197,7 +196,7 @@ class Volume:
             has_normals=bool(info.has_normals),
             **counts,
             planes=planes,
-            interpolation=next(n for n, i in INTERPOLATIONS.items() if i == info.desc.interpolation),
+            interpolation=list(INTERPOLATIONS)[info.desc.interpolation],
         )
 
     def narrow(self, gain: float = 1.0, *, watch: Watch | None = None) -> None:

@@ -100,8 +100,8 @@ static uint32_t above_row(const lr_volume *v, size_t at)
     }
 }
 
-/* Samples at or above T, a bit each: rows of a brick's own and of the near layers of its neighbours,
- * `before` of them below it. */
+/* Samples at or above T, a bit each: rows of a brick's own and of the near layers of its
+ * neighbours, `before` of them below it. */
 enum { MOST_ROWS = LR_SIDE + 3 };
 typedef uint32_t above_bits[MOST_ROWS][MOST_ROWS];
 

@@ -1,8 +1,8 @@
 /* The tricubic B-spline, whose coefficients are the samples: smooth to the second derivative.
  *
- * In a cell it is given by the 4^3 samples around, weighted by numbers that are not negative and sum
- * up to 1: it lies in their hull. It does not pass through the samples but averages them, by 2/3
- * and twice 1/6 along an axis.
+ * In a cell it is given by the 4^3 samples around, weighted by numbers that are not negative and
+ * sum up to 1: it lies in their hull. It does not pass through the samples but averages them, by
+ * 2/3 and twice 1/6 along an axis.
  *
  * Source: de Boor, A practical guide to splines, 1978.
  *
