@@ -65,25 +65,24 @@ static void restrict_field(const double s[LR_TRICUBIC_SAMPLES], const lr_chord *
         1.0 / 216,   1.0 / 1944,  1.0 / 7776, 1.0 / 18144, 1.0 / 27216,
         1.0 / 27216, 1.0 / 18144, 1.0 / 7776, 1.0 / 1944,  1.0 / 216,
     };
-    double m[3][4][4];
+    double m[3][4][4], row[7][4] = {{0}};
     for (int a = 0; a < 3; a++)
         restrict_basis(h->in[a], h->out[a], m[a]);
-    memset(f->b, 0, sizeof f->b);
-    for (int k = 0; k < 4; k++) {
-        double plane[7] = {0};
-        for (int j = 0; j < 4; j++, s += 4) {
-            double row[4];
-            for (int n = 0; n < 4; n++)
-                row[n] =
-                    s[0] * m[0][0][n] + s[1] * m[0][1][n] + s[2] * m[0][2][n] + s[3] * m[0][3][n];
-            for (int l = 0; l < 4; l++)
-                for (int n = 0; n < 4; n++)
-                    plane[l + n] += m[1][j][l] * row[n];
-        }
+    for (int n = 0; n < 4; n++) {
+        double plane[16];
+        for (int i = 0; i < 16; i++)
+            plane[i] = s[i] * m[2][0][n] + s[16 + i] * m[2][1][n] + s[32 + i] * m[2][2][n] +
+                       s[48 + i] * m[2][3][n];
         for (int l = 0; l < 4; l++)
-            for (int n = 0; n < 7; n++)
-                f->b[l + n] += m[2][k][l] * plane[n];
+            for (int i = 0; i < 4; i++)
+                row[n + l][i] += plane[i] * m[1][0][l] + plane[4 + i] * m[1][1][l] +
+                                 plane[8 + i] * m[1][2][l] + plane[12 + i] * m[1][3][l];
     }
+    memset(f->b, 0, sizeof f->b);
+    for (int l = 0; l < 7; l++)
+        for (int n = 0; n < 4; n++)
+            f->b[l + n] += row[l][0] * m[0][0][n] + row[l][1] * m[0][1][n] +
+                           row[l][2] * m[0][2][n] + row[l][3] * m[0][3][n];
     for (int n = 0; n < COUNT; n++)
         f->b[n] *= scale[n];
 }
@@ -239,13 +238,15 @@ static bool find_next(const lr_polynomial *f, bool above, double from, double of
 /* The samples of a cell, less T; returns the largest size. */
 static double take_samples(const lr_volume *v, const int32_t c[3], double s[LR_TRICUBIC_SAMPLES])
 {
-    double largest = 0.0;
+    double most[4] = {0}; /* of every fourth one, which are found side by side */
     lr_tricubic_samples(v, c, s);
-    for (int n = 0; n < LR_TRICUBIC_SAMPLES; n++) {
-        s[n] -= v->threshold;
-        largest = fabs(s[n]) > largest ? fabs(s[n]) : largest;
-    }
-    return largest;
+    for (int n = 0; n < LR_TRICUBIC_SAMPLES; n += 4)
+        for (int i = 0; i < 4; i++) {
+            const double height = s[n + i] - v->threshold, size = fabs(height);
+            s[n + i] = height;
+            most[i] = size > most[i] ? size : most[i];
+        }
+    return fmax(fmax(most[0], most[1]), fmax(most[2], most[3]));
 }
 
 bool lr_hit_tricubic(const lr_volume *v, const lr_ray *r, const lr_cursor *u, double t_start,
