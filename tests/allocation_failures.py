@@ -150,6 +150,8 @@ def fields():
         for threshold in (0.0, 0.5):
             surfaces.at(threshold, threads=1)
         leapray.isosurface(field, 0.0, capped=False, threads=1)
+        smooth = leapray.isosurface(field, 0.0, interpolation="cubic", threads=1)
+        leapray.Volume.unpack(smooth.pack())
         leapray.without_islands(field, 0.0, 4)
     leaf = np.zeros((2, 8, 8, 8), np.float32)
     leaf[:, 2:6, 2:6, 2:6] = 1

@@ -1,8 +1,8 @@
 /* LeapRay: rays through sampled volumes. The whole public C interface.
  *
  * Words: a sample is an occupancy 0..1 on a lattice point; a cell is the cube
- * between eight samples; T is the threshold at which the trilinear field f of
- * the samples has its surface. Sample (i, j, k) lies at index coordinates
+ * between eight samples; T is the threshold at which the field f of the samples,
+ * trilinear unless said otherwise, has its surface. Sample (i, j, k) lies at index coordinates
  * (i, j, k); cell (i, j, k) spans i..i+1. Outside the lattice lies one virtual
  * layer of samples of value 0, so that cut data is capped: n samples make
  * cells -1..n-1. Triples are in x, y, z order. Matrices are 4x4, row-major,
@@ -69,6 +69,16 @@ typedef enum lr_kind {
     LR_KIND_SHEET = 2  /* the surface alone, without an inside */
 } lr_kind;
 
+/* The field between the samples: B-splines of degree 1 and 3. The cubic one takes the samples for
+ * its coefficients: it smooths them, and reaches two samples beyond the lattice. Its volumes have
+ * neither ids nor planes of their own, and are for LR_MODE_SURFACE. */
+typedef enum lr_volume_interpolation {
+    LR_VOLUME_LINEAR = 0, /* trilinear: passes through the samples, and bends at the faces of cells
+                           */
+    LR_VOLUME_CUBIC = 1 /* tricubic B-spline: smooth, without facets; rounds what is as fine as the
+                           samples, and takes longer */
+} lr_volume_interpolation;
+
 typedef struct lr_volume lr_volume;
 
 typedef struct lr_volume_desc {
@@ -76,6 +86,8 @@ typedef struct lr_volume_desc {
     int32_t sample_type;          /* lr_sample_type */
     int32_t kind;                 /* LR_KIND_SOLID or LR_KIND_SHEET */
     int32_t has_ids;              /* nonzero: every sample carries a 16-bit id */
+    int32_t interpolation;        /* lr_volume_interpolation */
+    int32_t reserved;             /* 0 */
     double threshold;             /* T, outside < T <= inside */
     double object_from_index[16]; /* invertible */
     double outside, inside;       /* 0 and 1; of LR_F32 any: what samples are outside the lattice,
@@ -122,7 +134,7 @@ LR_API lr_status lr_volume_put(lr_volume *volume, const int32_t origin[3], const
  * virtual layers around the lattice lie as far off as the outermost two planes are apart
  * (1 where there is one). Not after lr_volume_finish. Gradients and hits are those of the
  * field that is trilinear in each cell. Only traversers that say so take it, and no
- * scene. LR_E_ARGUMENT for planes that do not increase, LR_E_MEMORY. */
+ * scene. LR_E_ARGUMENT for planes that do not increase and for a cubic volume, LR_E_MEMORY. */
 LR_API lr_status lr_volume_set_planes(lr_volume *volume, const double *x, const double *y,
                                       const double *z, lr_error *error);
 
@@ -160,20 +172,20 @@ LR_API lr_status lr_volume_pack(const lr_volume *volume, uint8_t *bytes, uint64_
 LR_API lr_status lr_volume_unpack(const uint8_t *bytes, uint64_t nbytes, const lr_watch *watch,
                                   lr_volume **volume, lr_error *error);
 
-/* Value and gradient of the trilinear field at n points in object space:
+/* Value and gradient of the field at n points in object space:
  * points[n][3], value[n] (0..1), gradient[n][3] (per unit of object space);
- * either output may be NULL. Outside the lattice the field is 0. ids: of a merged
- * volume, whose object's own field; NULL: of the largest samples. gain: 0, or what
+ * either output may be NULL. Outside the cells that surface can lie in the field is 0. ids: of a
+ * merged volume, whose object's own field; NULL: of the largest samples. gain: 0, or what
  * lr_volume_narrow were to be called with: the field that it would leave. LR_E_ARGUMENT for a
- * volume that is not finished, as of all that follow. */
+ * volume that is not finished, as of all that follow, and for a gain of a cubic one. */
 LR_API lr_status lr_volume_sample(const lr_volume *volume, const double *points,
                                   const uint16_t *ids, uint64_t n, double gain, double *value,
                                   double *gradient, lr_error *error);
 
 /* Make the samples u8, in place, and occupancy gain times as steep at the threshold, as
  * far as 0..1 reaches. No sample changes sides, so that cells stay what they are. Before
- * a structure is built. LR_E_ARGUMENT for a volume that is u8 and for a gain beyond 0..256;
- * LR_E_MEMORY; after LR_E_STOPPED it may only be freed. */
+ * a structure is built. LR_E_ARGUMENT for a volume that is u8 or cubic and for a gain beyond
+ * 0..256; LR_E_MEMORY; after LR_E_STOPPED it may only be freed. */
 LR_API lr_status lr_volume_narrow(lr_volume *volume, double gain, const lr_watch *watch,
                                   lr_error *error);
 
@@ -227,6 +239,8 @@ typedef struct lr_samples_desc {
     int32_t number_type;          /* lr_number_type */
     int32_t open;                 /* nonzero: surfaces end at the lattice's border, without caps */
     int32_t has_no_data;          /* nonzero: no_data counts */
+    int32_t interpolation;        /* lr_volume_interpolation, of all their isosurfaces */
+    int32_t reserved;             /* 0 */
     double no_data;               /* of number_type, or it equals none */
     double object_from_index[16]; /* invertible */
 } lr_samples_desc;
@@ -708,8 +722,10 @@ typedef enum lr_mode {
     LR_MODE_BINARY = 1   /* the first object cell: largest of its samples >= T */
 } lr_mode;
 
-/* How a cell is asked whether f = T lies in it. The uniform test is not for sheets, and takes the
- * roots bisect and linear only. */
+/* How a cell is asked whether f = T lies in it. The uniform test is not for sheets and cubic
+ * volumes, and takes the roots bisect and linear only. Of cubic volumes the test by extrema is one
+ * by Bernstein polynomials, as sure; it loses no surface that the field passes by more than 2^-46
+ * of what samples differ by from T. */
 typedef enum lr_hit_test {
     LR_HIT_EXTREMA = 1, /* also look at the field's extrema inside a cell, so that no surface is
                            lost */
@@ -719,6 +735,7 @@ typedef enum lr_hit_test {
                            them */
 } lr_hit_test;
 
+/* Cubic volumes do not take LR_ROOT_CUBIC: along a ray their field is of degree 9. */
 typedef enum lr_root {
     LR_ROOT_NEWTON = 0, /* Newton's steps inside a bracket, to full precision */
     LR_ROOT_BISECT = 2, /* halving of a bracket, to full precision: slower */
@@ -726,6 +743,7 @@ typedef enum lr_root {
     LR_ROOT_LINEAR = 1  /* one linear interpolation: fast and approximate */
 } lr_root;
 
+/* Of cubic volumes the first three are all the gradient of the field, which is smooth. */
 typedef enum lr_normal {
     LR_NORMAL_CENTRAL = 0,  /* central differences, interpolated: smooth */
     LR_NORMAL_ANALYTIC = 1, /* the gradient of the field itself: faceted at cell borders */
@@ -766,7 +784,7 @@ typedef struct lr_hits {
     int32_t *ci, *cj, *ck; /* the cell hit */
     double *nx, *ny, *nz;  /* unit normal in object space, towards f < T; the mesh's own smooth
                               one where the volume carries it, but for LR_NORMAL_ANALYTIC */
-    double *gx, *gy, *gz;  /* unit normal of the trilinear field itself: tells the
+    double *gx, *gy, *gz;  /* unit normal of the field itself: tells the
                               side on which a secondary ray starts */
     int32_t *id;           /* of the object sample nearest the hit; 0 without ids */
     uint32_t *triangle; /* of those that triangle cells keep; UINT32_MAX where the field was hit */
@@ -1111,7 +1129,7 @@ LR_API lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, cons
 typedef struct lr_radii lr_radii;
 
 /* metric: lr_metric; Euclid's gives the largest radii. *radii is to be given to lr_radii_free.
- * LR_E_ARGUMENT for another metric, and for a volume that is not finished or rectilinear;
+ * LR_E_ARGUMENT for another metric, and for a volume that is not finished, rectilinear or cubic;
  * LR_E_MEMORY, LR_E_STOPPED. */
 LR_API lr_status lr_radii_build(const lr_volume *volume, int32_t metric, const lr_watch *watch,
                                 lr_radii **radii, lr_error *error);

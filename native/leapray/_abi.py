@@ -38,6 +38,11 @@ class lr_kind(IntEnum):
     LR_KIND_SHEET = 2
 
 
+class lr_volume_interpolation(IntEnum):
+    LR_VOLUME_LINEAR = 0
+    LR_VOLUME_CUBIC = 1
+
+
 class lr_number_type(IntEnum):
     LR_NUMBER_U8 = 0
     LR_NUMBER_I8 = 1
@@ -278,6 +283,7 @@ class lr_pixel(IntEnum):
 LR_OK, LR_E_ARGUMENT, LR_E_SIZE, LR_E_MEMORY, LR_E_STOPPED = lr_status
 LR_U8, LR_U16, LR_F32 = lr_sample_type
 LR_KIND_AUTO, LR_KIND_SOLID, LR_KIND_SHEET = lr_kind
+LR_VOLUME_LINEAR, LR_VOLUME_CUBIC = lr_volume_interpolation
 LR_NUMBER_U8, LR_NUMBER_I8, LR_NUMBER_U16, LR_NUMBER_I16, LR_NUMBER_U32, LR_NUMBER_I32, LR_NUMBER_F32, LR_NUMBER_F64 = lr_number_type
 LR_OP_ADD, LR_OP_SUBTRACT, LR_OP_MULTIPLY, LR_OP_DIVIDE, LR_OP_MULTIPLY_ADD, LR_OP_POWER, LR_OP_LOGARITHM, LR_OP_SQRT, LR_OP_INVERSE_SQRT, LR_OP_ABSOLUTE, LR_OP_EXPONENT, LR_OP_MINIMUM, LR_OP_MAXIMUM, LR_OP_LESS_THAN, LR_OP_GREATER_THAN, LR_OP_COMPARE, LR_OP_SIGN, LR_OP_SMOOTH_MIN, LR_OP_ROUND, LR_OP_FLOOR, LR_OP_CEIL, LR_OP_TRUNC, LR_OP_FRACT, LR_OP_MODULO, LR_OP_FLOORED_MODULO, LR_OP_WRAP, LR_OP_PINGPONG, LR_OP_SINE, LR_OP_COSINE, LR_OP_TANGENT, LR_OP_ARCSINE, LR_OP_ARCCOSINE, LR_OP_ARCTANGENT, LR_OP_ARCTAN2, LR_OP_SINH, LR_OP_COSH, LR_OP_TANH, LR_OP_SELECT, LR_OP_FROM_SRGB, LR_OP_TABLE = lr_operation
 LR_TABLE_LINEAR, LR_TABLE_CONSTANT, LR_TABLE_EXTRAPOLATE = lr_table_kind
@@ -334,6 +340,8 @@ class lr_volume_desc(ctypes.Structure):
         ("sample_type", ctypes.c_int32),
         ("kind", ctypes.c_int32),
         ("has_ids", ctypes.c_int32),
+        ("interpolation", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
         ("threshold", ctypes.c_double),
         ("object_from_index", ctypes.c_double * 16),
         ("outside", ctypes.c_double),
@@ -373,6 +381,8 @@ class lr_samples_desc(ctypes.Structure):
         ("number_type", ctypes.c_int32),
         ("open", ctypes.c_int32),
         ("has_no_data", ctypes.c_int32),
+        ("interpolation", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
         ("no_data", ctypes.c_double),
         ("object_from_index", ctypes.c_double * 16),
     )
@@ -1264,6 +1274,8 @@ ABOUT = {
     "LR_KIND_AUTO": "a solid where the mesh is closed, a sheet where it is open",
     "LR_KIND_SOLID": "what the mesh encloses",
     "LR_KIND_SHEET": "the surface alone, without an inside",
+    "LR_VOLUME_LINEAR": "trilinear: passes through the samples, and bends at the faces of cells",
+    "LR_VOLUME_CUBIC": "tricubic B-spline: smooth, without facets; rounds what is as fine as the samples, and takes longer",
     "LR_OP_MULTIPLY_ADD": "a * b + c",
     "LR_OP_LOGARITHM": "of a to the base b",
     "LR_OP_LESS_THAN": "1 or 0, as those that follow",

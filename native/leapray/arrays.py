@@ -30,6 +30,7 @@ ONES = {  # the stored values of occupancy 1
     name: 1.0 if dtype.kind == "f" else float(np.iinfo(dtype).max) for name, dtype in DTYPES.items()
 }
 NORMALS = members(_abi.lr_normal)
+INTERPOLATIONS = members(_abi.lr_volume_interpolation)
 
 
 def about(choice: IntEnum) -> str:

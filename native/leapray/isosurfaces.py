@@ -12,7 +12,7 @@ import numpy as np
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import DTYPES, ONES, SAMPLE_TYPES, matrix
+from .arrays import DTYPES, INTERPOLATIONS, ONES, SAMPLE_TYPES, choice, matrix
 from .scalar_grid import ScalarGrid
 from .scalar_source import Source, source_of
 from .threads import check_threads, run_steps
@@ -30,17 +30,24 @@ def isosurface(
     *,
     above: bool | None = None,
     capped: bool = True,
+    interpolation: str = "linear",
     threads: int = 0,
     watch: Watch | None = None,
     max_nbytes: int | None = None,
 ) -> Volume:
     """The solid where a field's values are at or above a threshold, in the field's own unit.
 
-    grid, above, capped, threads, watch, max_nbytes and what is raised: as for `Isosurfaces`,
-    threshold: as for its `at`.
+    grid, above, capped, interpolation, threads, watch, max_nbytes and what is raised: as for
+    `Isosurfaces`, threshold: as for its `at`.
     """
     made = Isosurfaces(
-        grid, above=above, capped=capped, threads=threads, watch=watch, max_nbytes=max_nbytes
+        grid,
+        above=above,
+        capped=capped,
+        interpolation=interpolation,
+        threads=threads,
+        watch=watch,
+        max_nbytes=max_nbytes,
     )
     return made.at(threshold, threads=threads, watch=watch)
 
@@ -53,7 +60,8 @@ class Isosurfaces:
     where values are at or above the threshold, else where they are at or below; None: below for
     level sets. capped: the solid ends at the data's border by a cap, as if samples beyond were the
     farthest outside; else the surface ends there, open: a sheet, which has no inside, and whose
-    normals see the border's samples repeated; leaves have no border. Whole numbers are kept exactly
+    normals see the border's samples repeated; leaves have no border. interpolation: "linear" or
+    "cubic", as for `Volume`. Whole numbers are kept exactly
     in u8 or u16 where their range fits, others in f32; where f32 rounds them, every threshold reads
     the grid anew. threads: 0 for all cores. max_nbytes: of samples and cells.
     Raises LeapRayError for grids that hold no real numbers, OutOfMemory beyond max_nbytes
@@ -69,6 +77,7 @@ class Isosurfaces:
         *,
         above: bool | None = None,
         capped: bool = True,
+        interpolation: str = "linear",
         threads: int = 0,
         watch: Watch | None = None,
         max_nbytes: int | None = None,
@@ -76,7 +85,8 @@ class Isosurfaces:
         check_threads(threads)
         watch = watch or Watch()
         source = source_of(grid, capped)
-        samples = _Samples(source, threads, watch)
+        self._interpolation = interpolation
+        samples = _Samples(source, interpolation, threads, watch)
         self._max_nbytes = max_nbytes
         self._law = _Law(grid, grid.kind != "level set" if above is None else above)
         self._range = (samples.low, samples.high)[:: 1 if self._law.rising else -1]
@@ -115,7 +125,7 @@ class Isosurfaces:
         if self._samples is not None:
             return self._samples.surface(level, threads, watch)
         self._map.threshold = number
-        samples = _Samples(self._source, threads, watch)
+        samples = _Samples(self._source, self._interpolation, threads, watch)
         samples.store(self._source, self._map, self._max_nbytes, threads, watch)
         return samples.surface(float(np.float32(level)), threads, watch)
 
@@ -135,7 +145,12 @@ class Isosurfaces:
         if inside and source.sparse:
             raise LeapRayError("the background lies inside: the solid would fill all of space")
         builder = VolumeBuilder(
-            source.size, "u8", 0.5, source.object_from_index, sheet=not source.capped
+            source.size,
+            "u8",
+            0.5,
+            source.object_from_index,
+            sheet=not source.capped,
+            interpolation=self._interpolation,
         )
         if inside and source.capped:
             for first in range(0, source.size[2], 8):
@@ -235,7 +250,7 @@ def _map_of(source: Source, samples: _Samples, law: _Law) -> tuple[_abi.lr_sampl
 class _Samples:
     """The core's samples of a source: looked at when made, then stored."""
 
-    def __init__(self, source: Source, threads: int, watch: Watch) -> None:
+    def __init__(self, source: Source, interpolation: str, threads: int, watch: Watch) -> None:
         self.handle = ctypes.POINTER(_abi.lr_samples)()
         none = source.no_data
         desc = _abi.lr_samples_desc(
@@ -243,6 +258,7 @@ class _Samples:
             number_type=source.number_type,
             open=not source.capped,
             has_no_data=none is not None,
+            interpolation=choice(INTERPOLATIONS, interpolation, "interpolation"),
             no_data=0.0 if none is None else none,
             object_from_index=matrix(source.object_from_index, "world_from_index"),
         )

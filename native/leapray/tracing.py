@@ -255,7 +255,10 @@ def trace(
     unit; rays without direction or with a NaN or an infinity miss. t_min (default 0) and
     t_max (default infinity): a number or (n,). mode "surface" finds the first crossing of
     f = T in either direction, "binary" the first object cell. hit_test, root, normal: names
-    of HIT_TESTS, ROOTS and NORMALS. step: of the uniform hit test, in voxels. start: cells
+    of HIT_TESTS, ROOTS and NORMALS; cubic volumes take the mode "surface" without the hit test
+    "uniform" and the root "cubic", and of their surface nothing is lost that the field passes by
+    2^-46 of the largest difference between T and its samples. step: of the uniform hit test, in
+    voxels. start: cells
     (n, 3) and sides (n,) of rays that leave a surface: side -1 where f < T, +1 where f >= T,
     0 unknown. threads (0: all cores) change no bit. count: fill counters and steps. Raises
     LeapRayError for shapes and unknown names, Stopped when watch was told to stop.

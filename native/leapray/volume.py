@@ -15,6 +15,7 @@ from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import (
     DTYPES,
+    INTERPOLATIONS,
     NORMALS,
     SAMPLE_TYPES,
     choice,
@@ -55,10 +56,11 @@ class VolumeInfo:
     n_shared: int  # samples that hold two objects of it
     n_dropped: int  # thirds that found no place in a sample
     planes: tuple[NDArray[np.float64], ...] | None = None  # x, y, z of a rectilinear volume
+    interpolation: str = "linear"  # "linear" | "cubic"
 
 
 class Volume:
-    """A lattice of occupancy samples; the surface is where their trilinear field is T.
+    """A lattice of occupancy samples; the surface is where their field is T.
 
     samples: (nz, ny, nx) of uint8 or uint16, which mean 0..1, or of float32
     (float64 is rounded); finite. threshold: T, in (0, 1]. ids: the same shape,
@@ -69,6 +71,9 @@ class Volume:
     default. planes: where those of samples lie along x (nx,), y (ny,) and z (nz,),
     increasing, in place of 0, 1, 2, ...; object_from_index is applied to these. Such a
     rectilinear volume is for traversers with `rectilinear` set; scenes do not take it.
+    interpolation: "linear", a trilinear field through the samples; or "cubic", the tricubic
+    B-spline of which they are the coefficients, smooth to the second derivative and rounder than
+    they are. It takes neither ids nor planes; `trace` says what it is traced by.
     Outside the lattice all samples are 0.
     Raises LeapRayError for anything else, OutOfMemory where there is no room.
     Attributes: info, a VolumeInfo; mesh_info, the MeshInfo of a voxelized volume, else None;
@@ -87,6 +92,7 @@ class Volume:
         sheet: bool = False,
         touched: ArrayLike | None = None,
         planes: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+        interpolation: str = "linear",
     ) -> None:
         array = np.asarray(samples)
         if array.dtype == np.float64:
@@ -97,7 +103,13 @@ class Volume:
         if array.ndim != 3 or array.size == 0:
             raise LeapRayError(f"samples must have the shape (nz, ny, nx); it is {array.shape}")
         builder = VolumeBuilder(
-            array.shape[::-1], names[0], threshold, object_from_index, ids is not None, sheet
+            array.shape[::-1],
+            names[0],
+            threshold,
+            object_from_index,
+            ids is not None,
+            sheet,
+            interpolation,
         )
         placed = None if planes is None else builder.place(planes)
         builder.put((0, 0, 0), array, ids, touched)
@@ -184,6 +196,7 @@ class Volume:
             has_normals=bool(info.has_normals),
             **counts,
             planes=planes,
+            interpolation=list(INTERPOLATIONS)[info.desc.interpolation],
         )
 
     def narrow(self, gain: float = 1.0, *, watch: Watch | None = None) -> None:
@@ -192,8 +205,8 @@ class Volume:
         gain: how many times as steep occupancy becomes, as far as 0..1 reaches; it
         spends the 255 steps near the surface. No sample changes sides of the
         threshold: cells, ids, triangles and attributes stay what they are. Raises
-        LeapRayError for a volume that is u8 already, Stopped when watch was told to stop: then it
-        is of no use any more.
+        LeapRayError for a volume that is u8 already, or cubic, Stopped when watch was told to stop:
+        then it is of no use any more.
         """
         call(lib.lr_volume_narrow, self.handle, gain, watch=watch)
         self.info = self._read_info(self.info.planes)
@@ -255,12 +268,12 @@ class Volume:
     def sample(
         self, points: ArrayLike, ids: ArrayLike | None = None, gain: float = 0.0
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Value (n,) and gradient (n, 3) of the trilinear field at points (n, 3).
+        """Value (n,) and gradient (n, 3) of the field at points (n, 3).
 
-        Points and gradient are in object space, values in 0..1; 0 outside the lattice.
+        Points and gradient are in object space, values in 0..1; 0 where no surface can lie.
         ids (n,): of a merged volume, whose object's own field; None: of the largest samples.
         gain above 0: of the field that `narrow(gain)` would leave. Raises LeapRayError for other
-        shapes and unknown ids.
+        shapes and unknown ids, and for a gain of a cubic volume.
         """
         where = _points(points)
         ids = id_array(ids, len(where), one=True)
@@ -372,11 +385,19 @@ class VolumeBuilder:
     """An empty volume that is filled block by block; `finish` makes the Volume.
 
     size: samples per axis in x, y, z order; dtype: "u8", "u16" or "f32"; has_ids: blocks will
-    have ids; threshold, object_from_index (4, 4) and sheet as for `Volume`. Raises LeapRayError.
+    have ids; threshold, object_from_index (4, 4), sheet and interpolation as for `Volume`. Raises
+    LeapRayError.
     """
 
     def __init__(
-        self, size, dtype, threshold=0.5, object_from_index=None, has_ids=False, sheet=False
+        self,
+        size,
+        dtype,
+        threshold=0.5,
+        object_from_index=None,
+        has_ids=False,
+        sheet=False,
+        interpolation="linear",
     ) -> None:
         sample_type, self._dtype = choice(SAMPLE_TYPES, dtype, "dtype"), DTYPES[dtype]
         self._size = size = tuple(triple(size))
@@ -387,6 +408,7 @@ class VolumeBuilder:
             sample_type=sample_type,
             kind=_abi.LR_KIND_SHEET if sheet else _abi.LR_KIND_SOLID,
             has_ids=has_ids,
+            interpolation=choice(INTERPOLATIONS, interpolation, "interpolation"),
             threshold=threshold,
             object_from_index=matrix(object_from_index, "object_from_index"),
             inside=1.0,

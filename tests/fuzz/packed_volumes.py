@@ -32,6 +32,7 @@ def packed() -> list[bytes]:
         leapray.Volume((255 * noise).astype(np.uint8)),
         leapray.Volume((65535 * noise).astype(np.uint16), ids=rng.integers(0, 9, noise.shape)),
         leapray.Volume(noise, sheet=True, touched=noise < 0.5),
+        leapray.Volume((255 * noise).astype(np.uint8), interpolation="cubic"),
         leapray.voxelize(*box, 0.4, exact="all", threads=1, dtype="u8"),
         leapray.voxelize(*flat, 0.5, exact="all", threads=1, dtype="u8", ids=np.arange(2)),
         leapray.voxelize(*box, 0.4, exact="all", threads=1, dtype="u8", attributes=colors),

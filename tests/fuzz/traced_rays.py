@@ -63,13 +63,20 @@ def check(rng: np.random.Generator) -> None:
     planes = None
     if rng.random() < 0.2:
         planes = [np.cumsum(rng.uniform(0.5, 2, n)) for n in given.shape[::-1]]
-    volume = leapray.Volume(given, threshold, object_from_index=place, planes=planes)
+    cubic = planes is None and rng.random() < 0.4
+    volume = leapray.Volume(
+        given,
+        threshold,
+        object_from_index=place,
+        planes=planes,
+        interpolation="cubic" if cubic else "linear",
+    )
     entries = [entry for entry in variants() if planes is None or entry.rectilinear]
     entry = entries[rng.integers(len(entries))]
     structure = leapray.build(volume, entry, threads=1)
     origins, directions = rays(rng, given.shape)
     origins, directions = origins @ place[:3, :3].T + place[:3, 3], directions @ place[:3, :3].T
-    root = ("newton", "bisect", "cubic")[rng.integers(3)]
+    root = ("newton", "bisect", "cubic")[rng.integers(3 - cubic)]
     normal = list(leapray.NORMALS)[rng.integers(len(leapray.NORMALS))]
     hits = leapray.trace(structure, origins, directions, root=root, normal=normal, threads=1)
     assert not np.isnan(hits.t).any(), "a hit at NaN"

@@ -175,6 +175,10 @@ lr_status lr_radii_build(const lr_volume *v, int32_t metric, const lr_watch *wat
     if (v->planes[0] != NULL)
         return lr_fail(error, LR_E_ARGUMENT,
                        "radii count on voxels of one size, and this volume is rectilinear");
+    if (lr_is_cubic(v))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "first object cells are those of the trilinear field, and this volume is "
+                       "cubic");
     return lr_radii_make(v, metric, true, watch, radii, error);
 }
 

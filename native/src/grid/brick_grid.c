@@ -31,6 +31,11 @@ lr_status lr_volume_check(const lr_volume_desc *d, lr_error *error)
         return status;
     if (d->kind != LR_KIND_SOLID && d->kind != LR_KIND_SHEET)
         return lr_fail(error, LR_E_ARGUMENT, "kind %d is neither solid (1) nor sheet (2)", d->kind);
+    status = lr_check_choice("interpolation", d->interpolation, LR_VOLUME_CUBIC, error);
+    if (status != LR_OK)
+        return status;
+    if (d->interpolation == LR_VOLUME_CUBIC && d->has_ids != 0)
+        return lr_fail(error, LR_E_ARGUMENT, "a cubic volume carries no ids");
     const bool whole = lr_sample_types[d->sample_type].whole;
     if (!isfinite(d->outside) || !isfinite(d->inside) ||
         (whole && !(d->outside == 0.0 && d->inside == 1.0)))

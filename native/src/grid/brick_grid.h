@@ -3,7 +3,8 @@
  * Inside the core everything is in *storage* coordinates: lattice index + LR_PAD.
  * The pad makes room for the virtual layer of zeros around the lattice and for
  * the gradient stencil of its cells, so that no read needs a bounds check:
- * lattice cells -1..n-1 are storage cells 1..n+1, whose stencils reach 0..n+3.
+ * lattice cells -1..n-1 are storage cells 1..n+1, whose stencils reach 0..n+3. The field of a cubic
+ * volume reaches one cell further to each side, and a sample more: see tricubic.h.
  *
  * A table entry is brick << 8 | words: bit w of words tells whether word w of the brick's mask
  * of surface cells holds one. Brick 0 is `outside` throughout, which is 0 of occupancies, and brick
@@ -114,6 +115,23 @@ LR_INLINE size_t lr_table_count(const lr_volume *v)
 LR_INLINE bool lr_holds_occupancies(const lr_volume *v)
 {
     return v->shared == NULL && v->desc.outside == 0.0 && v->desc.inside == 1.0;
+}
+
+LR_INLINE bool lr_is_cubic(const lr_volume *v)
+{
+    return v->desc.interpolation == LR_VOLUME_CUBIC;
+}
+
+/* The first and the last storage cell along an axis that can hold surface. */
+LR_INLINE int32_t lr_first_cell(const lr_volume *v)
+{
+    return lr_is_cubic(v) ? LR_PAD - 2 : LR_PAD - 1;
+}
+
+LR_INLINE int32_t lr_last_cell(const lr_volume *v, int a)
+{
+    const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
+    return n[a] + LR_PAD - (lr_is_cubic(v) ? 0 : 1);
 }
 
 /* Can there be such a volume, whatever object_from_index is? */

@@ -100,54 +100,86 @@ static uint32_t above_row(const lr_volume *v, size_t at)
     }
 }
 
-/* Rows of LR_SIDE + 1 bits: is sample (x, y, z) of the brick or of the near layers of its
- * upper neighbours at or above T? */
-static void above_rows(const lr_volume *v, const int32_t b[3],
-                       uint32_t rows[LR_SIDE + 1][LR_SIDE + 1])
+/* Samples at or above T, a bit each: rows of a brick's own and of the near layers of its
+ * neighbours, `before` of them below it. */
+enum { MOST_ROWS = LR_SIDE + 3 };
+typedef uint32_t above_bits[MOST_ROWS][MOST_ROWS];
+
+/* span: of the samples along an axis by which the field in a cell is given. */
+LR_INLINE void above_rows(const lr_volume *v, const int32_t b[3], int before, int span,
+                          above_bits rows)
 {
-    size_t brick[8]; /* this one and its upper neighbours; zeros beyond the table */
-    for (int n = 0; n < 8; n++) {
-        int32_t x = b[0] + (n & 1), y = b[1] + (n >> 1 & 1), z = b[2] + (n >> 2);
-        bool inside = x < v->table_size[0] && y < v->table_size[1] && z < v->table_size[2];
-        uint32_t at = inside ? v->table[lr_table_at(v, x, y, z)] >> 8 : LR_BRICK_ZERO;
-        brick[n] = (size_t)at * LR_CELLS;
+    enum { LAST = LR_SIDE - 1 };
+    size_t brick[27]; /* this one and its neighbours, by offsets -1..1; zeros beyond the table */
+    for (int n = 0; n < 27; n++) {
+        int32_t to[3];
+        lr_support_brick(true, n, b, to);
+        const bool inside = lr_has_brick(v->table_size, to);
+        const size_t place = inside ? lr_table_at(v, to[0], to[1], to[2]) : 0;
+        brick[n] = (size_t)(inside ? v->table[place] >> 8 : LR_BRICK_ZERO) * LR_CELLS;
     }
-    for (int z = 0; z <= LR_SIDE; z++)
-        for (int y = 0; y <= LR_SIDE; y++) {
-            size_t at = (size_t)lr_in_brick(0, y, z);
-            int n = lr_brick_of(y) << 1 | lr_brick_of(z) << 2;
-            rows[z][y] = above_row(v, brick[n] + at) |
-                         (uint32_t)(lr_load(v, brick[n + 1] + at) >= v->threshold) << LR_SIDE;
+    for (int k = 0; k < LR_SIDE + span - 1; k++)
+        for (int j = 0; j < LR_SIDE + span - 1; j++) {
+            const int y = j - before, z = k - before;
+            const size_t at = (size_t)lr_in_brick(0, y, z);
+            const int n = 13 + 3 * lr_brick_of(y) + 9 * lr_brick_of(z);
+            uint32_t row = above_row(v, brick[n] + at) << before;
+            if (before > 0)
+                row |= lr_load(v, brick[n - 1] + at + LAST) >= v->threshold;
+            for (int x = 0; x < span - 1 - before; x++) {
+                const bool above = lr_load(v, brick[n + 1] + at + (size_t)x) >= v->threshold;
+                row |= (uint32_t)above << (before + LR_SIDE + x);
+            }
+            rows[k][j] = row;
         }
 }
 
-bool lr_surface_mask(const lr_volume *v, const int32_t b[3], lr_mask mask)
+/* The cells whose samples lie on both sides: no others hold surface, as the field lies in the hull
+ * of the samples by which it is given. */
+LR_INLINE bool mixed_cells(const lr_volume *v, const int32_t b[3], int before, int span,
+                           lr_mask mask)
 {
-    uint32_t rows[LR_SIDE + 1][LR_SIDE + 1];
-    above_rows(v, b, rows);
+    above_bits rows;
+    above_rows(v, b, before, span, rows);
     memset(mask, 0, sizeof(lr_mask));
     uint64_t any_cell = 0;
     for (int z = 0; z < LR_SIDE; z++)
         for (int y = 0; y < LR_SIDE; y++) {
-            const uint32_t r[4] = {rows[z][y], rows[z][y + 1], rows[z + 1][y], rows[z + 1][y + 1]};
-            uint32_t any = r[0] | r[1] | r[2] | r[3], all = r[0] & r[1] & r[2] & r[3];
-            uint64_t cells = ((any | any >> 1) & ~(all & all >> 1)) & 0xff;
+            uint32_t any = 0, all = UINT32_MAX;
+            for (int n = 0; n < span * span; n++) {
+                const uint32_t row = rows[z + n / span][y + n % span];
+                any |= row;
+                all &= row;
+            }
+            uint32_t some = 0, each = UINT32_MAX;
+            for (int x = 0; x < span; x++) {
+                some |= any >> x;
+                each &= all >> x;
+            }
+            const uint64_t cells = some & ~each & 0xff;
             lr_mask_add_row(mask, y, z, cells);
             any_cell |= cells;
         }
     return any_cell != 0;
 }
 
-/* Is the brick surrounded, towards larger coordinates, by its own constant? */
+bool lr_surface_mask(const lr_volume *v, const int32_t b[3], lr_mask mask)
+{
+    return lr_is_cubic(v) ? mixed_cells(v, b, 1, 4, mask) : mixed_cells(v, b, 0, 2, mask);
+}
+
+/* Is the brick surrounded, where its cells' field reaches, by its own constant? */
 static bool plain(const lr_volume *v, const int32_t b[3])
 {
     uint32_t constant = v->table[lr_table_at(v, b[0], b[1], b[2])] >> 8;
     if (constant >= LR_FIRST_STORED)
         return false;
-    for (int n = 1; n < 8; n++) {
-        int32_t x = b[0] + (n & 1), y = b[1] + (n >> 1 & 1), z = b[2] + (n >> 2);
-        bool inside = x < v->table_size[0] && y < v->table_size[1] && z < v->table_size[2];
-        if ((inside ? v->table[lr_table_at(v, x, y, z)] >> 8 : LR_BRICK_ZERO) != constant)
+    for (int n = 0; n < lr_support_count(lr_is_cubic(v)); n++) {
+        int32_t to[3];
+        lr_support_brick(lr_is_cubic(v), n, b, to);
+        const bool inside = lr_has_brick(v->table_size, to);
+        const size_t place = inside ? lr_table_at(v, to[0], to[1], to[2]) : 0;
+        if ((inside ? v->table[place] >> 8 : LR_BRICK_ZERO) != constant)
             return false;
     }
     return true;

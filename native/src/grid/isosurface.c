@@ -36,6 +36,7 @@ static void describe(const lr_samples *s, double threshold, lr_volume_desc *d)
                           .nz = s->desc.nz,
                           .sample_type = s->map.sample_type,
                           .kind = s->desc.open != 0 ? LR_KIND_SHEET : LR_KIND_SOLID,
+                          .interpolation = s->desc.interpolation,
                           .threshold = whole ? threshold_of(s, threshold) : threshold,
                           .outside = whole ? 0.0 : s->map.outside,
                           .inside = whole ? 1.0 : s->map.inside};
@@ -74,18 +75,19 @@ lr_status lr_isosurface_begin(lr_samples *s, double threshold, lr_volume **volum
     return LR_OK;
 }
 
-/* Does the range of the brick at b and of its upper neighbours hold T? */
+/* Does the range of the samples by which the field in the brick at b is given hold T? */
 static bool may_hold_surface(const lr_volume *v, const int32_t b[3])
 {
     const lr_samples *s = v->shared;
     double low = INFINITY, high = -INFINITY;
-    for (int n = 0; n < 8; n++) {
-        const int32_t x = b[0] + (n & 1), y = b[1] + (n >> 1 & 1), z = b[2] + (n >> 2);
-        if (x >= s->table_size[0] || y >= s->table_size[1] || z >= s->table_size[2]) {
+    for (int n = 0; n < lr_support_count(lr_is_cubic(v)); n++) {
+        int32_t to[3];
+        lr_support_brick(lr_is_cubic(v), n, b, to);
+        if (!lr_has_brick(s->table_size, to)) {
             low = fmin(low, s->map.outside);
             continue;
         }
-        const size_t at = lr_place_of(s->table_size, x, y, z);
+        const size_t at = lr_place_of(s->table_size, to[0], to[1], to[2]);
         low = s->low[at] < low ? s->low[at] : low;
         high = s->high[at] > high ? s->high[at] : high;
     }

@@ -77,6 +77,30 @@ LR_INLINE void lr_cells_of_bricks(const int32_t from[3], const int32_t to[3], in
     }
 }
 
+/* The bricks that hold the samples by which the field of a brick's cells is given: its own and its
+ * upper neighbours, of a cubic field its lower ones, too. How many, and where number n is. */
+LR_INLINE int lr_support_count(bool cubic)
+{
+    return cubic ? 27 : 8;
+}
+
+LR_INLINE void lr_support_brick(bool cubic, int n, const int32_t b[3], int32_t to[3])
+{
+    const int32_t offset[3] = {cubic ? n % 3 - 1 : n & 1, cubic ? n / 3 % 3 - 1 : n >> 1 & 1,
+                               cubic ? n / 9 - 1 : n >> 2};
+    for (int a = 0; a < 3; a++)
+        to[a] = b[a] + offset[a];
+}
+
+/* Is there such a brick in a table of size[3]? */
+LR_INLINE bool lr_has_brick(const int32_t size[3], const int32_t b[3])
+{
+    bool has = true;
+    for (int a = 0; a < 3; a++)
+        has = has && b[a] >= 0 && b[a] < size[a];
+    return has;
+}
+
 /* ---- samples, or cells, of a brick -------------------------------------- */
 
 /* The number of a sample in its brick; its coordinates may count from anywhere. */

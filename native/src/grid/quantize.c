@@ -125,6 +125,8 @@ lr_status lr_volume_narrow(lr_volume *v, double gain, const lr_watch *watch, lr_
 {
     if (!v->finished || v->desc.sample_type == LR_U8)
         return lr_fail(error, LR_E_ARGUMENT, "only a finished volume of u16 or f32 becomes u8");
+    if (lr_is_cubic(v))
+        return lr_fail(error, LR_E_ARGUMENT, "a cubic volume keeps its samples as they are");
     if (!lr_holds_occupancies(v))
         return lr_fail(error, LR_E_ARGUMENT, "an isosurface keeps its samples as they are");
     if (!(gain > 0.0 && gain <= 256.0))

@@ -58,6 +58,8 @@ lr_status lr_volume_set_planes(lr_volume *v, const double *x, const double *y, c
         return lr_fail(error, LR_E_ARGUMENT,
                        v->finished ? "a finished volume takes no planes"
                                    : "the volume has its planes already");
+    if (lr_is_cubic(v))
+        return lr_fail(error, LR_E_ARGUMENT, "a cubic volume takes no planes");
     for (int a = 0; a < 3; a++) {
         lr_status status = check_planes(given[a], n[a], "xyz"[a], error);
         if (status != LR_OK)

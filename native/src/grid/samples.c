@@ -16,6 +16,7 @@ lr_status lr_samples_begin(const lr_samples_desc *desc, lr_samples **samples, lr
                                    .nz = desc->nz,
                                    .sample_type = LR_U8,
                                    .kind = LR_KIND_SOLID,
+                                   .interpolation = desc->interpolation,
                                    .threshold = 0.5,
                                    .inside = 1.0};
     lr_status status = lr_volume_check(&volume, error);
@@ -155,8 +156,8 @@ static void store_ranges(lr_samples *s)
     }
 }
 
-/* The constant brick that the one at b and its upper neighbours are alike to, or LR_FIRST_STORED.
- */
+/* The constant brick to which all bricks are alike that the field in the one at b is given by, or
+ * LR_FIRST_STORED. */
 static uint32_t constant_of(const lr_samples *s, const int32_t b[3])
 {
     const size_t at = lr_place_of(s->table_size, b[0], b[1], b[2]);
@@ -164,11 +165,13 @@ static uint32_t constant_of(const lr_samples *s, const int32_t b[3])
     const uint32_t brick = value == s->map.outside  ? LR_BRICK_ZERO
                            : value == s->map.inside ? LR_BRICK_ONE
                                                     : LR_FIRST_STORED;
+    const bool cubic = s->desc.interpolation == LR_VOLUME_CUBIC;
     bool alike = brick != LR_FIRST_STORED;
-    for (int n = 0; n < 8 && alike; n++) {
-        const int32_t x = b[0] + (n & 1), y = b[1] + (n >> 1 & 1), z = b[2] + (n >> 2);
-        const bool in = x < s->table_size[0] && y < s->table_size[1] && z < s->table_size[2];
-        const size_t other = in ? lr_place_of(s->table_size, x, y, z) : at;
+    for (int n = 0; n < lr_support_count(cubic) && alike; n++) {
+        int32_t to[3];
+        lr_support_brick(cubic, n, b, to);
+        const bool in = lr_has_brick(s->table_size, to);
+        const size_t other = in ? lr_place_of(s->table_size, to[0], to[1], to[2]) : at;
         alike = in ? s->low[other] == value && s->high[other] == value : brick == LR_BRICK_ZERO;
     }
     return alike ? brick : LR_FIRST_STORED;

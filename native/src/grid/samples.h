@@ -1,8 +1,8 @@
 /* Samples that volumes of several thresholds share: bricks of numbers as they were given, and how
  * far these reach in every brick, by which a threshold finds its surface cells.
  *
- * A brick takes memory unless it and its upper neighbours are all alike and constant, so that a
- * surface cell's brick always does, whatever the threshold.
+ * A brick takes memory unless it and its upper neighbours, of a cubic field all its neighbours, are
+ * alike and constant, so that a surface cell's brick always does, whatever the threshold.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_GRID_SAMPLES_H

@@ -14,9 +14,9 @@
 
 /* Raised whenever the bytes or their meaning change. What is added to one of these
  * structures goes through arrays_of() or the head, too. */
-#define FORMAT 4
+#define FORMAT 5
 _Static_assert(sizeof(void *) != 8 ||
-                   (sizeof(struct lr_volume) == 656 && sizeof(lr_triangle_cells) == 88 &&
+                   (sizeof(struct lr_volume) == 664 && sizeof(lr_triangle_cells) == 88 &&
                     sizeof(lr_objects) == 131152 && sizeof(lr_triangle_attributes) == 64),
                "a structure has changed: pack what is new, and raise FORMAT");
 
@@ -197,6 +197,8 @@ static const char *wrong_head(const head *h)
                        : (h->n_blocks | h->n_textures | h->has_normals | h->has_sources |
                           h->has_colors | h->has_uvs) != 0)
         return "the head of the attributes";
+    if (h->desc.interpolation != LR_VOLUME_LINEAR && (h->n_faces > 0 || h->has_exact != 0))
+        return "the head of a cubic volume";
     if (h->has_exact != 0 && !(isfinite(h->voxels_per_value) && h->n_triangle_cells < UINT32_MAX))
         return "the head of the triangles";
     if (h->n_objects > 0 &&
@@ -232,7 +234,6 @@ static bool samples_finite(const lr_volume *v, const unsigned char *samples, siz
  * one byte a brick. */
 static const char *wrong_bricks(lr_volume *v, uint8_t *found, const lr_watch *watch)
 {
-    const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
     uint32_t n_found = LR_FIRST_STORED;
     const char *wrong = NULL;
     lr_bound_nothing(v);
@@ -262,7 +263,7 @@ static const char *wrong_bricks(lr_volume *v, uint8_t *found, const lr_watch *wa
     if (wrong == NULL && !lr_stopped(watch) && n_found != v->n_bricks)
         wrong = "the table of bricks";
     for (int a = 0; a < 3 && wrong == NULL && v->n_surface_cells > 0; a++)
-        if (v->surface_lo[a] < LR_PAD - 1 || v->surface_hi[a] > n[a] + LR_PAD - 1)
+        if (v->surface_lo[a] < lr_first_cell(v) || v->surface_hi[a] > lr_last_cell(v, a))
             wrong = "surface cells beyond the lattice";
     return wrong;
 }

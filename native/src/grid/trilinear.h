@@ -6,25 +6,11 @@
 
 #include "base/affine.h"
 #include "grid/objects.h"
+#include "grid/tricubic.h"
 
 LR_INLINE double lr_mix(double a, double b, double u)
 {
     return a + u * (b - a);
-}
-
-/* The storage cell c of a point of object space, and the place p in it; false beyond the lattice.
- * Not of a rectilinear volume. */
-LR_INLINE bool lr_cell_at(const lr_volume *v, const double object[3], int32_t c[3], double p[3])
-{
-    const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
-    lr_map_point(v->storage_from_object, object, p);
-    for (int a = 0; a < 3; a++) {
-        if (!(p[a] > LR_PAD - 1 && p[a] < n[a] + LR_PAD))
-            return false;
-        c[a] = (int32_t)p[a];
-        p[a] -= c[a];
-    }
-    return true;
 }
 
 /* p in cell coordinates 0..1. */
@@ -32,18 +18,6 @@ LR_INLINE double lr_trilinear(const double s[8], const double p[3])
 {
     return lr_mix(lr_mix(lr_mix(s[0], s[1], p[0]), lr_mix(s[2], s[3], p[0]), p[1]),
                   lr_mix(lr_mix(s[4], s[5], p[0]), lr_mix(s[6], s[7], p[0]), p[1]), p[2]);
-}
-
-/* Does a point of object space, in storage cell c, lie where the field is at or above a threshold
- * in stored units? c and its place p there are set where it lies in the lattice. */
-LR_INLINE bool lr_is_above(const lr_volume *v, const double object[3], double threshold,
-                           int32_t c[3], double p[3])
-{
-    double corner[8];
-    if (!lr_cell_at(v, object, c, p))
-        return false;
-    lr_corners(v, c, corner);
-    return lr_trilinear(corner, p) >= threshold;
 }
 
 LR_INLINE void lr_trilinear_gradient(const double s[8], const double p[3], double g[3])
@@ -107,7 +81,10 @@ LR_INLINE void lr_averaged_gradient(const lr_volume *v, int32_t object, const in
                                     const double p[3], const double weight[3], double g[3])
 {
     double b[64];
-    lr_block_of(v, object, c[0] - 1, c[1] - 1, c[2] - 1, 4, b);
+    if (lr_is_cubic(v))
+        lr_tricubic_samples(v, c, b);
+    else
+        lr_block_of(v, object, c[0] - 1, c[1] - 1, c[2] - 1, 4, b);
     const int stride[3] = {1, 4, 16};
     for (int a = 0; a < 3; a++) {
         const int u = stride[(a + 1) % 3], w = stride[(a + 2) % 3], s = stride[a];

@@ -11,7 +11,7 @@
 #include "base/affine.h"
 #include "grid/attributes/attributes.h"
 #include "grid/triangle_cells.h"
-#include "grid/trilinear.h"
+#include "grid/field.h"
 
 /* The outward unit normal in object space of a gradient in storage space; false
  * where there is none. */
@@ -52,18 +52,23 @@ LR_INLINE void lr_triangle_normals(const lr_volume *v, uint32_t triangle, const 
         memcpy(shading, own, 3 * sizeof *own);
 }
 
-/* That of the field; false where it vanishes. */
+/* That of the field; false where it vanishes. corner: not of a cubic volume. */
 LR_INLINE bool lr_field_normal(const lr_volume *v, const int32_t c[3], const double corner[8],
                                const double p[3], double own[3])
 {
     double g[3];
-    lr_trilinear_gradient(corner, p, g);
-    lr_scale_gradient(v, c, g);
+    if (lr_is_cubic(v)) {
+        lr_height_in(v, c, p, v->threshold, g);
+    } else {
+        lr_trilinear_gradient(corner, p, g);
+        lr_scale_gradient(v, c, g);
+    }
     return lr_outward(v, g, own);
 }
 
-/* For shading, where the field was hit, whose own normal is given. Beside a crease, and of
- * flat-shaded meshes, differences across cells would see the other side. */
+/* For shading, where the field was hit, whose own normal is given: of a cubic field that is smooth,
+ * and stays unless differences are to be averaged. Beside a crease, and of flat-shaded meshes,
+ * differences across cells would see the other side. */
 LR_INLINE void lr_field_shading_normal(const lr_volume *v, int32_t object, int32_t id,
                                        const int32_t c[3], const double p[3], int32_t normal_kind,
                                        const double own[3], double shading[3])
@@ -72,7 +77,7 @@ LR_INLINE void lr_field_shading_normal(const lr_volume *v, int32_t object, int32
     memcpy(shading, own, 3 * sizeof *own);
     if (normal_kind == LR_NORMAL_ANALYTIC ||
         lr_carried_normal(v, c, p, id, LR_NO_TRIANGLE, own, shading) || v->flat ||
-        lr_near_doubt(v, c))
+        lr_near_doubt(v, c) || (lr_is_cubic(v) && normal_kind <= LR_NORMAL_SMOOTH))
         return;
     if (normal_kind == LR_NORMAL_CENTRAL)
         lr_central_gradient(v, object, c, p, g);

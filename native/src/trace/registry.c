@@ -103,6 +103,24 @@ uint64_t lr_structure_nbytes(const lr_structure *s)
     return s->nbytes;
 }
 
+/* What cubic volumes do not take. */
+static lr_status check_cubic(const lr_trace_options *o, lr_error *error)
+{
+    if (o->mode == LR_MODE_BINARY)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "a cubic volume has no object cells: its field may lie below T where a "
+                       "sample does not");
+    if (o->hit_test == LR_HIT_UNIFORM)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the uniform hit test takes samples of the trilinear field, and this volume "
+                       "is cubic");
+    if (o->root == LR_ROOT_CUBIC)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "along a ray the field of a cubic volume is of degree 9, whose roots have "
+                       "no closed form: its root finder must be newton, bisect or linear");
+    return LR_OK;
+}
+
 static lr_status check_options(const lr_volume *volume, const lr_trace_options *o, lr_error *error)
 {
     lr_status status = lr_check_choice("mode", o->mode, LR_MODE_BINARY, error);
@@ -112,6 +130,8 @@ static lr_status check_options(const lr_volume *volume, const lr_trace_options *
         status = lr_check_choice("root finder", o->root, LR_ROOT_CUBIC, error);
     if (status == LR_OK)
         status = lr_check_choice("normal", o->normal, LR_NORMAL_ZUCKER_HUMMEL, error);
+    if (status == LR_OK && lr_is_cubic(volume))
+        status = check_cubic(o, error);
     if (status != LR_OK || o->hit_test != LR_HIT_UNIFORM)
         return status;
     if (o->root == LR_ROOT_NEWTON || o->root == LR_ROOT_CUBIC)

@@ -7,11 +7,10 @@
 static bool normal_at(const lr_volume *v, const double q[3], int32_t id, int32_t normal_kind,
                       double shading[3])
 {
-    const int32_t last[3] = {v->desc.nx + 1, v->desc.ny + 1, v->desc.nz + 1}; /* storage cells */
     double p[3], own[3], corner[8];
     int32_t c[3];
     for (int a = 0; a < 3; a++) {
-        c[a] = (int32_t)lr_clamp(floor(q[a]), 1.0, last[a]);
+        c[a] = (int32_t)lr_clamp(floor(q[a]), lr_first_cell(v), lr_last_cell(v, a));
         p[a] = lr_clamp(q[a] - c[a], 0.0, 1.0);
     }
     const uint32_t triangle = lr_triangle_cell_nearest(v, c, q);
@@ -20,7 +19,8 @@ static bool normal_at(const lr_volume *v, const double q[3], int32_t id, int32_t
         return true;
     }
     const int32_t object = lr_object_of(v, id);
-    lr_block_of(v, object, c[0], c[1], c[2], 2, corner);
+    if (!lr_is_cubic(v))
+        lr_block_of(v, object, c[0], c[1], c[2], 2, corner);
     if (!lr_field_normal(v, c, corner, p, own))
         return false;
     lr_field_shading_normal(v, object, id, c, p, normal_kind, own, shading);

@@ -7,6 +7,7 @@
 #include "grid/triangle_cells.h"
 #include "trace/carried_side.h"
 #include "trace/object_cell.h"
+#include "trace/tricubic_cell.h"
 #include "trace/uniform_samples.h"
 
 /* How a ray left a surface. */
@@ -39,6 +40,19 @@ LR_INLINE bool lr_hit(const lr_volume *v, const lr_ray *r, lr_lattice lattice, c
                       lr_found *found, uint64_t *n_samples)
 {
     int start = *side;
+    if (lr_is_cubic(v)) {
+        const lr_ray ray = *r;
+        const lr_cursor cursor = *u;
+        lr_found own = {.triangle = LR_NO_TRIANGLE, .object = LR_NO_OBJECT};
+        uint64_t more = 0;
+        const bool hit =
+            lr_hit_tricubic(v, &ray, &cursor, leaving->t, &start, options, &own, &more);
+        *n_samples += more;
+        *side = start;
+        if (hit)
+            *found = own;
+        return hit;
+    }
     if (v->triangle_cells != NULL) {
         const lr_ray ray = *r;
         const lr_cursor cursor = *u;

@@ -115,7 +115,8 @@ lr_status lr_cd_build(const lr_volume *v, const int32_t *choices, const lr_watch
     distances *f = calloc(1, sizeof *f);
     if (f == NULL)
         return lr_fail_memory(error, sizeof *f, "distances");
-    f->packet8 = choices[0] == 0 && mostly_field(v) && lr_cpu_simd() == LR_SIMD_AVX512;
+    f->packet8 =
+        choices[0] == 0 && !lr_is_cubic(v) && mostly_field(v) && lr_cpu_simd() == LR_SIMD_AVX512;
     lr_status status = lr_near_bricks(v, &f->bricks, &n_near, watch, error);
     if (status == LR_OK) {
         f->near = malloc((n_near + (size_t)1) * sizeof *f->near);

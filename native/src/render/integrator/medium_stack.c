@@ -6,7 +6,7 @@
 #include "render/integrator/medium_stack.h"
 
 #include "base/affine.h"
-#include "grid/trilinear.h"
+#include "grid/field.h"
 #include "trace/structure.h"
 
 enum { HELD = 64 }; /* size of the stack: the height of the hierarchy at most */

@@ -84,13 +84,13 @@ static void locate(const lr_placed *placed, const lr_shading_point *s, int32_t c
 /* From the hit, at p of storage cell c, to the smooth surface above it, in world
  * space; false where that is not above. A hit in a triangle cell lies on a triangle,
  * which is no facet of anything smoother that the samples know; nor are those beside
- * it, where second differences reach over a crease. */
+ * it, where second differences reach over a crease. That of a cubic field is smooth itself. */
 static bool terminator_offset(const lr_placed *placed, const lr_shading_point *s, int32_t id,
                               const int32_t c[3], const double p[3], double offset[3])
 {
     const lr_volume *v = lr_structure_volume(placed->structure);
     double g[3], g_object[3], g_world[3];
-    if (lr_near_doubt(v, c))
+    if (lr_is_cubic(v) || lr_near_doubt(v, c))
         return false;
     const double left_out = second_difference_height(v, lr_object_of(v, id), c, p, g);
     const double slope = sqrt(lr_dot(g, g));

@@ -3,7 +3,7 @@
 
 #include "base/affine.h"
 #include "base/error.h"
-#include "grid/trilinear.h"
+#include "grid/field.h"
 
 lr_status lr_clip_place(const lr_clip *clip, uint64_t instance, lr_placed_clip *placed,
                         lr_error *error)

@@ -4,7 +4,7 @@
 #include "base/affine.h"
 #include "base/error.h"
 #include "grid/attributes/shader_program.h"
-#include "grid/trilinear.h"
+#include "grid/field.h"
 #include "trace/hit_record.h"
 
 lr_status lr_field_color_place(const lr_field_color *color, uint64_t instance,
@@ -41,15 +41,14 @@ lr_status lr_field_color_place(const lr_field_color *color, uint64_t instance,
 void lr_field_color_at(const lr_placed_color *color, const double world[3], double rgb[3])
 {
     const lr_volume *v = color->volume;
-    double object[3], p[3], corner[8] = {0}, g[3], g_object[3], g_world[3] = {0};
+    double object[3], p[3], g[3], g_object[3], g_world[3] = {0};
     int32_t c[3];
     lr_map_point(color->object_from_world, world, object);
     const bool inside = lr_cell_at(v, object, c, p);
+    double grey = color->offset;
     if (inside)
-        lr_corners(v, c, corner);
-    double grey = color->offset + (inside ? color->scale * lr_trilinear(corner, p) : 0);
+        grey += color->scale * lr_height_in(v, c, p, 0.0, g);
     if (color->slope && inside) {
-        lr_trilinear_gradient(corner, p, g);
         lr_map_gradient(v->storage_from_object, g, g_object);
         lr_map_gradient(color->object_from_world, g_object, g_world);
     }
