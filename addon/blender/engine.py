@@ -89,6 +89,7 @@ class LeapRayEngine(bpy.types.RenderEngine):
             self.update_progress(share)
             self.update_stats("", f"{status}{phase}, {share:.0%}")
 
+        self._keep(depsgraph.scene_eval)
         try:
             frame = pipeline.render(
                 job,
