@@ -46,3 +46,8 @@ def made(
         watch=watch,
         max_nbytes=max(int(room), 1),
     )
+
+
+def ids_of(volume: leapray.Volume, instance: model.FieldInstance) -> leapray.FieldColor:
+    """What gives hits the labels of a solid around them, whose borders do not show the voxels."""
+    return leapray.FieldColor(volume, instance.world_from_object, None, part="id")
