@@ -9,6 +9,7 @@ neighbours a little.
 from __future__ import annotations
 
 import leapray
+from leapray.label_volume import SMOOTHEST
 
 from .. import model
 from . import field_filters
@@ -43,6 +44,7 @@ def made(
         numbers=field.labels.numbers,
         of=of,
         over=over,
+        smoothing=min(field.smoothing / factor, SMOOTHEST),
         watch=watch,
         max_nbytes=max(int(room), 1),
     )

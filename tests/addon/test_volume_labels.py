@@ -337,9 +337,24 @@ def test_what_are_no_labels_is_a_sentence(make, words, scene, tmp_path, monkeypa
 
 
 def test_settings_that_labels_do_not_take_are_named(scene, tmp_path):
-    show(tmp_path, quarters().astype(np.uint8), smoothing=1.0, least=7)
+    show(tmp_path, quarters().astype(np.uint8), invert=True, least=7)
     (warning,) = render().warnings
-    assert "'Labels' shows labels, for which Smoothing, Smallest Part do nothing" in warning
+    assert "'Labels' shows labels, for which Smallest Part, Invert do nothing" in warning
+
+
+def test_smoothing_makes_normals_those_of_the_ball(scene, tmp_path):
+    ob = show(tmp_path, quarters().astype(np.uint8))
+    off = []
+    for smoothing in (0.0, 2.0):
+        ob.data.leapray.smoothing = smoothing
+        frame = render()
+        seen = frame.passes["Object Index"][..., 0] == 3
+        place, normal = frame.passes["Position"][seen], frame.passes["Normal"][seen]
+        radius = np.linalg.norm(place, axis=1)
+        assert np.abs(radius - RADIUS).max() < 1.5 * 2 / N  # a sample and what rounds its corner
+        turned = (place / radius[:, None] * normal).sum(axis=1).clip(-1, 1)
+        off.append(np.degrees(np.arccos(turned)).mean())
+    assert off[1] < 0.7 * off[0] and off[1] < 3
 
 
 def test_a_mesh_beside_keeps_its_index(scene, tmp_path):

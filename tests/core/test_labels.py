@@ -89,6 +89,24 @@ def test_more_labels_than_ids_are_a_sentence():
     assert labels(grid, numbers=np.arange(1, 65537)).info.has_ids
 
 
+@pytest.mark.parametrize("smoothing", [0.0, 1.0, 2.5])
+def test_smoothing_leaves_samples_in_their_labels(smoothing):
+    rng = np.random.default_rng(5)
+    samples = rng.integers(0, 3, (70, 9, 40)) * (rng.random((70, 9, 40)) < 0.7)
+    volume = labels(grid_of(samples), numbers=(1, 2), smoothing=smoothing)
+    assert_array_equal(volume.read() >= 128, samples > 0)
+    some = labels(grid_of(samples), numbers=(1, 2), of=[1], smoothing=smoothing)
+    points = np.argwhere(samples == 2)[:, ::-1].astype(float)
+    assert (some.sample(points)[0] >= some.info.threshold).all()
+
+
+def test_slabs_make_one_smooth_solid():
+    samples = np.zeros((100, 8, 8), np.uint8)
+    samples[:, 2:6, 2:5] = 1
+    made = labels(grid_of(samples), smoothing=2.0).read()[12:-12]
+    assert_array_equal(made, np.broadcast_to(made[0], made.shape))
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [
@@ -97,6 +115,8 @@ def test_more_labels_than_ids_are_a_sentence():
         ({"numbers": (5,), "of": [1]}, "below 1; one is 1"),
         ({"numbers": (5,), "of": [0.5]}, "whole numbers"),
         ({"numbers": (5,), "over": [-1]}, "whole numbers"),
+        ({"numbers": (5,), "smoothing": 8.5}, "0..8 voxels"),
+        ({"numbers": (5,), "smoothing": float("nan")}, "0..8 voxels"),
         ({}, "whole numbers in 0..65535"),
     ],
 )
