@@ -23,6 +23,7 @@ mirrors   a hall between two mirrors
 metal     metals from polished to dull
 glass     glass: solid, hollow, frosted, tinted, within glass
 head      a scan beside the file: bone under skin that shows it
+labels    the label map of that scan, cut open
 gyroid    a field that geometry nodes make, among meshes
 """
 
@@ -71,7 +72,7 @@ from lit_scenes import (  # noqa: E402
     make_still,
     make_textured,
 )
-from volume_scenes import make_gyroid, make_head  # noqa: E402
+from volume_scenes import make_gyroid, make_head, make_labels  # noqa: E402
 
 import addon  # noqa: E402
 
@@ -464,6 +465,7 @@ MAKERS = {
     "metal": make_metal,
     "glass": make_glass,
     "head": make_head,
+    "labels": make_labels,
     "gyroid": make_gyroid,
 }
 

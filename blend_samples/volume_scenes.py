@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The samples about volumes: a scan, and a field that nodes make, as surfaces."""
+"""The samples about volumes: a scan, its label map, and a field that nodes make."""
 
 from __future__ import annotations
 
@@ -24,8 +24,17 @@ from lit_scenes import shader
 
 HERE = Path(__file__).resolve().parent
 SCAN = "head.nii.gz"  # beside the .blend
+TISSUES = "head_labels.nii.gz"  # likewise
 SAMPLES = 96  # of the scan along each axis
 SKIN, IVORY = (0.85, 0.50, 0.38), (0.82, 0.76, 0.62)
+LABELS = {  # colours of the phantom's labels, 1 first
+    "Skin": SKIN,
+    "Bone": IVORY,
+    "Brain": (0.75, 0.28, 0.30),
+    "Eye": (0.80, 0.85, 0.90),
+    "Sinus": (0.05, 0.06, 0.10),
+    "Tooth": (0.90, 0.89, 0.85),
+}
 
 
 def make_head() -> None:
@@ -42,6 +51,22 @@ def make_head() -> None:
     link(plane("Floor", 200.0, material("Sand", SAND)), "Floor")
     sun(2.4, (-0.6, -0.7, 0.8))
     camera((-3.6, -6.6, 2.6), (0, 0, 1.2), lens=85)
+
+
+def make_labels() -> None:
+    new_scene((0.20, 0.22, 0.26), 720, 720)
+    head_phantom.write(HERE / TISSUES, SAMPLES, labelled=True)
+    volume = bpy.data.volumes.new("Head")
+    volume.leapray.file, volume.leapray.label_index = f"//{TISSUES}", True
+    for name, color in LABELS.items():
+        volume.materials.append(material(name, color))
+    link(volume, "Head", at=(0, 0, head_phantom.EXTENT / 200), turn=(0, 0, 180), scale=0.01)
+    cut = link(None, "Cut", at=(-1.02, -1.1, 2.38))
+    cut.empty_display_type = "CUBE"  # the quarter at the right temple is taken away
+    volume.leapray.clip_object = cut
+    link(plane("Floor", 200.0, material("Sand", SAND)), "Floor")
+    sun(2.4, (-0.6, -0.7, 0.8))
+    camera((-4.6, -5.8, 3.4), (0, 0, 1.2), lens=85)
 
 
 def veil(name: str, color, opacity: float) -> bpy.types.Material:

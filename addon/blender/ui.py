@@ -361,6 +361,7 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         if _asks_for_labels(own, values):
             column.prop(own, "label_colors")
             column.prop(own, "label_index")
+            column.prop(own, "smoothing")
         else:
             _draw_thresholds(column, context.region, own, values)
         column.separator()

@@ -375,7 +375,7 @@ class Fields:
         made = [self._instance(instance, each, first, at, clipped) for at, each in shown]
         if field.labels is not None:
             whole = self.wholes.get(instance.field, shown[0][1].structure.volume)
-            color = leapray.FieldColor(whole, instance.world_from_object, None, part="id")
+            color = label_solids.ids_of(whole, instance)
             more = {"volume_index": cut_at[instance.field], "field_color": color}
             return [*made, clips.face(clip, cutter, made[0], whole, **more)]
         outermost = (min if field.above else max)(
@@ -417,17 +417,23 @@ class Fields:
         volume: int,
         clipped: Sequence[leapray.Clip] = (),
     ) -> leapray.Instance:
-        labels = self.scene.fields[surface.field].labels is not None
-        slot = 0 if labels else min(surface.number, len(instance.materials) - 1)
+        if self.scene.fields[surface.field].labels is not None:
+            slot, n = 0, len(instance.materials)
+            color: leapray.FieldColor | None = label_solids.ids_of(
+                surface.structure.volume, instance
+            )
+        else:
+            slot, n = min(surface.number, len(instance.materials) - 1), 1
+            color = self._color(instance, surface, slot)
         return leapray.Instance(
             surface.structure,
             **objects.told_of(instance),
             first_material=first + slot,
-            n_materials=len(instance.materials) if labels else 1,
+            n_materials=n,
             volume_index=volume,
             error=surface.error * objects.scale(instance.world_from_object),
             clips=clipped,
-            field_color=self._color(instance, surface, slot),
+            field_color=color,
         )
 
     def _cut_row(self, n: int) -> dict[str, object]:

@@ -9,6 +9,7 @@ neighbours a little.
 from __future__ import annotations
 
 import leapray
+from leapray.label_volume import SMOOTHEST
 
 from .. import model
 from . import field_filters
@@ -43,6 +44,12 @@ def made(
         numbers=field.labels.numbers,
         of=of,
         over=over,
+        smoothing=min(field.smoothing / factor, SMOOTHEST),
         watch=watch,
         max_nbytes=max(int(room), 1),
     )
+
+
+def ids_of(volume: leapray.Volume, instance: model.FieldInstance) -> leapray.FieldColor:
+    """What gives hits the labels of a solid around them, whose borders do not show the voxels."""
+    return leapray.FieldColor(volume, instance.world_from_object, None, part="id")

@@ -938,7 +938,8 @@ typedef struct lr_clip {
 typedef enum lr_field_part {
     LR_FIELD_VALUE = 0,
     LR_FIELD_SLOPE = 1,
-    LR_FIELD_ID = 2 /* no colour: the id, and so the material, of its nearest sample inside */
+    LR_FIELD_ID = 2 /* no colour: the id, and so the material, that weighs most among the
+                        samples inside, averaged by 1-2-1 along each axis */
 } lr_field_part;
 
 /* A scalar field that colours the hits of an instance: the program makes linear RGB of the grey

@@ -1347,7 +1347,7 @@ ABOUT = {
     "LR_LOBE_PRINCIPLED": "Blender's Principled BSDF, without sheen, coat, subsurface, film",
     "LR_LOBE_TEXTURED": "the volume's colours multiply color",
     "LR_LOBE_MULTISCATTER": "light between microfacets is not lost",
-    "LR_FIELD_ID": "no colour: the id, and so the material, of its nearest sample inside",
+    "LR_FIELD_ID": "no colour: the id, and so the material, that weighs most among the samples inside, averaged by 1-2-1 along each axis",
     "LR_FILM_BOX": "the mean over the pixel itself: sharp edges",
     "LR_FILM_BLACKMAN_HARRIS": "Cycles' own: smooth edges, no stair steps",
     "LR_RAY_CAMERA": "by none",

@@ -16,6 +16,7 @@ from .scalar_source import Source, source_of
 from .volume import Volume, VolumeBuilder
 
 SLAB = 32  # slices at a time, whole bricks
+SMOOTHEST = 8.0  # voxels
 BRICK = 8
 LEVEL = 128  # the least stored occupancy that lies inside
 MOST = 65535  # ids have 16 bits
@@ -44,6 +45,7 @@ def labels(
     numbers: Sequence[int] | NDArray | None = None,
     of: Sequence[int] | NDArray | None = None,
     over: Sequence[int] | NDArray = (),
+    smoothing: float = 0.0,
     watch: Watch | None = None,
     max_nbytes: int | None = None,
 ) -> Volume:
@@ -58,13 +60,18 @@ def labels(
     which else are 0..65535. of: ids (n,) of the labels that make the solid; None: all. over:
     ids (n,) of labels beside them into which it reaches by a third of a voxel, so that the
     solid of those overlaps it: surfaces of two solids never lie upon each other, and nothing lies
-    between them but, where three meet, a thread thinner than a voxel. max_nbytes: of samples and
-    ids.
-    Raises LeapRayError for numbers that are no labels, for more than ids can hold and for leaves;
+    between them but, where three meet, a thread thinner than a voxel. smoothing: the standard
+    deviation in voxels of what averages, where that is above the 0.7 of one 1-2-1: as many of
+    them as make it, up to 8 voxels. max_nbytes: of samples and ids.
+    Raises LeapRayError for numbers that are no labels, for more than ids can hold, for leaves and
+    another smoothing;
     OutOfMemory beyond max_nbytes, Stopped when watch was told to stop.
     """
     source, array = _array_of(grid)
-    shown = _Shown(grid, numbers, of, over)
+    if not 0.0 <= smoothing <= SMOOTHEST:
+        raise LeapRayError(f"smoothing must be 0..{SMOOTHEST:g} voxels; it is {smoothing}")
+    passes = max(1, round(2 * smoothing**2))  # each has a variance of 1/2
+    shown = _Shown(grid, numbers, of, over, passes)
     lo, hi = (0, 0, 0), array.shape
     if of is not None:
         lo, hi = _box_of(shown, array, watch)
@@ -76,8 +83,8 @@ def labels(
     nbytes = 0
     for first in range(0, hi[0] - lo[0], SLAB):
         _check_stopped(watch)
-        low, last = max(0, first - 1), min(first + SLAB, hi[0] - lo[0])
-        block = array[lo[0] + low : min(lo[0] + last + 1, hi[0])]
+        low, last = max(0, first - passes), min(first + SLAB, hi[0] - lo[0])
+        block = array[lo[0] + low : min(lo[0] + last + passes, hi[0])]
         occupancy, ids = shown.samples(block[:, lo[1] : hi[1], lo[2] : hi[2]])
         own = slice(first - low, last - low)
         nbytes += _nbytes(occupancy[own])
@@ -92,8 +99,8 @@ def labels(
 class _Shown:
     """Which labels make a solid, and what ids they have."""
 
-    def __init__(self, grid: ScalarGrid, numbers, of, over) -> None:
-        self.grid, self.listed = grid, numbers is not None
+    def __init__(self, grid: ScalarGrid, numbers, of, over, passes: int) -> None:
+        self.grid, self.listed, self.passes = grid, numbers is not None, passes
         given = np.asarray(numbers if self.listed else range(MOST + 1), np.int64)
         if given.ndim != 1 or (np.diff(given, prepend=0 if self.listed else -1) <= 0).any():
             raise LeapRayError("numbers of labels must be a list that ascends from 1 on")
@@ -131,9 +138,9 @@ class _Shown:
         """Occupancy, of which 128 and more lie inside, and ids; beyond the block all is 0."""
         ids, marks = self.told(block)
         solid, other = marks == OWN, marks == BESIDE
-        occupancy = 4 * _blurred(solid)  # of 64 parts
+        occupancy = 4 * _blurred(solid, self.passes)  # of 64 parts
         if other.any():
-            occupancy += _blurred(other)  # a quarter of what the others have
+            occupancy += _blurred(other, self.passes)  # a quarter of what the others have
             ids = np.where(solid, ids, _greatest(np.where(solid, ids, 0)))
         most = np.where(solid | other, 255, LEVEL - 1).astype(np.uint8)
         made = np.clip(occupancy, np.where(solid, LEVEL, 0), most).astype(np.uint8)
@@ -153,7 +160,7 @@ def _marked(n: int, ids) -> NDArray[np.uint8]:
 
 
 def _box_of(shown: _Shown, array: Samples, watch: Watch | None) -> tuple[tuple, tuple]:
-    """The first sample and the end of a box round the solid and two layers of what is beside."""
+    """The first sample and the end of a box round the solid, with what matters beside it."""
     used = [np.zeros(n, bool) for n in array.shape]
     for first in range(0, len(array), SLAB):
         _check_stopped(watch)
@@ -164,9 +171,12 @@ def _box_of(shown: _Shown, array: Samples, watch: Watch | None) -> tuple[tuple, 
         used[2] |= flat.any(axis=0)
     if not used[0].any():
         return (0, 0, 0), (1, 1, 1)
+    reach = shown.passes + 1
     ends = [np.flatnonzero(each)[[0, -1]] for each in used]
-    lo = tuple(max(int(first) - 2, 0) for first, _ in ends)
-    hi = tuple(min(int(last) + 3, n) for (_, last), n in zip(ends, array.shape, strict=True))
+    lo = tuple(max(int(first) - reach, 0) for first, _ in ends)
+    hi = tuple(
+        min(int(last) + 1 + reach, n) for (_, last), n in zip(ends, array.shape, strict=True)
+    )
     return lo, hi
 
 
@@ -204,16 +214,25 @@ def _values(grid: ScalarGrid, block: NDArray) -> NDArray[np.int64]:
     return np.unique(_labels_of(grid, np.unique(block))).astype(np.int64)
 
 
-def _blurred(solid: NDArray[np.bool_]) -> NDArray[np.uint16]:
-    """In 64 parts, by 1-2-1 along each axis; beyond the block all is 0."""
-    total: NDArray = solid.astype(np.uint8)
+def _blurred(solid: NDArray[np.bool_], passes: int) -> NDArray:
+    """In 64 parts, by 1-2-1 along each axis, so many times; beyond the block all is 0."""
+    total: NDArray = _averaged(solid.astype(np.uint8), 1).astype(np.uint16)
+    if passes > 1:
+        total = total.astype(np.float32)
+    for _ in range(passes - 1):
+        total = _averaged(total, np.float32(0.25))
+    return total
+
+
+def _averaged(total: NDArray, unit) -> NDArray:
+    """1-2-1 of units along each axis."""
     for axis in range(3):
         line = np.moveaxis(total, axis, 0)
-        out = 2 * line
-        out[1:] += line[:-1]
-        out[:-1] += line[1:]
+        out = 2 * unit * line
+        out[1:] += unit * line[:-1]
+        out[:-1] += unit * line[1:]
         total = np.moveaxis(out, 0, axis)
-    return total.astype(np.uint16)
+    return total
 
 
 def _greatest(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:

@@ -184,7 +184,8 @@ class FieldColor:
 
     That is its value, offset + scale * occupancy, or its slope, the length of the gradient per
     unit of world length. Beyond the lattice occupancy and slope are 0. Of the part "id" hits take
-    no colour, but the id of the field's nearest sample inside, and so its material.
+    no colour, but an id of the field's, and so its material: the one that weighs most among the
+    samples inside, averaged by 1-2-1 along each axis, so that borders do not show the voxels.
     """
 
     volume: Volume

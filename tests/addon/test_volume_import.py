@@ -201,8 +201,8 @@ def test_of_labels_the_panel_asks_for_colors(scene, tmp_path):
     data = imported(scan(tmp_path, "named", kind="labels")).data
     told = drawn(data)
     shown = [words[1] for name, words, _ in told if name == "prop"]
-    assert {"shown", "label_colors", "label_index", "clip_object"} <= set(shown)
-    assert not {"surfaces", "automatic", "smoothing"} & set(shown)
+    assert {"shown", "label_colors", "label_index", "smoothing", "clip_object"} <= set(shown)
+    assert not {"surfaces", "automatic", "least"} & set(shown)
     assert not [name for name, _, _ in told if name == "template_icon"]
     data.leapray.shown = "threshold"
     shown = [words[1] for name, words, _ in drawn(data) if name == "prop"]

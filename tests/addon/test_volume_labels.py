@@ -2,14 +2,17 @@
 """Volume objects of labels: bodies with materials, colours of a table, indices, cuts."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
 from blender_scenes import diffuse, fresh, light, mesh, nodes_of, put, read
 
+import addon
 import leapray
 from addon import pipeline
+from addon.blender import open_file
 from addon.blender.read import labels as read_labels
 
 nib = pytest.importorskip("nibabel")
@@ -175,6 +178,24 @@ def test_other_data_have_thresholds(shown, kind, scene, tmp_path):
     assert render().report["volumes"][0]["kind"] == "isosurface"
 
 
+def test_borders_of_labels_do_not_show_the_voxels(scene, tmp_path):
+    """A slanting border between two labels: nearest samples would be off by up to half a sample."""
+    x, y, z = axes()
+    slant = 0.4
+    samples = np.where(y > slant * x, 1, 2) * (np.abs(z) < 0.5)
+    show(tmp_path, samples.astype(np.uint8), shining("A", index=11), shining("B", index=12))
+    scene.camera.data.type, scene.camera.data.ortho_scale = "ORTHO", 1.2
+    frame = render((256, 192))
+    top = frame.passes["Normal"][..., 2] > 0.99
+    top &= frame.passes["Object Index"][..., 0] == 3
+    assert top.sum() > 10000
+    x, y = frame.passes["Position"][top][:, :2].T
+    off = (y - slant * x) / np.hypot(1, slant) * N / 2  # in samples
+    wrong = (frame.passes["Material Index"][top][:, 0] == 11) != (off > 0)
+    assert np.abs(off[wrong]).max() < 0.45
+    assert wrong.mean() * len(off) / (np.abs(off) < 0.5).sum() < 0.13  # by nearest ones: 0.25
+
+
 # ---- light ---------------------------------------------------------------------
 
 
@@ -316,9 +337,24 @@ def test_what_are_no_labels_is_a_sentence(make, words, scene, tmp_path, monkeypa
 
 
 def test_settings_that_labels_do_not_take_are_named(scene, tmp_path):
-    show(tmp_path, quarters().astype(np.uint8), smoothing=1.0, least=7)
+    show(tmp_path, quarters().astype(np.uint8), invert=True, least=7)
     (warning,) = render().warnings
-    assert "'Labels' shows labels, for which Smoothing, Smallest Part do nothing" in warning
+    assert "'Labels' shows labels, for which Smallest Part, Invert do nothing" in warning
+
+
+def test_smoothing_makes_normals_those_of_the_ball(scene, tmp_path):
+    ob = show(tmp_path, quarters().astype(np.uint8))
+    off = []
+    for smoothing in (0.0, 2.0):
+        ob.data.leapray.smoothing = smoothing
+        frame = render()
+        seen = frame.passes["Object Index"][..., 0] == 3
+        place, normal = frame.passes["Position"][seen], frame.passes["Normal"][seen]
+        radius = np.linalg.norm(place, axis=1)
+        assert np.abs(radius - RADIUS).max() < 1.5 * 2 / N  # a sample and what rounds its corner
+        turned = (place / radius[:, None] * normal).sum(axis=1).clip(-1, 1)
+        off.append(np.degrees(np.arccos(turned)).mean())
+    assert off[1] < 0.7 * off[0] and off[1] < 3
 
 
 def test_a_mesh_beside_keeps_its_index(scene, tmp_path):
@@ -328,3 +364,20 @@ def test_a_mesh_beside_keeps_its_index(scene, tmp_path):
     for layout in ("objects", "scene"):
         frame = render(layout=layout)
         assert set(np.unique(frame.passes["Object Index"])) == {0, 2, 5, 9, 40, 77}
+
+
+def test_the_sample_of_labels_shows_its_tissues():
+    """Skin and brain on the face of the cut, eyes on the surface, each by its index."""
+    path = Path(addon.__file__).resolve().parent.parent / "blend_samples" / "labels.blend"
+    open_file.open_scene(path)
+    got = replace(read(128, 128), passes=PASSES)
+    assert got.warnings == ()
+    frame = pipeline.render(replace(got, settings=replace(got.settings, samples=1)))
+    assert frame.warnings == []
+    index = frame.passes["Object Index"][..., 0]
+    face = frame.passes["Volume"][..., 0] == 3
+    assert set(np.unique(index[face])) >= {1, 2, 3} and set(np.unique(index)) == {0, 1, 2, 3, 4}
+    assert (index[face] == 3).sum() > 500 and (index[~face] == 4).sum() > 50
+    brain = frame.passes["Combined"][face & (index == 3)][:, :3].mean(axis=0)
+    assert brain[0] > 1.8 * brain[1]
+    assert sum(each.stat().st_size for each in path.parent.glob("*labels*")) < 400_000

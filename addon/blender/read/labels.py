@@ -18,7 +18,7 @@ from ...descriptions import WHOLE_MAX, described
 from ...plan import field_filters
 from ...settings import Isosurfaces
 
-UNUSED = "smoothing", "least", "invert", "capped"  # settings that mean nothing to labels
+UNUSED = "least", "invert", "capped"  # settings that mean nothing to labels
 MOST_CLEAR = 256  # solids of see-through labels; what is beyond shares the last one
 MOST_KNOWN = 64  # lists of numbers that are kept for later frames
 TINTED = "diffuse", "glossy", "glass", "refraction", "principled"  # lobes

@@ -72,7 +72,14 @@ def read_field(ob, original, depsgraph, notes, caller: Caller = Caller()) -> mod
     }
     if labels.are_shown(grid, own):
         grid, found_labels = labels.read(grid, contents, ob.name, own, notes)
-        return model.Field(grid=grid, contents=contents, thresholds=(), labels=found_labels, **told)
+        return model.Field(
+            grid=grid,
+            contents=contents,
+            thresholds=(),
+            labels=found_labels,
+            smoothing=own.smoothing,
+            **told,
+        )
     return model.Field(
         grid=grid,
         contents=contents,

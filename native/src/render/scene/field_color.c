@@ -5,7 +5,6 @@
 #include "base/error.h"
 #include "grid/attributes/shader_program.h"
 #include "grid/field.h"
-#include "trace/hit_record.h"
 
 lr_status lr_field_color_place(const lr_field_color *color, uint64_t instance,
                                lr_placed_color *placed, lr_error *error)
@@ -61,13 +60,43 @@ void lr_field_color_at(const lr_placed_color *color, const double world[3], doub
         rgb[a] = isfinite(made[a]) ? made[a] : 0;
 }
 
+/* Of the four samples around a cell, along an axis on which p lies in it: averages by 1-2-1 around
+ * its two corners, which linear interpolation mixes. */
+static void weigh(double p, double weight[4])
+{
+    weight[0] = (1 - p) / 4;
+    weight[1] = (1 - p) / 2 + p / 4;
+    weight[2] = (1 - p) / 4 + p / 2;
+    weight[3] = p / 4;
+}
+
 int32_t lr_field_id_at(const lr_placed_color *color, const double world[3])
 {
-    double object[3], p[3], corner[8];
-    int32_t c[3];
+    const lr_volume *v = color->volume;
+    double object[3], p[3], value[64], weight[3][4], sum[64];
+    int32_t c[3], ids[64], best = 0;
+    int n = 0;
     lr_map_point(color->object_from_world, world, object);
-    if (!lr_cell_at(color->volume, object, c, p))
+    if (!lr_cell_at(v, object, c, p))
         return 0;
-    lr_corners(color->volume, c, corner);
-    return lr_nearest_id(color->volume, c, corner, p);
+    lr_block(v, c[0] - 1, c[1] - 1, c[2] - 1, 4, value);
+    for (int a = 0; a < 3; a++)
+        weigh(p[a], weight[a]);
+    for (int b = 0; b < 64; b++) {
+        const int i = b & 3, j = b >> 2 & 3, k = b >> 4;
+        if (!(value[b] >= v->threshold))
+            continue;
+        const int32_t id = lr_id(v, c[0] - 1 + i, c[1] - 1 + j, c[2] - 1 + k);
+        int at = 0;
+        while (at < n && ids[at] != id)
+            at++;
+        if (at == n) {
+            ids[n] = id;
+            sum[n++] = 0;
+        }
+        sum[at] += weight[0][i] * weight[1][j] * weight[2][k];
+    }
+    for (int at = 0; at < n; at++)
+        best = sum[at] > sum[best] ? at : best;
+    return n > 0 ? ids[best] : 0;
 }

@@ -22,7 +22,8 @@ lr_status lr_field_color_place(const lr_field_color *color, uint64_t instance,
 /* Linear RGB at a point of world space. */
 void lr_field_color_at(const lr_placed_color *color, const double world[3], double rgb[3]);
 
-/* The id of the nearest sample inside, at a point of world space; 0 where there is none. */
+/* The id that weighs most at a point of world space, of the samples inside in the cell and beside
+ * it; 0 where there is none. */
 int32_t lr_field_id_at(const lr_placed_color *color, const double world[3]);
 
 #endif
