@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import leapray
+from leapray.arrays import INTERPOLATIONS
 
 from .descriptions import number
 from .settings import SETTINGS
@@ -142,6 +143,11 @@ def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
         metavar="x|y|z=SHARE",
         help="of measured data: cut them open across an axis, so far along their box, 0 to 1, and "
         "show the values on the cut in grey",
+    )
+    verb.add_argument(
+        "--interpolation",
+        choices=list(INTERPOLATIONS),
+        help="of measured data: the field between the samples; default: linear",
     )
     verb.add_argument(
         "--output",

@@ -68,10 +68,9 @@ def render(args: argparse.Namespace) -> int:
     name = data_name(args.scene) if measured else args.scene.stem
     if not (measured and args.scene.name and args.scene.is_dir()):
         check_file(args.scene)
-    if args.threshold is not None and not measured:
-        raise LeapRayError(f"--threshold is for measured data, and {args.scene} is a scene")
-    if args.clip is not None and not measured:
-        raise LeapRayError(f"--clip is for measured data, and {args.scene} is a scene")
+    for option in () if measured else ("threshold", "interpolation", "clip"):
+        if getattr(args, option) is not None:
+            raise LeapRayError(f"--{option} is for measured data, and {args.scene} is a scene")
     output = resolved(args.output or Path(f"{name}.png"), args.scene)
     if output.suffix.lower() not in FORMATS:
         raise LeapRayError(f"--output must end in {' or '.join(FORMATS)}, and is {output}")
@@ -84,7 +83,7 @@ def render(args: argparse.Namespace) -> int:
     if args.cache_folder:
         args.cache_folder = str(resolved(Path(args.cache_folder), args.scene))
 
-    scene = open_data(args.scene, args.threshold, args.clip) if measured else open_scene(args.scene)
+    scene = open_data(args) if measured else open_scene(args.scene)
     override(scene, args)
     if args.pixel:
         return trace_pixel(args, scene, figures)
@@ -114,12 +113,12 @@ def data_name(path: Path) -> str:
     return f"{stem}_{suffix}" if stem else suffix
 
 
-def open_data(path: Path, threshold: float | None, clip: tuple[str, float] | None):
+def open_data(args: argparse.Namespace):
     """A scene made round measured data."""
     be_registered()
     from .blender import data_scene
 
-    return data_scene.make(path, threshold, clip)
+    return data_scene.make(args.scene, args.threshold, args.interpolation, args.clip)
 
 
 def pixel_figures(args: argparse.Namespace) -> Path | None:

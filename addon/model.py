@@ -105,6 +105,7 @@ class Field:
     above: bool = True  # inside is what exceeds the threshold, else what falls below it
     capped: bool = True  # surfaces are closed where the data end
     smoothing: float = 0.0  # the standard deviation of a Gaussian, in samples
+    interpolation: str = "linear"  # | "cubic"
     least: int = 0  # parts of fewer samples are left out
     clip: Clip | None = None
     read_nbytes: int = 0  # of the grid that the render's memory budget pays for

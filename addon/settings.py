@@ -17,7 +17,7 @@ from typing import Any
 
 import leapray
 from leapray._abi import LR_BOUNCES_MAX, LR_BRANCHES_MAX
-from leapray.arrays import SAMPLE_TYPES, about
+from leapray.arrays import INTERPOLATIONS, SAMPLE_TYPES, about
 from leapray.voxelization import EXACT, FILTERS, KINDS, filter_info
 
 from .descriptions import WHOLE_MAX, Choice, Switch, described, setting
@@ -445,6 +445,9 @@ class Isosurfaces:
         0.0,
         16.0,
         soft_maximum=4.0,
+    )
+    interpolation: str = setting(
+        "linear", "Interpolation", "The field between the samples", choices=choices(INTERPOLATIONS)
     )
     least: int = setting(
         0,

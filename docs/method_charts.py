@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Charts of filters, hit tests, root finders and normals, of values that the core gives."""
+"""Charts of filters, fields, hit tests, root finders and normals, of values that the core gives."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from svg import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, Picture, number
 
 import leapray
+from leapray.arrays import INTERPOLATIONS
 from leapray.voxelization import FILTERS
 
 COLOURS = (BLUE, ORANGE, GREEN, RED, "#7d3c98")
@@ -127,6 +128,29 @@ def hit_tests() -> Picture:
     return chart.picture
 
 
+def interpolation() -> Picture:
+    """The two fields along a row of samples, and where the core hits them."""
+    row = np.array([0.0, 0.0, 0.15, 0.85, 0.9, 0.35, 0.75, 0.95, 0.2, 0.0, 0.0], np.float32)
+    samples = np.broadcast_to(row, (7, 7, len(row)))
+    origin, direction = np.array([0.0, 3.0, 3.0]), np.array([1.0, 0.0, 0.0])
+    t = np.linspace(0, len(row) - 1, 501)
+    chart = Chart(
+        (0, len(row) - 1), (0, 1), range(len(row)), (0, 0.5, 1), "t", "f", size=(560, 290)
+    )
+    chart.curve([0, len(row) - 1], [0.5, 0.5], RED, dash="5 4")
+    words = []
+    for name, colour in zip(INTERPOLATIONS, (BLUE, GREEN), strict=True):
+        volume = leapray.Volume(samples, interpolation=name)
+        chart.curve(t, along(volume, origin, direction, t), colour, width=1.8)
+        found = float(leapray.trace(leapray.build(volume), origin, direction).t[0])
+        chart.dot(found, 0.5, colour)
+        words.append((f"{name}: hit at t = {found:.3f}", colour))
+    for i, value in enumerate(row):
+        chart.dot(i, float(value), INK, 2.5)
+    chart.key(words, 0.2, 0.95)
+    return chart.picture
+
+
 def roots() -> Picture:
     """The field in one cell along a ray, the secant, and the roots that the core finds."""
     values = np.zeros((4, 4, 4), np.float32)
@@ -169,5 +193,5 @@ def normals() -> Picture:
 
 
 def pictures() -> dict[str, Picture]:
-    made = filters, hit_tests, roots, normals
+    made = filters, interpolation, hit_tests, roots, normals
     return {draw.__name__: draw() for draw in made}

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import leapray
-from leapray import voxelization
+from leapray import arrays, voxelization
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -122,6 +122,7 @@ def test_every_traverser_has_a_page(entry):
     ("page", "names"),
     [
         ("filters", tuple(voxelization.FILTERS)),
+        ("interpolation", tuple(arrays.INTERPOLATIONS)),
         ("hit_tests", tuple(leapray.HIT_TESTS)),
         ("roots", tuple(leapray.ROOTS)),
         ("normals", tuple(leapray.NORMALS)),

@@ -32,12 +32,17 @@ KEY, FILL = (4.0, (-0.5, -0.9, 0.6)), (0.5, (0.9, -0.3, 0.2))  # strength, and w
 SKY = (0.05, 0.055, 0.065)
 
 
-def make(path: Path, threshold: float | None = None, clip: tuple[str, float] | None = None):
+def make(
+    path: Path,
+    threshold: float | None = None,
+    interpolation: str | None = None,
+    clip: tuple[str, float] | None = None,
+):
     """A new scene, in place of the one that is open, which shows the data of a file.
 
-    threshold: of the surface, in the data's units; None: the automatic one. clip: the axis across
-    which the data are cut, and how far along their box. Raises LeapRayError where the file cannot
-    be read.
+    threshold: of the surface, in the data's units; None: the automatic one. interpolation: of the
+    samples; None: linear. clip: the axis across which the data are cut, and how far along their
+    box. Raises LeapRayError where the file cannot be read.
     """
     open_file.empty_scene()
     scene = bpy.context.scene
@@ -46,6 +51,8 @@ def make(path: Path, threshold: float | None = None, clip: tuple[str, float] | N
         ob.data.leapray.automatic = False
         ob.data.leapray.threshold = threshold
         ob.data.leapray.shown = "threshold"
+    if interpolation is not None:
+        ob.data.leapray.interpolation = interpolation
     bpy.context.view_layer.update()
     corners = _corners(grid, np.array(ob.matrix_world))
     aside = np.array(ABOVE if clip is not None and clip[0] == "z" else FROM)

@@ -329,7 +329,7 @@ def _draw_thresholds(column, region, own, values) -> None:
     for number in range(2, own.surfaces + 1):
         column.prop(own, f"threshold_{number}")
     column.separator()
-    for name in ("smoothing", "least", "invert", "capped"):
+    for name in ("interpolation", "smoothing", "least", "invert", "capped"):
         column.prop(own, name)
 
 

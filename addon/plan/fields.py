@@ -289,6 +289,7 @@ class Fields:
                 field_filters.filtered(field, threshold, factor, room, self.threads, self.watch),
                 above=field.above,
                 capped=field.capped,
+                interpolation=field.interpolation,
                 threads=self.threads,
                 watch=self.watch,
                 max_nbytes=max(int(room), 1),
@@ -300,9 +301,9 @@ class Fields:
         return SAMPLES, *self._key(field, factor), threshold if field.least else None
 
     def _key(self, field: model.Field, factor: int) -> tuple[str, str]:
-        told = repr((field.above, field.capped, field.smoothing, field.least, factor)).encode()
+        told = field.above, field.capped, field.smoothing, field.interpolation, field.least, factor
         where = np.asarray(field.grid.world_from_index)
-        return field.contents, arrays.digest((where,), told)
+        return field.contents, arrays.digest((where,), repr(told).encode())
 
     def _structure(
         self, key: tuple, made: Callable[[], leapray.Volume], room: float, shared: int = 0

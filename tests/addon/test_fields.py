@@ -4,6 +4,7 @@
 import dataclasses
 import re
 
+import bspline
 import numpy as np
 import pytest
 import scenes
@@ -215,6 +216,29 @@ def test_filters_take_sparse_fields_as_arrays_of_the_same_place():
     far = dataclasses.replace(samples, tile_origins=np.array([(80000, 80000, 16)], np.int32))
     with pytest.raises(leapray.LeapRayError, match="too large to be filtered"):
         field_filters.dense(ScalarGrid("far", far, matrix))
+
+
+def test_a_cubic_field_is_rendered_as_its_spline():
+    grid = ball_grid(n=20, dtype=np.float32)
+    made = field(grid, contents="coarse ball", interpolation="cubic")
+    cache, shown = Cache(), [place(object_index=1)]
+    frame = pipeline.render(scene([made], shown), cache=cache)
+    seen = where(frame, 1)
+    points = frame.passes["Position"][seen].astype(float)
+    index = (points - grid.world_from_index[:3, 3]) / grid.world_from_index[0, 0]
+    spline = bspline.Spline(0.5 * grid.samples.astype(float), outside=None)
+    assert seen.sum() > 500
+    np.testing.assert_allclose(spline.value(index), 1000.0, atol=1e-2)
+    outward = -spline.gradient(index)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    assert (frame.passes["Normal"][seen] * outward).sum(axis=1).min() > 1 - 1e-5
+    linear = dataclasses.replace(made, interpolation="linear")
+    other = pipeline.render(scene([linear], shown), cache=cache)  # not the one that is kept
+    assert (
+        np.abs(other.passes["Depth"] - frame.passes["Depth"])[seen & where(other, 1)].max() > 1e-3
+    )
+    with pytest.raises(leapray.LeapRayError, match="newton, bisect or linear"):
+        pipeline.render(scene([made], shown, root="cubic"))
 
 
 def test_filters_reach_the_picture():

@@ -414,6 +414,20 @@ def test_a_material_of_volumes_alone_stands_back_for_a_surface(scene, tmp_path):
     assert frame.passes["Combined"][seen(frame, 1)][:, 0].max() > 0.3
 
 
+def test_interpolation_is_a_setting_of_the_data(scene, tmp_path):
+    path = vdb_files.write(tmp_path / "ball.vdb", vdb_files.fog())
+    data = volume("Ball", path, automatic=False, threshold=1.0)
+    put("Ball", data)
+    assert read(*SIZE).fields[0].interpolation == "linear"
+    before = render().passes["Depth"]
+    data.leapray.interpolation = "cubic"
+    assert read(*SIZE).fields[0].interpolation == "cubic"
+    after = render().passes["Depth"]
+    both = (before < 1e9) & (after < 1e9)
+    moved = np.abs(after - before)[both]
+    assert both.sum() > 500 and 1e-5 < moved.max() < 0.1
+
+
 # ---- files that are kept --------------------------------------------------------
 
 

@@ -87,6 +87,7 @@ def read_field(ob, original, depsgraph, notes, caller: Caller = Caller()) -> mod
         above=(grid.kind != "level set") != own.invert,
         capped=own.capped,
         smoothing=own.smoothing,
+        interpolation=own.interpolation or "linear",  # of a newer file
         least=own.least,
         **told,
     )
