@@ -26,6 +26,7 @@ from leapray import LeapRayError
 from leapray.formats.vdb import openvdb_module
 
 from . import charts, metrics, page
+from .clouds import cloud
 from .folder import study_folder, write_figures
 from .options import chosen, number
 from .scenes import SAMPLES
@@ -96,7 +97,7 @@ def grids(side: int) -> Iterator[tuple[str, Any, float]]:
     level_set.gridClass = openvdb.GridClass.LEVEL_SET
     yield "level set", level_set, 0.0
     fog = openvdb.FloatGrid(0.0)
-    fog.copyFromArray(cloud(x / side, y / side, z / side).astype(np.float32))
+    fog.copyFromArray(cloud(side))
     fog.gridClass = openvdb.GridClass.FOG_VOLUME
     yield "fog", fog, 0.35
     whole = openvdb.Int32Grid(0)
@@ -114,17 +115,6 @@ def distance_to_rings(x: NDArray, y: NDArray, z: NDArray, side: int) -> NDArray[
     one = np.hypot(np.hypot(x + large / 2, y) - large, z) - small
     other = np.hypot(np.hypot(x - large / 2, z) - large, y) - small
     return np.minimum(one, other)
-
-
-def cloud(x: NDArray, y: NDArray, z: NDArray) -> NDArray[np.float64]:
-    """Density of puffs, 0 to about 1, which fades to 0 within the unit cube."""
-    rng = np.random.default_rng(1994)
-    density = np.zeros_like(x)
-    centers, widths = rng.uniform(-0.22, 0.22, (14, 3)), rng.uniform(0.05, 0.1, 14)
-    for center, width in zip(centers, widths, strict=True):
-        far = (x - center[0]) ** 2 + (y - center[1]) ** 2 + (z - center[2]) ** 2
-        density += np.exp(-far / (2 * width**2))
-    return np.where(density > 1e-3, density, 0.0)
 
 
 def judge(kind: str, grid, threshold: float, folder: Path) -> tuple[Row, NDArray[np.uint8]]:
