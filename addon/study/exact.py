@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Exactness, by counting faults: first cells, walks, roots, skipped pixels, closed surfaces.
 
-First cells: every exact traverser, with all its options, against the integer
-oracle on volumes of all shapes and on a large one; ties at edges and corners are no faults. No walk
-may take more steps than there are planes between cells. Roots: one random cell per ray, against the
-first root in f64. Skipped pixels: those around a ray that misses must miss, too. Closed surfaces: a
-sphere and a torus seen from all around through every pixel that must hit; the hit must lie between
-the entries into the solid grown and shrunk by a margin, so that holes, and walls hit through
-another one, are found.
+First cells: every exact traverser, with all its options, against the integer oracle on volumes of
+all shapes, on a large one and on the surface of a fog; ties at edges and corners are no faults. No
+walk may take more steps than there are planes between cells. Roots: one random cell per ray,
+against the first root in f64. Skipped pixels: those around a ray that misses must miss, too. Closed
+surfaces: a sphere and a torus seen from all around through every pixel that must hit; the hit must
+lie between the entries into the solid grown and shrunk by a margin, so that holes, and walls hit
+through another one, are found.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
+from leapray.arrays import ONES
 from leapray.threads import cores
 
 from ..arrays import unit
 from . import charts, methods, oracle, page, reference, shapes, skips
+from .clouds import cloud
 from .compiled import library, pointer
 from .folder import study_folder, write_figures
 from .options import chosen, number
@@ -44,10 +46,11 @@ MARGIN = 0.05  # voxels; the field of a torus of 15 voxels' radius deviates by 0
 SAMPLES = 128  # a side, of the closed surfaces
 PHANTOM, SMALLER = 128, 8  # samples of phantoms; their pictures by those of closed surfaces
 ROWS = 64  # of a picture at a time
+SMALL, FOG = "1..40", 0.35  # the name of the small volumes, and the fog's threshold
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    number(parser, "rays", "generic rays per traverser, small and large; 1,000,000")
+    number(parser, "rays", "generic rays per traverser and kind of volume; 1,000,000")
     number(parser, "size", "samples along a side of the large volume; 512", least=2)
     number(parser, "cells", "random cells whose root is looked for; 1,000,000")
     number(parser, "views", "directions that closed surfaces are seen from; 50")
@@ -86,7 +89,7 @@ def main(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class Claim:
-    """A traverser on the small volumes or on the large one."""
+    """A traverser on the small volumes, on the large one, or on the surface of the fog."""
 
     volumes: str
     traverser: str
@@ -124,19 +127,23 @@ def random_volume(rng: np.random.Generator, kind: int) -> NDArray:
 
 
 def first_cells(count: int, size: int) -> list[Claim]:
-    """A row per exact variant for the small volumes, and one for the large."""
+    """A row per exact variant for the small volumes, for the large one and for the fog."""
     exact = [entry for entry in leapray.variants() if entry.exact]
     rng = np.random.default_rng(SEED)
     small = [Tally() for _ in exact]
     for turn in range(-(-count // PER_VOLUME)):
         samples = random_volume(rng, turn % 4)
         n = min(PER_VOLUME, count - turn * PER_VOLUME)
-        judge_volume(exact, small, samples, rng, n)
+        judge_volume(exact, small, leapray.Volume(samples), rng, n)
     say("small volumes are judged")
     large = [Tally() for _ in exact]
-    judge_volume(exact, large, phantom(size, 4), rng, count)
+    judge_volume(exact, large, leapray.Volume(phantom(size, 4)), rng, count)
     say(f"{size} samples a side are judged")
-    found = zip(("1..40", f"{size}³"), (small, large), strict=True)
+    fog = [Tally() for _ in exact]
+    grid = leapray.ScalarGrid("fog", cloud(size), np.eye(4), kind="fog")
+    judge_volume(exact, fog, leapray.isosurface(grid, FOG), rng, count)
+    say("the fog is judged")
+    found = zip((SMALL, f"{size}³", "fog"), (small, large, fog), strict=True)
     return [
         Claim(name, entry.spec, methods.label(entry), **vars(tally))
         for name, tallies in found
@@ -166,10 +173,10 @@ class Tally:
         self.steps_per_ray = (self.steps_per_ray * before + counters["cells"]) / (before + n)
 
 
-def judge_volume(exact, tallies, samples, rng, count: int) -> None:
-    volume = leapray.Volume(samples)
-    objects = oracle.object_cells(samples, 127.5)
-    size = samples.shape[::-1]
+def judge_volume(exact, tallies, volume: leapray.Volume, rng, count: int) -> None:
+    info = volume.info
+    objects = oracle.object_cells(volume.read(), info.threshold * ONES[info.dtype])
+    size = info.size
     few = max(count // 5, 1)
     for make, n in ((oracle.generic_rays, count), (oracle.lattice_rays, few)):
         rays = make(rng, n, size)
@@ -321,7 +328,7 @@ def say(words: str) -> None:
 
 def draw(folder: Path, claims: list[Claim], size: int) -> None:
     """The longest and the mean walk of every exact traverser in the large volume."""
-    rows = [row for row in claims if row.volumes != "1..40"]
+    rows = [row for row in claims if row.volumes not in (SMALL, "fog")]
     names, place = [row.label for row in rows], np.arange(len(rows))
     with charts.chart(folder / "walks", width=9.0, height=1.4 + 0.27 * len(rows)) as (_, axes):
         axis = axes[0, 0]
@@ -404,7 +411,8 @@ def write_page(folder: Path, told: dict, claims: list[Claim], roots, skipped, so
         ),
         "<h2>What this is, and what it is not</h2>",
         "<p>Small volumes are spheres, noise, checkerboards and single samples in turn, and "
-        f"{PER_VOLUME} generic rays go to each; the large one holds 64 spheres. A fifth as many "
+        f"{PER_VOLUME} generic rays go to each; the large one holds 64 spheres, the fog as many "
+        f"samples, its surface at a density of {FOG:g}. A fifth as many "
         "rays start on corners, edges, faces and middles of cells with directions of small whole "
         "numbers, zero and -0. Trees' nodes are no steps here, cells are. A chord of a random cell "
         f"is doubtful where the field comes within {reference.NEAR:g} of the threshold at an "

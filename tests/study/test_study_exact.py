@@ -42,7 +42,7 @@ def told(tmp_path_factory):
 
 def test_every_exact_method_is_judged_and_shows_zeros(told):
     rows = told["first_cells"]
-    assert len(rows) == 2 * len(EXACT)
+    assert len(rows) == 3 * len(EXACT)
     for row in rows:
         assert (row["rays"], row["lattice_rays"]) == (8000, 1600)
         assert row["pierced"] > 0.3 * row["rays"]
