@@ -75,7 +75,9 @@ VARIANTS = {
             ("TSAN_OPTIONS", "halt_on_error=1:exitcode=66:ignore_noninstrumented_modules=1"),
         ),
     ),
-    "coverage": Variant(("-O1", "--coverage", "-fprofile-update=atomic")),
+    "coverage": Variant(
+        ("-O1", "-fno-inline", "-DLR_INLINE=static inline", "--coverage", "-fprofile-update=atomic")
+    ),
     "portable": Variant(("-DLR_PORTABLE",), target="x86_64-linux-gnu.2.28", x86=False),
     "aarch64": Variant((), target="aarch64-linux-gnu.2.28", x86=False),
 }

@@ -14,8 +14,10 @@
 
 #include "leapray.h"
 
+#ifndef LR_INLINE /* counts of branches are of a function, not of each copy of it */
 #define LR_INLINE static inline __attribute__((always_inline))
-#define LR_PI     3.14159265358979323846
+#endif
+#define LR_PI 3.14159265358979323846
 
 LR_INLINE int32_t lr_min_i(int32_t a, int32_t b)
 {
