@@ -17,6 +17,7 @@ from driver import pixels
 import build
 
 SUZANNE = build.ROOT / "blend_samples" / "suzanne.blend"
+HEAD = build.ROOT / "blend_samples" / "head.nii.gz"
 CANCELS = 20
 pytestmark = pytest.mark.alone
 STOPS_WITHIN = 0.5  # seconds
@@ -267,3 +268,68 @@ def test_a_viewport_set_to_rendered_does_no_harm(session, picture):
     time.sleep(1)
     session.render()
     assert (session.saved("viewport.png") == pixels(picture[1])).all()
+
+
+SCAN = """
+scan = bpy.context.active_object
+cutter = bpy.data.objects.new('Box', bpy.data.meshes.new('Box'))
+import bmesh
+box = bmesh.new(); bmesh.ops.create_cube(box, size=1); box.to_mesh(cutter.data); box.free()
+bpy.context.scene.collection.objects.link(cutter)
+cutter.scale = (0.3, 0.3, 0.3)
+cutter.location = (0.15, 0.15, 0.17)
+cutter.display_type = 'WIRE'
+camera = bpy.data.objects.new('Eye', bpy.data.cameras.new('Eye'))
+bpy.context.scene.collection.objects.link(camera)
+camera.location = (0.3, 0.6, 0.2)
+import mathutils
+camera.rotation_euler = (-camera.location).to_track_quat('-Z', 'Y').to_euler()
+sun = bpy.data.objects.new('Sun', bpy.data.lights.new('Sun', 'SUN'))
+sun.rotation_euler = camera.rotation_euler
+sun.data.energy = 3
+bpy.context.scene.collection.objects.link(sun)
+scene = bpy.context.scene
+scene.camera, scene.leapray.samples = camera, 4
+scene.render.resolution_x, scene.render.resolution_y = 320, 240
+cutter.hide_viewport = cutter.hide_render = True
+result = (scan.type, scan.data.leapray.file)
+"""
+
+
+def test_a_scan_is_imported_cut_saved_and_opened_again(session, window, tmp_path):
+    """As somebody who is new to it would: each step is seen in the picture."""
+    scan = window.blender.inside(window.blender.bring(HEAD))
+    session.run("bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)")
+    session.run(
+        "import bpy; bpy.context.scene.render.engine = 'LEAPRAY'\n"
+        "area = next(a for a in bpy.context.window_manager.windows[0].screen.areas "
+        "if a.type == 'VIEW_3D')\n"
+        "with bpy.context.temp_override(window=bpy.context.window_manager.windows[0], area=area):\n"
+        f"    bpy.ops.object.leapray_import(filepath={scan!r})"
+    )
+    assert session.run(SCAN) == ["VOLUME", scan]
+    session.run("own = scan.data.leapray; own.automatic = False; own.threshold = -500")
+    pictures = []
+
+    def rendered(name: str) -> None:
+        session.render()
+        assert session.failures() == []
+        pictures.append(session.saved(name))
+        window.screenshot(tmp_path / name)
+
+    rendered("skin.png")
+    session.run("own.threshold = 500")
+    rendered("bone.png")
+    session.run("own.threshold = -500; own.clip_object = cutter")
+    rendered("cut.png")
+    saved = window.blender.inside(window.blender.room / "scan.blend")
+    session.run(f"bpy.ops.wm.save_as_mainfile(filepath={saved!r})")
+    session.run("bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)")
+    session.run(f"bpy.ops.wm.open_mainfile(filepath={saved!r})")
+    rendered("again.png")
+    skin, bone, cut, again = pictures
+    seen = [(each.max(axis=2) > 80).mean() for each in pictures]
+    assert seen[0] > 0.1 and seen[1] > 0.03
+    assert (skin != bone).any(axis=2).mean() > 0.05
+    assert 0.01 < (skin != cut).any(axis=2).mean() < 0.6
+    assert (cut == again).all()
