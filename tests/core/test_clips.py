@@ -73,7 +73,7 @@ def test_a_ball_without_a_box_is_that(cut, eye):
     in_box = ((where > lo + 0.03) & (where < hi - 0.03)).all(axis=2)
     on_ball, on_box = index == 1, index == 2
     assert on_ball.any() or eye[0] > 3.5
-    assert np.abs(radius[on_ball] - 1).max() < 0.005
+    assert np.abs(radius[on_ball] - 1).max(initial=0) < 0.005
     assert not in_box[on_ball].any()
     assert (radius[on_box] < 1.005).all()
     off_faces = np.minimum(np.abs(where - lo), np.abs(where - hi)).min(axis=2)
@@ -108,6 +108,24 @@ def test_what_is_cut_away_casts_no_shadow(cut):
     scene = leapray.Scene(view, placed, [sun], [RED, GREEN], [0, 1])
     tile = scene.render_tile(16, 16, 1, 1, samples=1)
     assert tile["Combined"][0, 0] == pytest.approx([0, 1, 0, 1], abs=1e-3)
+
+
+def test_the_rim_of_the_face_is_as_light_as_the_rest(cut):
+    """The ball's surface that was cut away beside it casts no shadow, however near."""
+    sun = leapray.Light("sun", (np.pi,) * 3, direction=(0.8, 0.6, 0))
+    size = 300
+    scene = leapray.Scene(
+        stage.camera((6, 0, 0), size=(size, size)), instances(cut), [sun], [RED, GREEN], [0, 1]
+    )
+    rim = 0
+    for turn in range(4):
+        tile = scene.render_tile(
+            0, 0, size, size, samples=1, seed=turn, passes=("Position", "Object Index")
+        )
+        face = tile["Object Index"][..., 0] == 2
+        assert tile["Combined"][face][:, 1] == pytest.approx(0.8, abs=1e-3)
+        rim += (np.linalg.norm(tile["Position"][face], axis=1) > 0.985).sum()
+    assert rim > 1000
 
 
 def test_the_face_has_the_color_of_the_values(cut):

@@ -157,13 +157,19 @@ static lr_status trace_batch(const lr_context *context, const lr_intersect_optio
 /* A ray that has passed through so many surfaces that are cut away misses. */
 static const uint32_t MOST_PASSED = 1 << 16;
 
+/* Whether a ray of direction d leaves the object at hit k. */
+static bool leaves_object(const lr_hits *hit, uint32_t k, const double d[3])
+{
+    return d[0] * hit->gx[k] + d[1] * hit->gy[k] + d[2] * hit->gz[k] > 0;
+}
+
 /* Continue ray `to` of the batch from hit k, beyond its surface. */
 static void pass_through(uint32_t k, uint32_t to, const double p[3], const double d[3],
                          lr_batch *batch)
 {
     const lr_hits *hit = &batch->hit;
-    const bool inside = d[0] * hit->gx[k] + d[1] * hit->gy[k] + d[2] * hit->gz[k] > 0;
-    batch->start[to] = (lr_start){{hit->ci[k], hit->cj[k], hit->ck[k]}, inside ? -1 : 1};
+    const int32_t side = leaves_object(hit, k, d) ? -1 : 1;
+    batch->start[to] = (lr_start){{hit->ci[k], hit->cj[k], hit->ck[k]}, side};
     batch->t_passed[to] = batch->t_passed[k] + hit->t[k];
     batch->t_max[to] = batch->t_max[k] - hit->t[k];
     batch->t_min[to] = 0;
@@ -194,7 +200,8 @@ static lr_status trace_cut(const lr_context *context, const lr_intersect_options
             for (int a = 0; a < 3; a++)
                 p[a] += t * d[a];
             lr_map_point(placed->world_from_object, p, world);
-            if (lr_clips_keep(placed->clips, placed->n_clips, world)) {
+            if (lr_clips_keep(placed->clips, placed->n_clips, world,
+                              leaves_object(&batch->hit, k, d))) {
                 keep_if_nearer(options, pairs[k], k, batch->t_passed[k] + t, batch, hits);
                 continue;
             }

@@ -27,18 +27,19 @@ lr_status lr_clip_place(const lr_clip *clip, uint64_t instance, lr_placed_clip *
     return LR_OK;
 }
 
-static bool holds(const lr_placed_clip *clip, const double world[3])
+static bool holds(const lr_placed_clip *clip, const double world[3], bool exactly)
 {
     double object[3], p[3];
     int32_t c[3];
     lr_map_point(clip->object_from_world, world, object);
-    return lr_is_above(clip->volume, object, clip->threshold, c, p);
+    const double threshold = exactly ? clip->volume->threshold : clip->threshold;
+    return lr_is_above(clip->volume, object, threshold, c, p);
 }
 
-bool lr_clips_keep(const lr_placed_clip *clips, uint64_t n, const double world[3])
+bool lr_clips_keep(const lr_placed_clip *clips, uint64_t n, const double world[3], bool leaves)
 {
     for (uint64_t i = 0; i < n; i++)
-        if (holds(&clips[i], world) != clips[i].inside)
+        if (holds(&clips[i], world, leaves) != clips[i].inside)
             return false;
     return true;
 }

@@ -21,7 +21,8 @@ typedef struct lr_placed_clip {
 lr_status lr_clip_place(const lr_clip *clip, uint64_t instance, lr_placed_clip *placed,
                         lr_error *error);
 
-/* Whether a hit at a point of world space counts. */
-bool lr_clips_keep(const lr_placed_clip *clips, uint64_t n, const double world[3]);
+/* Whether a hit at a point of world space counts. leaves: it leaves the instance, for which the
+ * margin is nothing: a ray that starts on a face of the cut would meet the surface beside it. */
+bool lr_clips_keep(const lr_placed_clip *clips, uint64_t n, const double world[3], bool leaves);
 
 #endif
