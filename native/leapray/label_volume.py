@@ -148,7 +148,9 @@ class _Shown:
                 f"{self.grid.name!r} has {values.max()}"
             )
         if self._id_of is not None:
-            at = np.minimum(values, len(self._id_of) - 1)
+            last = len(self._id_of) - 1  # of all that are larger
+            at = values.astype(np.uint8) if values.dtype.kind == "b" else values
+            at = at if np.iinfo(at.dtype).max <= last else np.minimum(at, last)
             return self._id_of[at], self._mark_of[at]
         if not len(self.numbers):
             return np.zeros(block.shape, np.uint16), np.zeros(block.shape, np.uint8)

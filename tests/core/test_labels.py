@@ -50,6 +50,14 @@ def test_a_solid_of_some_labels_is_no_larger_than_they_are():
     assert_array_equal((some.sample(points)[0] >= 0.5).reshape(samples.shape), samples == 9)
 
 
+@pytest.mark.parametrize("dtype", ["?", "u1", "i1", "u2", "i2", "u4", "i8", "f4"])
+def test_labels_whose_numbers_are_not_listed_are_their_own_ids(dtype):
+    stored = np.zeros((5, 6, 7), dtype)
+    stored[1:4, 1:4, 1:5], stored[3, 3, 3] = 1, 100
+    volume = labels(grid_of(stored))
+    assert_array_equal(volume.read_ids(), stored.astype(np.uint16))
+
+
 def test_bands_of_slabs_make_no_difference(monkeypatch):
     """However few samples are taken at a time."""
     samples = np.zeros((44, 60, 30), np.uint16)
