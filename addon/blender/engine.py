@@ -12,7 +12,7 @@ import bpy
 import leapray
 
 from .. import pipeline
-from ..plan import fields
+from ..plan import fields, other_grids
 from ..plan.levels import MB
 from ..store.memory_cache import Cache
 from . import properties, result
@@ -142,7 +142,7 @@ class LeapRayEngine(bpy.types.RenderEngine):
         """Keep volumes where the scene asks for it; else of fields alone the samples, so that
         a threshold can move without reading them again."""
         if not (self.is_preview or evaluated_scene.render.use_persistent_data):
-            _volumes.keep(fields.SAMPLES)
+            _volumes.keep(fields.SAMPLES, other_grids.SAMPLES)
 
 
 def register() -> None:

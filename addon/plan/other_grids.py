@@ -14,6 +14,7 @@ from .. import arrays, model
 from ..store import memory_cache
 from . import field_filters
 
+SAMPLES = "other samples"  # what the cache calls them
 COARSEST = 64  # the most samples of which one stands for
 
 
@@ -46,7 +47,7 @@ def samples(
     """
     factor = 1
     while True:
-        told = "other", *key(other), factor
+        told = SAMPLES, *key(other), factor
         made = cache.get(told)
         try:
             if made is None:

@@ -77,9 +77,9 @@ class Cache:
         for key in [k for k in self._entries if _contents(k) not in alive]:
             del self._entries[key]
 
-    def keep(self, what: str) -> None:
-        """Drop all values but those of one kind, the first word of their keys."""
-        self._entries = {key: e for key, e in self._entries.items() if key[0] == what}
+    def keep(self, *kinds: str) -> None:
+        """Drop all values but those of some kinds, the first words of their keys."""
+        self._entries = {key: e for key, e in self._entries.items() if key[0] in kinds}
 
     def clear(self) -> None:
         self._entries.clear()

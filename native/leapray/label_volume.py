@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from .volume import Volume, VolumeBuilder
 SLAB = 32  # slices at a time, whole bricks
 SMOOTHEST = 8.0  # voxels
 BRICK = 8
+MOST_AT_ONCE = 1 << 23  # samples
 LEVEL = 128  # the least stored occupancy that lies inside
 MOST = 65535  # ids have 16 bits
 BIGGEST = 1 << 53  # of labels: above it floats are no whole numbers in a row
@@ -33,9 +35,10 @@ def label_numbers(grid: ScalarGrid, *, watch: Watch | None = None) -> NDArray[np
     """
     _, array = _array_of(grid)
     found: NDArray[np.int64] = np.empty(0, np.int64)
-    for first in range(0, len(array), SLAB):
+    slab = _slab(array)
+    for first in range(0, len(array), slab):
         _check_stopped(watch)
-        found = np.union1d(found, _values(grid, array[first : first + SLAB]))
+        found = np.union1d(found, _values(grid, array[first : first + slab]))
     return found[found > 0]
 
 
@@ -80,20 +83,39 @@ def labels(
     size = tuple(np.subtract(hi, lo)[::-1].tolist())
     level = (LEVEL - 0.5) / 255
     builder = VolumeBuilder(size, "u8", level, source.object_from_index @ shift, has_ids=True)
-    nbytes = 0
-    for first in range(0, hi[0] - lo[0], SLAB):
-        _check_stopped(watch)
-        low, last = max(0, first - passes), min(first + SLAB, hi[0] - lo[0])
+    nbytes, slab = 0, max(_slab(array), -(-passes // BRICK) * BRICK)
+    for first in range(0, hi[0] - lo[0], slab):
+        low, last = max(0, first - passes), min(first + slab, hi[0] - lo[0])
         block = array[lo[0] + low : min(lo[0] + last + passes, hi[0])]
-        occupancy, ids = shown.samples(block[:, lo[1] : hi[1], lo[2] : hi[2]])
-        own = slice(first - low, last - low)
-        nbytes += _nbytes(occupancy[own])
-        if max_nbytes is not None and nbytes > max_nbytes:
-            error = OutOfMemory(f"the labels need more than {max_nbytes / 1e6:.0f} MB")
-            error.nbytes = nbytes
-            raise error
-        builder.put((0, 0, first), occupancy[own], ids[own])
+        block = block[:, lo[1] : hi[1], lo[2] : hi[2]]
+        for y, occupancy, ids in _bands(shown, block, slice(first - low, last - low)):
+            _check_stopped(watch)
+            nbytes += _nbytes(occupancy)
+            if max_nbytes is not None and nbytes > max_nbytes:
+                error = OutOfMemory(f"the labels need more than {max_nbytes / 1e6:.0f} MB")
+                error.nbytes = nbytes
+                raise error
+            builder.put((0, y, first), occupancy, ids)
     return builder.finish()
+
+
+def _slab(array: Samples) -> int:
+    """Slices that are taken at a time."""
+    return SLAB if SLAB * math.prod(array.shape[1:]) <= MOST_AT_ONCE else BRICK
+
+
+def _bands(
+    shown: _Shown, block: NDArray, own: slice
+) -> Iterator[tuple[int, NDArray[np.uint8], NDArray[np.uint16]]]:
+    """The first row, occupancies and ids of the own slices of a block, some rows at a time, for
+    they take many times the memory of labels."""
+    (nz, ny, nx), reach = block.shape, shown.passes
+    rows = max(MOST_AT_ONCE // 8 // (nz * nx) // BRICK, -(-reach // BRICK)) * BRICK
+    for first in range(0, ny, rows):
+        low, last = max(0, first - reach), min(first + rows, ny)
+        occupancy, ids = shown.samples(block[:, low : last + reach])
+        rows_of_own = own, slice(first - low, last - low)
+        yield first, occupancy[rows_of_own], ids[rows_of_own]
 
 
 class _Shown:
@@ -126,7 +148,9 @@ class _Shown:
                 f"{self.grid.name!r} has {values.max()}"
             )
         if self._id_of is not None:
-            at = np.minimum(values, len(self._id_of) - 1)
+            last = len(self._id_of) - 1  # of all that are larger
+            at = values.astype(np.uint8) if values.dtype.kind == "b" else values
+            at = at if np.iinfo(at.dtype).max <= last else np.minimum(at, last)
             return self._id_of[at], self._mark_of[at]
         if not len(self.numbers):
             return np.zeros(block.shape, np.uint16), np.zeros(block.shape, np.uint8)
@@ -162,11 +186,12 @@ def _marked(n: int, ids) -> NDArray[np.uint8]:
 def _box_of(shown: _Shown, array: Samples, watch: Watch | None) -> tuple[tuple, tuple]:
     """The first sample and the end of a box round the solid, with what matters beside it."""
     used = [np.zeros(n, bool) for n in array.shape]
-    for first in range(0, len(array), SLAB):
+    slab = _slab(array)
+    for first in range(0, len(array), slab):
         _check_stopped(watch)
-        solid = shown.told(array[first : first + SLAB])[1] == OWN
+        solid = shown.told(array[first : first + slab])[1] == OWN
         flat = solid.any(axis=0)
-        used[0][first : first + SLAB] = solid.any(axis=(1, 2))
+        used[0][first : first + slab] = solid.any(axis=(1, 2))
         used[1] |= flat.any(axis=1)
         used[2] |= flat.any(axis=0)
     if not used[0].any():

@@ -7,7 +7,7 @@ import stage
 from numpy.testing import assert_array_equal
 
 import leapray
-from leapray import ScalarGrid, label_numbers, labels
+from leapray import ScalarGrid, label_numbers, label_volume, labels
 from leapray._abi import LR_OWN_INDEX
 
 
@@ -48,6 +48,31 @@ def test_a_solid_of_some_labels_is_no_larger_than_they_are():
     assert some.info.size == (7, 22, 9) and whole.info.size == (60, 50, 40)
     points = np.argwhere(np.ones(samples.shape, bool))[:, ::-1].astype(float)
     assert_array_equal((some.sample(points)[0] >= 0.5).reshape(samples.shape), samples == 9)
+
+
+@pytest.mark.parametrize("dtype", ["?", "u1", "i1", "u2", "i2", "u4", "i8", "f4"])
+def test_labels_whose_numbers_are_not_listed_are_their_own_ids(dtype):
+    stored = np.zeros((5, 6, 7), dtype)
+    stored[1:4, 1:4, 1:5], stored[3, 3, 3] = 1, 100
+    volume = labels(grid_of(stored))
+    assert_array_equal(volume.read_ids(), stored.astype(np.uint16))
+
+
+def test_bands_of_slabs_make_no_difference(monkeypatch):
+    """However few samples are taken at a time."""
+    samples = np.zeros((44, 60, 30), np.uint16)
+    rng = np.random.default_rng(4)
+    samples[3:40, 5:55, 4:26] = rng.integers(0, 4, (37, 50, 22)) * 100
+    numbers = label_numbers(grid_of(samples))
+    for more in ({}, {"of": [1], "over": [0, 2]}, {"smoothing": 1.6}):
+        made = []
+        for most in (1 << 23, 1):
+            monkeypatch.setattr(label_volume, "MOST_AT_ONCE", most)
+            assert_array_equal(label_numbers(grid_of(samples)), numbers)
+            made.append(labels(grid_of(samples), numbers=numbers, **more))
+        assert_array_equal(*(each.read() for each in made))
+        assert_array_equal(*(each.read_ids() for each in made))
+        assert made[0].info.nbytes == made[1].info.nbytes
 
 
 def held_by_each(points, reaching):
