@@ -15,7 +15,7 @@ from .scalar_grid import Leaves, ScalarGrid
 from .scalar_source import Source, source_of
 from .volume import Volume, VolumeBuilder
 
-SLAB = 32  # slices at a time, whole bricks
+AT_ONCE = 1 << 21  # samples, about, that are worked on together
 SMOOTHEST = 8.0  # voxels
 BRICK = 8
 LEVEL = 128  # the least stored occupancy that lies inside
@@ -33,9 +33,10 @@ def label_numbers(grid: ScalarGrid, *, watch: Watch | None = None) -> NDArray[np
     """
     _, array = _array_of(grid)
     found: NDArray[np.int64] = np.empty(0, np.int64)
-    for first in range(0, len(array), SLAB):
+    slab = _slab(array)
+    for first in range(0, len(array), slab):
         _check_stopped(watch)
-        found = np.union1d(found, _values(grid, array[first : first + SLAB]))
+        found = np.union1d(found, _values(grid, array[first : first + slab]))
     return found[found > 0]
 
 
@@ -80,10 +81,10 @@ def labels(
     size = tuple(np.subtract(hi, lo)[::-1].tolist())
     level = (LEVEL - 0.5) / 255
     builder = VolumeBuilder(size, "u8", level, source.object_from_index @ shift, has_ids=True)
-    nbytes = 0
-    for first in range(0, hi[0] - lo[0], SLAB):
+    nbytes, slab = 0, _slab(array)
+    for first in range(0, hi[0] - lo[0], slab):
         _check_stopped(watch)
-        low, last = max(0, first - passes), min(first + SLAB, hi[0] - lo[0])
+        low, last = max(0, first - passes), min(first + slab, hi[0] - lo[0])
         block = array[lo[0] + low : min(lo[0] + last + passes, hi[0])]
         occupancy, ids = shown.samples(block[:, lo[1] : hi[1], lo[2] : hi[2]])
         own = slice(first - low, last - low)
@@ -162,11 +163,12 @@ def _marked(n: int, ids) -> NDArray[np.uint8]:
 def _box_of(shown: _Shown, array: Samples, watch: Watch | None) -> tuple[tuple, tuple]:
     """The first sample and the end of a box round the solid, with what matters beside it."""
     used = [np.zeros(n, bool) for n in array.shape]
-    for first in range(0, len(array), SLAB):
+    slab = _slab(array)
+    for first in range(0, len(array), slab):
         _check_stopped(watch)
-        solid = shown.told(array[first : first + SLAB])[1] == OWN
+        solid = shown.told(array[first : first + slab])[1] == OWN
         flat = solid.any(axis=0)
-        used[0][first : first + SLAB] = solid.any(axis=(1, 2))
+        used[0][first : first + slab] = solid.any(axis=(1, 2))
         used[1] |= flat.any(axis=1)
         used[2] |= flat.any(axis=0)
     if not used[0].any():
@@ -211,7 +213,12 @@ def _labels_of(grid: ScalarGrid, block: NDArray) -> NDArray:
 
 
 def _values(grid: ScalarGrid, block: NDArray) -> NDArray[np.int64]:
-    return np.unique(_labels_of(grid, np.unique(block))).astype(np.int64)
+    """The labels of a block, each once."""
+    if block.dtype.kind == "u" and block.dtype.itemsize <= 2:
+        stored = np.flatnonzero(np.bincount(block.ravel())).astype(block.dtype)
+    else:
+        stored = np.unique(block)
+    return np.unique(_labels_of(grid, stored)).astype(np.int64)
 
 
 def _blurred(solid: NDArray[np.bool_], passes: int) -> NDArray:
@@ -252,6 +259,12 @@ def _nbytes(occupancy: NDArray[np.uint8]) -> int:
     for axis in range(3):
         some = np.maximum.reduceat(some, np.arange(0, some.shape[axis], BRICK), axis=axis)
     return int(np.count_nonzero(some)) * BRICK**3 * 3
+
+
+def _slab(array: NDArray) -> int:
+    """Slices that are worked on together: whole bricks."""
+    bricks = AT_ONCE // (BRICK * array.shape[1] * array.shape[2])
+    return BRICK * min(max(bricks, 1), 4)
 
 
 def _check_stopped(watch: Watch | None) -> None:
