@@ -261,7 +261,7 @@ def _nbytes(occupancy: NDArray[np.uint8]) -> int:
     return int(np.count_nonzero(some)) * BRICK**3 * 3
 
 
-def _slab(array: NDArray) -> int:
+def _slab(array: Samples) -> int:
     """Slices that are worked on together: whole bricks."""
     bricks = AT_ONCE // (BRICK * array.shape[1] * array.shape[2])
     return BRICK * min(max(bricks, 1), 4)
