@@ -127,7 +127,8 @@ class _Shown:
                 f"{self.grid.name!r} has {values.max()}"
             )
         if self._id_of is not None:
-            at = np.minimum(values, len(self._id_of) - 1)
+            last = len(self._id_of) - 1  # which is no label's
+            at = values if np.iinfo(values.dtype).max <= last else np.minimum(values, last)
             return self._id_of[at], self._mark_of[at]
         if not len(self.numbers):
             return np.zeros(block.shape, np.uint16), np.zeros(block.shape, np.uint8)
@@ -209,7 +210,7 @@ def _labels_of(grid: ScalarGrid, block: NDArray) -> NDArray:
         raise LeapRayError(
             f"labels must be whole numbers in 0..2^53; {grid.name!r} has {wrong:.17g}"
         )
-    return values if values.dtype.kind in "biu" else values.astype(np.int64)
+    return values if values.dtype.kind in "iu" else values.astype(np.int64)
 
 
 def _values(grid: ScalarGrid, block: NDArray) -> NDArray[np.int64]:
