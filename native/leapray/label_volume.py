@@ -232,11 +232,16 @@ def _labels_of(grid: ScalarGrid, block: NDArray) -> NDArray:
         raise LeapRayError(
             f"labels must be whole numbers in 0..2^53; {grid.name!r} has {wrong:.17g}"
         )
-    return values if values.dtype.kind in "biu" else values.astype(np.int64)
+    return values if values.dtype.kind in "iu" else values.astype(np.int64)
 
 
 def _values(grid: ScalarGrid, block: NDArray) -> NDArray[np.int64]:
-    return np.unique(_labels_of(grid, np.unique(block))).astype(np.int64)
+    """The labels of a block, each once."""
+    if block.dtype.kind == "u" and block.dtype.itemsize <= 2:
+        stored = np.flatnonzero(np.bincount(block.ravel())).astype(block.dtype)
+    else:
+        stored = np.unique(block)
+    return np.unique(_labels_of(grid, stored)).astype(np.int64)
 
 
 def _blurred(solid: NDArray[np.bool_], passes: int) -> NDArray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from blender_scenes import diffuse, fresh, light, mesh, nodes_of, put, read
+from blender_scenes import colored, diffuse, fresh, light, mesh, nodes_of, put, read
 
 import addon
 import leapray
@@ -337,9 +337,15 @@ def test_what_are_no_labels_is_a_sentence(make, words, scene, tmp_path, monkeypa
 
 
 def test_settings_that_labels_do_not_take_are_named(scene, tmp_path):
-    show(tmp_path, quarters().astype(np.uint8), invert=True, least=7)
+    show(tmp_path, quarters().astype(np.uint8), invert=True, least=7, interpolation="cubic")
     (warning,) = render().warnings
-    assert "'Labels' shows labels, for which Smallest Part, Invert do nothing" in warning
+    assert "'Labels' shows labels, for which Interpolation, Smallest Part, Invert do" in warning
+
+
+def test_materials_of_labels_that_ask_for_attributes_are_named(scene, tmp_path):
+    show(tmp_path, quarters().astype(np.uint8), colored("Values", "value"), shining("Other"))
+    (warning,) = render().warnings
+    assert "Textures on labels" in warning and "'Labels'" in warning
 
 
 def test_smoothing_makes_normals_those_of_the_ball(scene, tmp_path):

@@ -39,6 +39,26 @@ def test_numbers_are_those_of_the_values_and_none_is_none(dtype):
     assert_array_equal(label_numbers(grid), (1, 5, 7, 15))
 
 
+@pytest.mark.parametrize(
+    ("dtype", "numbers"),
+    [(np.bool_, [1]), (np.uint8, [1, 255]), (np.int8, [1, 127]), (np.uint16, [9, 65535]),
+     (np.uint64, [5, 2**53]), (np.float32, [3, 2**24])],
+)  # fmt: skip
+def test_the_largest_numbers_of_each_type_are_labels(dtype, numbers):
+    samples = np.zeros((6, 6, 12), dtype)
+    for n, number in enumerate(numbers):
+        samples[1:5, 1:5, 1 + 5 * n : 5 + 5 * n] = number
+    grid = grid_of(samples)
+    assert_array_equal(label_numbers(grid), numbers)
+    for listed in (numbers, None):
+        if listed is None and max(numbers) > 65535:
+            continue
+        volume = labels(grid, numbers=listed)
+        assert_array_equal(volume.read() >= 128, samples > 0)
+        ids = volume.read_ids()[samples > 0]
+        assert_array_equal(ids if listed is None else np.array(listed)[ids], samples[samples > 0])
+
+
 def test_a_solid_of_some_labels_is_no_larger_than_they_are():
     samples = np.zeros((40, 50, 60), np.int32)
     samples[10:20, 12:30, 15:18] = 4

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from ...descriptions import WHOLE_MAX, described
 from ...plan import field_filters
 from ...settings import Isosurfaces
 
-UNUSED = "least", "invert", "capped"  # settings that mean nothing to labels
+UNUSED = "interpolation", "least", "invert", "capped"  # settings that mean nothing to labels
 MOST_CLEAR = 256  # solids of see-through labels; what is beyond shares the last one
 MOST_KNOWN = 64  # lists of numbers that are kept for later frames
 TINTED = "diffuse", "glossy", "glass", "refraction", "principled"  # lobes
@@ -31,24 +31,34 @@ def are_shown(grid: ScalarGrid, own: Isosurfaces) -> bool:
     return own.shown == "labels" or (own.shown != "threshold" and grid.kind == "labels")
 
 
-def read(grid: ScalarGrid, contents: str, name: str, own: Isosurfaces, notes) -> tuple:
+def read(
+    grid: ScalarGrid,
+    contents: str,
+    name: str,
+    own: Isosurfaces,
+    notes,
+    heard: Callable[[Callable[[leapray.Watch], tuple]], tuple],
+) -> tuple[ScalarGrid, model.Labels]:
     """The grid as an array of labels, and which there are.
 
-    notes are told of settings that do nothing. Raises LeapRayError for numbers that are no labels,
-    and for more labels than ids can hold.
+    notes are told of settings that do nothing. heard runs what takes long, so that it can be
+    stopped. Raises LeapRayError for numbers that are no labels, and for more labels than ids can
+    hold; Stopped.
     """
     grid = replace(field_filters.dense(grid), kind="labels")
     if contents not in _numbers:
         while len(_numbers) >= MOST_KNOWN:
             _numbers.pop(next(iter(_numbers)))
-        _numbers[contents] = tuple(leapray.label_numbers(grid).tolist())
+        _numbers[contents] = heard(
+            lambda watch: tuple(leapray.label_numbers(grid, watch=watch).tolist())
+        )
     numbers = _numbers[contents]
     if not numbers:
         raise LeapRayError("its data have no labels, but 0 alone")
     if len(numbers) > MOST + 1:
         raise LeapRayError(f"its data have {len(numbers)} labels; ids hold {MOST + 1}")
     settings = described(Isosurfaces)
-    idle = [settings[k].label for k in UNUSED if getattr(own, k) != settings[k].default]
+    idle = [settings[k].label for k in UNUSED if getattr(own, k) not in ("", settings[k].default)]
     if idle:
         what = f"shows labels, for which {', '.join(idle)} {'do' if idle[1:] else 'does'} nothing"
         notes.missing("Volume object", name, what)

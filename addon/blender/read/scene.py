@@ -261,7 +261,8 @@ class _Objects:
         if not placed:
             return
         lasting = (instance.instance_object if instance.is_instance else ob) or ob
-        found = self._field(ob, lasting.original.data)
+        original = lasting.original.data
+        found = self._field(ob, original)
         if isinstance(found, str):
             self.notes.skipped(found, ob.name)
             return
@@ -270,11 +271,13 @@ class _Objects:
         self._note_unread(instance, ob)
         slots = self._volume_slots(ob, lasting.original)
         worn = tuple(self._on_surface(at) for at in slots)
-        colors = self._field_colors(ob, lasting.original.data, slots, self.fields[found])
-        told: dict[str, Any] = {"field": found, "materials": worn, "colors": colors}
-        if self.fields[found].labels is not None:
-            own = volumes.wanted(lasting.original.data, self._depsgraph)
-            told = self._labels(found, worn, own)
+        told: dict[str, Any] = {"field": found, "materials": worn}
+        if self.fields[found].labels is None:
+            told["colors"] = self._field_colors(ob, original, slots, self.fields[found])
+        else:
+            if any(self._textures[at] for at in slots):
+                self.notes.unsupported("Textures on labels are", ob.name)
+            told = self._labels(found, worn, volumes.wanted(original, self._depsgraph))
         self.field_instances.append(model.FieldInstance(**told, **placed))
 
     def _labels(self, found: int, worn: tuple[int, ...], own: Isosurfaces) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -71,7 +72,8 @@ def read_field(ob, original, depsgraph, notes, caller: Caller = Caller()) -> mod
         "clip": clips.read_clip(ob, own, depsgraph, notes),
     }
     if labels.are_shown(grid, own):
-        grid, found_labels = labels.read(grid, contents, ob.name, own, notes)
+        heard = partial(listening, caller=caller, what=f"labels of {grid.name}")
+        grid, found_labels = labels.read(grid, contents, ob.name, own, notes, heard)
         return model.Field(
             grid=grid,
             contents=contents,
