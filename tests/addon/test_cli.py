@@ -232,6 +232,7 @@ REFUSED = [
     (["{blend}", "--threads", "1025"], 2, "must be at most 1024"),
     (["{blend}", "--frame", "1048575"], 2, "must be at most 1048574"),
     (["{blend}", "--hit-test", "guess"], 2, "invalid choice"),
+    (["{blend}", "--interpolation", "cubic"], 1, "--interpolation is for measured data"),
     ([], 2, "SCENE.blend"),
 ]
 

@@ -465,6 +465,25 @@ def test_a_ray_that_leads_through_the_surface_that_it_leaves_hits_it():
         assert hits.t.max() < 1e-5
 
 
+def test_any_start_gives_an_answer():
+    """Cells and sides that no hit has: an answer, the same by every exact traverser."""
+    rng = np.random.default_rng(8)
+    volume = isosurface(grid_of(noise()), 130.0, interpolation="cubic")
+    o, d = aimed(volume.info.size, 3000)
+    o = o + rng.uniform(0, 25, (3000, 1)) * d
+    cell = rng.integers(-3, 16, (3000, 3))
+    cell[::9] = rng.choice([-(2**31), 2**31 - 1, 0, 5], (len(cell[::9]), 3))
+    cell[1::2] = np.floor(o[1::2])
+    side = rng.integers(-1, 2, 3000)
+    want = leapray.trace(leapray.build(volume, "aw"), o, d, start=(cell, side))
+    hit = np.isfinite(want.t)
+    assert hit.any() and not np.isnan(want.t).any() and (want.t >= 0).all()
+    assert_allclose(np.linalg.norm(want.normal[hit], axis=1), 1, atol=1e-12)
+    for name in ("cd", "kdtree", "pyramid"):
+        got = leapray.trace(leapray.build(volume, name), o, d, start=(cell, side))
+        assert_allclose(got.t, want.t, rtol=0, atol=1e-9)
+
+
 # ---- what cubic volumes do not take ------------------------------------------------------------
 
 
