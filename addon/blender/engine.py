@@ -90,6 +90,7 @@ class LeapRayEngine(bpy.types.RenderEngine):
             self.update_stats("", f"{status}{phase}, {share:.0%}")
 
         self._keep(depsgraph.scene_eval)
+        done = False
         try:
             frame = pipeline.render(
                 job,
@@ -99,8 +100,9 @@ class LeapRayEngine(bpy.types.RenderEngine):
                 cache=None if self.is_preview else _volumes,
                 pixel=self._pixel(depsgraph.scene_eval.render),
             )
+            done = True
         finally:
-            self._keep(depsgraph.scene_eval)
+            self._keep(depsgraph.scene_eval, used=done)
         if self.is_preview:
             return
         reports[layer] = frame.report
@@ -138,11 +140,11 @@ class LeapRayEngine(bpy.types.RenderEngine):
             )
         return x, y
 
-    def _keep(self, evaluated_scene) -> None:
+    def _keep(self, evaluated_scene, used: bool = False) -> None:
         """Keep volumes where the scene asks for it; else of fields alone the samples, so that
-        a threshold can move without reading them again."""
+        a threshold can move without reading them again. used: those of the last frame."""
         if not (self.is_preview or evaluated_scene.render.use_persistent_data):
-            _volumes.keep(fields.SAMPLES, other_grids.SAMPLES)
+            _volumes.keep(fields.SAMPLES, other_grids.SAMPLES, used=used)
 
 
 def register() -> None:

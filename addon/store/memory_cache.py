@@ -77,9 +77,14 @@ class Cache:
         for key in [k for k in self._entries if _contents(k) not in alive]:
             del self._entries[key]
 
-    def keep(self, *kinds: str) -> None:
-        """Drop all values but those of some kinds, the first words of their keys."""
-        self._entries = {key: e for key, e in self._entries.items() if key[0] in kinds}
+    def keep(self, *kinds: str, used: bool = False) -> None:
+        """Drop all values but those of some kinds, the first words of their keys, and of these,
+        if asked, what this frame has not used."""
+        self._entries = {
+            key: entry
+            for key, entry in self._entries.items()
+            if key[0] in kinds and (entry.frame == self._frame or not used)
+        }
 
     def clear(self) -> None:
         self._entries.clear()

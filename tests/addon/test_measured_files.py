@@ -120,6 +120,9 @@ def test_without_persistent_data_only_samples_of_fields_are_kept(scene, tmp_path
     assert len(engine._volumes) == 1
     (entry,) = engine._volumes._entries.values()
     assert isinstance(entry.value, leapray.Isosurfaces) and entry.nbytes == entry.value.nbytes > 0
+    bpy.data.objects.remove(bpy.data.objects["Ball"])
+    bpy.ops.render.render()
+    assert len(engine._volumes) == 0
 
 
 def test_what_is_kept_stays_within_the_budget(scene, tmp_path):
