@@ -155,7 +155,8 @@ def rendered(*words: str, code: str = RENDER) -> dict:
     code = f"import sys; sys.path[:0] = {[str(p) for p in paths]!r}\n{code}"
     run = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
-    return json.loads(run.stdout)
+    (told,) = (line for line in run.stdout.splitlines() if line.startswith("{"))  # Blender logs
+    return json.loads(told)
 
 
 # ---- the report ------------------------------------------------------------------------
