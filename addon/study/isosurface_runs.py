@@ -50,7 +50,10 @@ def make_scene(task: Task, threshold: float):
     bpy.data.objects.remove(bpy.data.objects["Fill"])
     bpy.data.lights["Key"].angle = 0.0
     frames.prepare(scene)
-    bpy.context.view_layer.use_volumes = True
+    layer = bpy.context.view_layer
+    layer.use_volumes = True
+    for each in ("z", "normal", "position", "object_index"):  # a picture alone is asked for
+        setattr(layer, f"use_pass_{each}", False)
     frames.blacken_world(scene)
     scene.render.resolution_x, scene.render.resolution_y = task.width, task.height
     scene.camera.data.sensor_fit = "VERTICAL"
