@@ -21,8 +21,6 @@ LAST_FRAME = 1048574  # of Blender, which would quietly clamp
 MOST_PERCENT, LEAST_PIXELS, MOST_PIXELS = 32767, 4, 65536  # likewise
 VERBS = ("render", "compare", "study")
 FRAMES = re.compile(r"(-?\d+)(?:(?:-|\.\.)(-?\d+))?")
-
-
 CLIP = re.compile(r"([xyz])=(\d*\.?\d+|\d+\.)")
 
 

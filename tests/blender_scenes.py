@@ -33,6 +33,15 @@ def fresh(settings=PLAIN):
     return scene
 
 
+def sunlit(size, eye=(0, 0, 6)):
+    """A fresh scene of so many pixels in the light of a sun, its camera there."""
+    made = fresh()
+    made.render.resolution_x, made.render.resolution_y = size
+    made.camera.location = eye
+    put("Sun", light("SUN", energy=3.0), rotation_euler=(0.4, 0.3, 0.0))
+    return made
+
+
 def nodes_of(block):
     """The node tree of a material, light or world, in use in every version."""
     if bpy.app.version < (5, 0):

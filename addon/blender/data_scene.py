@@ -19,6 +19,7 @@ import leapray
 
 from ..plan import objects
 from . import open_file, volume_data
+from .read.links import node_tree
 
 SIDE = 1024  # pixels of the picture, unless asked otherwise
 MILLIMETRES = 1e-3  # in metres: the unit of anatomical data,
@@ -103,9 +104,7 @@ def _shown_values(grid: leapray.ScalarGrid, threshold: float) -> tuple[float, fl
 def _greys(low: float, high: float):
     """A material that shines in greys from black at one value of the data to white at another."""
     made = bpy.data.materials.new("Cut")
-    if bpy.app.version < (5, 0):
-        made.use_nodes = True
-    tree = made.node_tree
+    tree = node_tree(made)
     tree.nodes.clear()
     kinds = "Attribute", "MapRange", "ValToRGB", "Emission", "OutputMaterial"
     value, mapped, ramp, shine, output = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
@@ -165,6 +164,4 @@ def _sun(scene, name: str, strength: float, origin: NDArray[np.float64]) -> None
 
 def _sky(scene) -> None:
     world = scene.world = bpy.data.worlds.new("World")
-    if bpy.app.version < (5, 0):
-        world.use_nodes = True
-    world.node_tree.nodes["Background"].inputs["Color"].default_value = (*SKY, 1.0)
+    node_tree(world).nodes["Background"].inputs["Color"].default_value = (*SKY, 1.0)

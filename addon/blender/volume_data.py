@@ -21,6 +21,7 @@ from leapray.formats import FORMATS
 from ..plan import objects
 from . import properties
 from .read import volumes
+from .read.links import node_tree
 
 SMALLEST, LARGEST = 1e-3, 1e5  # units of the scene that imported data may be long
 BINS = 128
@@ -152,8 +153,7 @@ def add(scene, path: Path, grid: str = "") -> tuple[bpy.types.Object, leapray.Sc
     volume.leapray.grid = grid
     material = bpy.data.materials.new(name)
     material.diffuse_color = (0.8, 0.8, 0.8, 1.0)
-    if bpy.app.version < (5, 0):
-        material.use_nodes = True
+    node_tree(material)
     volume.materials.append(material)
     ob = bpy.data.objects.new(name, volume)
     ob.scale = (scene_units(scene, data),) * 3

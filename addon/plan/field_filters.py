@@ -21,6 +21,7 @@ from . import objects
 
 MOST = 1 << 28  # samples of an array that a sparse field becomes
 SLAB = 8  # slices that are taken at a time
+COARSEST = 64  # the most samples of which one stands for, along an axis
 
 
 def filtered(

@@ -28,7 +28,6 @@ from .planned import Plan
 
 MESH_SHARE = 1 / 4  # of the memory that is left for meshes, where there are some
 SAMPLES = "samples"  # what the cache calls those that surfaces share
-COARSEST = 64  # the most samples of which one stands for
 
 
 @dataclass(frozen=True)
@@ -178,7 +177,7 @@ class Fields:
     def _make(self, n: int, name: str, room: float) -> None:
         """The surfaces of a field on the finest lattice that fits into room."""
         factor = 1
-        while factor <= COARSEST:
+        while factor <= field_filters.COARSEST:
             try:
                 found, warnings = self._surfaces(n, name, factor, room)
             except leapray.Stopped:

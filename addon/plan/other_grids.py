@@ -15,7 +15,6 @@ from ..store import memory_cache
 from . import field_filters
 
 SAMPLES = "other samples"  # what the cache calls them
-COARSEST = 64  # the most samples of which one stands for
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ def samples(
                 raise leapray.OutOfMemory(f"its samples take {nbytes / 1e6:.0f} MB")
             return cache.put(told, made, nbytes)
         except leapray.OutOfMemory:
-            if factor == COARSEST:
+            if factor == field_filters.COARSEST:
                 raise
             factor *= 2
 

@@ -7,7 +7,7 @@ import contextlib
 import io
 import os
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from ..arrays import LUMINANCE, from_srgb
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A800")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 INK, FAINT = "#222222", "#DDDDDD"
+CYAN = 0, 190, 220
 STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.size": 10.5,
@@ -93,6 +94,16 @@ def chart(
             )
 
 
+def bars(axis, names: Sequence[str], seconds: Sequence[float]) -> None:
+    """A bar with its number for each name, from above."""
+    place = np.arange(len(names))
+    axis.barh(place, seconds, color=COLORS[0], height=0.6)
+    for y, value in zip(place, seconds, strict=True):
+        axis.text(value, y, f" {value:.3g}", va="center", fontsize=9)
+    axis.set_yticks(place, names)
+    axis.invert_yaxis()
+
+
 def plain_ticks(axis) -> None:
     """Label logarithmic scales by 1, 2 and 5 of each power, in plain decimals."""
     for scale in (axis.xaxis, axis.yaxis):
@@ -117,6 +128,13 @@ def picture(values: NDArray, low: float, high: float, colors: str = "inferno") -
     rgb = colormaps[colors](np.nan_to_num(np.clip(fraction, 0, 1)))[..., :3]
     rgb[~np.isfinite(values)] = 0.82
     return as_bytes(rgb)
+
+
+def errors(values: NDArray, most: float, differ: NDArray) -> NDArray[np.uint8]:
+    """Errors in false colours, the brightest at most; nothing grey; cyan where pixels differ."""
+    image = picture(values, 0.0, most)
+    image[differ] = CYAN
+    return image
 
 
 def labels(index: NDArray, edges: NDArray | None = None) -> NDArray[np.uint8]:

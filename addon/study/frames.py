@@ -25,7 +25,7 @@ from leapray import LeapRayError
 
 from ..blender import open_file
 from ..blender.read.images import openimageio
-from ..blender.read.links import tree_of
+from ..blender.read.links import node_tree, tree_of
 from .metrics import View
 
 CHANNELS = {  # our name: the layer's names in Blender 5 and 4, and its channels
@@ -68,17 +68,22 @@ class Subject:
 
 
 def prepare(
-    scene: bpy.types.Scene, *, plain: bool = True, diffuse_bounces: int | None = None
+    scene: bpy.types.Scene,
+    *,
+    plain: bool = True,
+    diffuse_bounces: int | None = None,
+    volumes: bool = False,
 ) -> list[str]:
     """Change the open scene so that both engines can draw the same; returns what was changed.
 
     plain: materials become diffuse, and light goes from the light to the surface to the camera.
     Else Cycles gets the limits of bounces that the scene has for LeapRay. Pixels have a box
     filter, and every object has a pass index of its own; instances share their object's.
+    volumes: volume objects stay, whose surfaces only LeapRay renders.
     """
     notes = []
     layer = bpy.context.view_layer
-    if layer.use_volumes and any(ob.type == "VOLUME" for ob in scene.objects):
+    if not volumes and layer.use_volumes and any(ob.type == "VOLUME" for ob in scene.objects):
         layer.use_volumes = False
         notes.append("volume objects were left out, which Cycles renders as clouds")
     if plain:
@@ -173,20 +178,18 @@ def make_diffuse() -> list[str]:
         if plain:
             continue
         changed.append(material.name)
-        tree = node_tree(material)
-        tree.nodes.clear()
-        bsdf = tree.nodes.new("ShaderNodeBsdfDiffuse")
-        bsdf.inputs["Color"].default_value = color
-        output = tree.nodes.new("ShaderNodeOutputMaterial")
-        tree.links.new(bsdf.outputs["BSDF"], output.inputs["Surface"])
+        be_diffuse(material, color)
     return changed
 
 
-def node_tree(owner):
-    """The node tree of a material or a world; from Blender 5 on each has one."""
-    if bpy.app.version < (5, 0):
-        owner.use_nodes = True
-    return owner.node_tree
+def be_diffuse(material: bpy.types.Material, color: tuple[float, ...]) -> None:
+    """Have a material be diffuse, of that colour (RGBA), and nothing else."""
+    tree = node_tree(material)
+    tree.nodes.clear()
+    bsdf = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    bsdf.inputs["Color"].default_value = color
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(bsdf.outputs["BSDF"], output.inputs["Surface"])
 
 
 def base_color(material: bpy.types.Material) -> tuple[tuple[float, ...], bool]:

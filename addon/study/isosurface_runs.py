@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from numpy.typing import NDArray
 
 import leapray
 
-from .. import process
+from .. import memory, process
 from ..blender import data_scene, open_file
 from . import frames
 
@@ -49,11 +48,9 @@ def make_scene(task: Task, threshold: float):
     scene = data_scene.make(task.path, threshold)
     bpy.data.objects.remove(bpy.data.objects["Fill"])
     bpy.data.lights["Key"].angle = 0.0
-    frames.prepare(scene)
-    layer = bpy.context.view_layer
-    layer.use_volumes = True
+    frames.prepare(scene, volumes=True)
     for each in ("z", "normal", "position", "object_index"):  # a picture alone is asked for
-        setattr(layer, f"use_pass_{each}", False)
+        setattr(bpy.context.view_layer, f"use_pass_{each}", False)
     frames.blacken_world(scene)
     scene.render.resolution_x, scene.render.resolution_y = task.width, task.height
     scene.camera.data.sensor_fit = "VERTICAL"
@@ -120,12 +117,7 @@ def mesh_of(vertices: NDArray, triangles: NDArray) -> bpy.types.Mesh:
     mesh.polygons.foreach_set("use_smooth", np.ones(len(triangles), bool))
     mesh.update()
     material = bpy.data.materials.new("Surface")
-    tree = frames.node_tree(material)
-    tree.nodes.clear()
-    bsdf = tree.nodes.new("ShaderNodeBsdfDiffuse")
-    bsdf.inputs["Color"].default_value = (GREY, GREY, GREY, 1.0)
-    output = tree.nodes.new("ShaderNodeOutputMaterial")
-    tree.links.new(bsdf.outputs["BSDF"], output.inputs["Surface"])
+    frames.be_diffuse(material, (GREY, GREY, GREY, 1.0))
     mesh.materials.append(material)
     return mesh
 
@@ -134,7 +126,7 @@ def mesh_of(vertices: NDArray, triangles: NDArray) -> bpy.types.Mesh:
 
 
 def vtk_image(grid: leapray.ScalarGrid):
-    """The samples as VTK has them, not copied, in index coordinates."""
+    """The samples, read, as VTK has them, in index coordinates."""
     from vtkmodules.util.numpy_support import numpy_to_vtk
     from vtkmodules.vtkCommonDataModel import vtkImageData
 
@@ -250,30 +242,6 @@ PROGRAMS: dict[str, Callable[[Task, float], Program]] = {
 # ---- a run -----------------------------------------------------------------
 
 
-class Memory(threading.Thread):
-    """The most memory of the process that no file backs, looked at while it works."""
-
-    def __init__(self) -> None:
-        super().__init__(daemon=True)
-        self.before = self.most = self._now()
-        self.start()
-
-    @staticmethod
-    def _now() -> int:
-        with open("/proc/self/status") as file:
-            found = next(line for line in file if line.startswith("RssAnon"))
-        return 1024 * int(found.split()[1])
-
-    def run(self) -> None:
-        while True:
-            self.most = max(self.most, self._now())
-            time.sleep(0.01)
-
-    @property
-    def growth(self) -> int:
-        return self.most - self.before
-
-
 def main(words: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("by", choices=PROGRAMS)
@@ -285,14 +253,14 @@ def main(words: list[str]) -> int:
     args = parser.parse_args(words)
     open_file.be_registered()
     task = Task(args.path, args.out, args.width, args.height)
-    memory = Memory()
+    meter = memory.Meter()
     program: Program | None = None
     for threshold in args.thresholds:
         began = time.perf_counter()
         if program is None:
             program = PROGRAMS[args.by](task, threshold)
         program.picture(threshold)
-        told = {"seconds": time.perf_counter() - began, "nbytes": memory.growth}
+        told = {"seconds": time.perf_counter() - began, "nbytes": meter.peak()}
         print(json.dumps(told), flush=True)
     return 0
 

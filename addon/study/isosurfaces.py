@@ -129,9 +129,7 @@ def judge(kind: str, grid, threshold: float, folder: Path) -> tuple[Row, NDArray
     openvdb_module().write(str(path), grid)
     scene = data_scene.make(path, threshold)
     data = isosurface_runs.data_object()
-    data.data.leapray.capped = True
-    frames.prepare(scene)
-    bpy.context.view_layer.use_volumes = True
+    frames.prepare(scene, volumes=True)
     frames.blacken_world(scene)
     data.pass_index = 1
     got = frames.render_leapray(scene, folder / "frame.exr", 1, scene.leapray.traverser)
@@ -178,9 +176,8 @@ def compared(
         differ["n_beyond_edges"],
         differ["n_beyond_edges"] / max(edges, 1),
     )
-    image = charts.picture(np.where(both, off, np.nan), 0.0, BAR_DEPTH)
-    image[want.index != got.index] = (0, 190, 220)
-    return row, image
+    shown = np.where(both, off, np.nan)
+    return row, charts.errors(shown, BAR_DEPTH, want.index != got.index)
 
 
 # ---- speed -----------------------------------------------------------------
@@ -253,12 +250,7 @@ def draw(folder: Path, runs: list[Run], pictures: dict[str, NDArray[np.uint8]]) 
     ):
         for axis, step in zip(axes[0], steps, strict=True):
             group = [each for each in runs if each.step == step]
-            place = np.arange(len(group))
-            axis.barh(place, [each.seconds for each in group], color=charts.COLORS[0], height=0.6)
-            for y, each in zip(place, group, strict=True):
-                axis.text(each.seconds, y, f" {each.seconds:.3g}", va="center", fontsize=9)
-            axis.set_yticks(place, [each.by for each in group])
-            axis.invert_yaxis()
+            charts.bars(axis, [each.by for each in group], [each.seconds for each in group])
             axis.set_title(f"{step}, seconds", fontsize=10.5)
     for kind, image in pictures.items():
         name = kind.replace(" ", "-")

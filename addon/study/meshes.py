@@ -119,14 +119,7 @@ def judge(name: str, scene: model.Scene) -> tuple[Row, NDArray[np.uint8]]:
         seconds["voxelize"] + seconds["structure"] + seconds["plan"],
         seconds["trace"],
     )
-    return row, picture(found)
-
-
-def picture(found: scenes.Difference) -> NDArray[np.uint8]:
-    """Errors in false colours, nothing grey, pixels that see another object cyan."""
-    image = charts.picture(found.error, 0.0, CUT)
-    image[found.differ] = (0, 190, 220)
-    return image
+    return row, charts.errors(found.error, CUT, found.differ)
 
 
 # ---- telling -------------------------------------------------------------

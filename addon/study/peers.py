@@ -139,13 +139,8 @@ def draw(folder: Path, rows: list[Row]) -> None:
     with charts.chart(folder / "peers", columns=len(sizes), width=5.2, height=3.4) as (_, axes):
         for axis, size in zip(axes[0], sizes, strict=True):
             group = [row for row in rows if row.size == size]
-            place = np.arange(len(group))
-            axis.barh(place, [row.seconds for row in group], color=charts.COLORS[0], height=0.6)
-            for y, row in zip(place, group, strict=True):
-                axis.text(row.seconds, y, f" {row.seconds:.3g}", va="center", fontsize=9)
+            charts.bars(axis, [name_of(row) for row in group], [row.seconds for row in group])
             axis.set_xscale("log")
-            axis.set_yticks(place, [name_of(row) for row in group])
-            axis.invert_yaxis()
             axis.set_title(f"{size} samples across, seconds", fontsize=10.5)
 
 

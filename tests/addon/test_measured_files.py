@@ -8,7 +8,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from blender_scenes import fresh, light, mesh, put, read
+from blender_scenes import mesh, put, read, sunlit
 
 import leapray
 from addon import pipeline
@@ -33,11 +33,8 @@ def nothing_kept(monkeypatch):
 
 @pytest.fixture
 def scene():
-    made = fresh()
-    made.render.resolution_x, made.render.resolution_y = 64, 48
-    made.camera.location = (0, 0, 6)
+    made = sunlit((64, 48))
     made.leapray.samples = 1
-    put("Sun", light("SUN", energy=3.0), rotation_euler=(0.4, 0.3, 0.0))
     put("Cube", mesh(size=0.3), location=(1.6, 0, 0), pass_index=2)
     return made
 

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 import vdb_files
-from blender_scenes import colored, diffuse, fresh, light, mesh, plane, polygons, put, read
+from blender_scenes import colored, diffuse, light, mesh, plane, polygons, put, read, sunlit
 
 import leapray
 from addon import pipeline
@@ -24,11 +24,7 @@ TOP = 0.61  # of the plane at which the cube cuts, above the ball's middle
 
 @pytest.fixture
 def scene():
-    made = fresh()
-    made.render.resolution_x, made.render.resolution_y = SIZE
-    made.camera.location = (0.3, -0.2, 6)
-    put("Sun", light("SUN", energy=3.0), rotation_euler=(0.4, 0.3, 0.0))
-    return made
+    return sunlit(SIZE, (0.3, -0.2, 6))
 
 
 def values():

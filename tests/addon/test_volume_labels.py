@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from blender_scenes import colored, diffuse, fresh, light, mesh, nodes_of, put, read
+from blender_scenes import colored, diffuse, light, mesh, nodes_of, put, read, sunlit
 
 import addon
 import leapray
@@ -25,11 +25,7 @@ RADIUS = 0.8
 
 @pytest.fixture
 def scene():
-    made = fresh()
-    made.render.resolution_x, made.render.resolution_y = SIZE
-    made.camera.location = (0, 0, 6)
-    put("Sun", light("SUN", energy=3.0), rotation_euler=(0.4, 0.3, 0.0))
-    return made
+    return sunlit(SIZE)
 
 
 def axes():

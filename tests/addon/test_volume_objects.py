@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 import pytest
 import vdb_files
-from blender_scenes import diffuse, fresh, light, mesh, nodes_of, plane, polygons, put, read
+from blender_scenes import diffuse, mesh, nodes_of, plane, polygons, put, read, sunlit
 from mathutils import Matrix
 from vdb_files import OFF, VOXEL
 
@@ -19,11 +19,7 @@ PASSES = "Combined", "Depth", "Position", "Normal", "Object Index", "Material In
 
 @pytest.fixture
 def scene():
-    made = fresh()
-    made.render.resolution_x, made.render.resolution_y = SIZE
-    made.camera.location = (0, 0, 6)
-    put("Sun", light("SUN", energy=3.0), rotation_euler=(0.4, 0.3, 0.0))
-    return made
+    return sunlit(SIZE)
 
 
 def volume(name, path, **settings):

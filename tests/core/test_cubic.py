@@ -6,6 +6,7 @@ from __future__ import annotations
 import bspline
 import numpy as np
 import pytest
+from leaf_arrays import dense
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
@@ -260,22 +261,6 @@ def leaves(seed=2, background=0.0):
     samples = rng.random((len(origins), 8, 8, 8)).astype(np.float32)
     tile = np.array([[-8, -8, -8]], np.int32), np.array([16], np.int32), np.array([0.75])
     return Leaves(origins.astype(np.int32), samples, background, *tile)
-
-
-def dense(held: Leaves) -> tuple[np.ndarray, np.ndarray]:
-    """The same samples as an array, and its first one's index."""
-    origins = np.concatenate([held.origins, held.tile_origins])
-    first, last = origins.min(0), origins.max(0) + 16
-    out = np.full((last - first)[::-1], held.background, np.float32)
-    for origin, size, value in zip(
-        held.tile_origins, held.tile_sizes, held.tile_values, strict=True
-    ):
-        x, y, z = origin - first
-        out[z : z + size, y : y + size, x : x + size] = value
-    for origin, leaf in zip(held.origins, held.samples, strict=True):
-        x, y, z = origin - first
-        out[z : z + 8, y : y + 8, x : x + 8] = leaf
-    return out, first
 
 
 @pytest.mark.parametrize("level", [0.02, 0.3, 0.6, 0.74])

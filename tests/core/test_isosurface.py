@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from leaf_arrays import dense
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
@@ -215,19 +216,9 @@ def fog() -> ScalarGrid:
     return ScalarGrid("fog", held, np.diag([0.1, 0.1, 0.1, 1.0]), kind="fog")
 
 
-def dense(grid: ScalarGrid) -> ScalarGrid:
-    """The samples of leaves as an array."""
-    leaves = grid.samples
-    first, last = leaves.origins.min(0), leaves.origins.max(0) + 8
-    out = np.full((last - first)[::-1], leaves.background, leaves.samples.dtype)
-    for origin, size, value in zip(
-        leaves.tile_origins, leaves.tile_sizes, leaves.tile_values, strict=True
-    ):
-        x, y, z = origin - first
-        out[z : z + size, y : y + size, x : x + size] = value
-    for origin, leaf in zip(leaves.origins, leaves.samples, strict=True):
-        x, y, z = origin - first
-        out[z : z + 8, y : y + 8, x : x + 8] = leaf
+def whole(grid: ScalarGrid) -> ScalarGrid:
+    """The same with the samples of its leaves as an array."""
+    out, first = dense(grid.samples)
     shift = np.eye(4)
     shift[:3, 3] = first
     return ScalarGrid("dense", out, grid.world_from_index @ shift, kind=grid.kind)
@@ -260,7 +251,7 @@ def test_exact_traversers_agree_on_noise(spec, grid, threshold):
 
 def test_leaves_are_hit_as_the_same_samples_in_an_array():
     for threshold in (0.3, 0.75, 0.9):
-        volume, same = isosurface(fog(), threshold), isosurface(dense(fog()), threshold)
+        volume, same = isosurface(fog(), threshold), isosurface(whole(fog()), threshold)
         assert volume.info.n_surface_cells == same.info.n_surface_cells
         rays = some_rays(same, 3000)
         hits, want = (leapray.trace(leapray.build(v), *rays) for v in (volume, same))

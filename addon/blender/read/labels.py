@@ -13,7 +13,7 @@ from leapray import LeapRayError
 from leapray.label_volume import MOST
 from leapray.scalar_grid import ScalarGrid
 
-from ... import model
+from ... import arrays, model
 from ...descriptions import WHOLE_MAX, described
 from ...plan import field_filters
 from ...settings import Isosurfaces
@@ -88,10 +88,8 @@ def _tinted(base: model.Material, grid: ScalarGrid, number: int) -> model.Materi
 def color_of(grid: ScalarGrid, number: int) -> model.Color:
     """Linear RGB of a label: the file's, else one of the table."""
     if number in grid.label_colors:
-        srgb = np.clip(grid.label_colors[number], 0.0, 1.0)
-        red, green, blue = np.where(
-            srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4
-        ).tolist()
+        srgb = np.clip(grid.label_colors[number], 0.0, 1.0).astype(np.float32)
+        red, green, blue = arrays.from_srgb(srgb).tolist()
         return red, green, blue
     return of_table(number)
 

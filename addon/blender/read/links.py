@@ -68,6 +68,15 @@ def tree_of(block):
     return None
 
 
+def node_tree(block):
+    """The shader nodes of a material, light or world, which uses them from now on."""
+    import bpy
+
+    if bpy.app.version < (5, 0):
+        block.use_nodes = True
+    return block.node_tree
+
+
 def output_of(block) -> Place | None:
     """The surface input of the output node that Cycles would take; None where there is none."""
     tree = tree_of(block)
