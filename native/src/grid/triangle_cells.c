@@ -217,28 +217,22 @@ lr_status lr_triangle_cells_attach(lr_volume *v, const lr_triangle_cells_part *p
 double lr_triangle_cell_distance2(const lr_triangle_cells *e, uint32_t triangle, const double q[3])
 {
     const double *p[3];
-    double n[3], along[3][3], from[3][3], best = INFINITY;
-    bool in_face = true;
+    double n[3], best = INFINITY;
     lr_triangle_cell_corners(e, triangle, p);
     lr_triangle_cell_normal(e, triangle, n);
-    for (int c = 0; c < 3; c++) {
-        for (int i = 0; i < 3; i++) {
-            along[c][i] = p[(c + 1) % 3][i] - p[c][i];
-            from[c][i] = q[i] - p[c][i];
-        }
-        const double *a = along[c], out[3] = {a[1] * n[2] - a[2] * n[1], a[2] * n[0] - a[0] * n[2],
-                                              a[0] * n[1] - a[1] * n[0]};
-        in_face = in_face && lr_dot(out, from[c]) <= 0.0;
-    }
-    const double height = lr_dot(n, from[0]);
-    if (in_face)
+    if (lr_over_face(p, n, q)) {
+        const double height = lr_height_over(p[0], n, q);
         return height * height / lr_dot(n, n);
+    }
     for (int c = 0; c < 3; c++) {
-        const double share =
-            lr_clamp(lr_dot(along[c], from[c]) / lr_dot(along[c], along[c]), 0.0, 1.0);
-        double square = 0.0;
+        double along[3], from[3], square = 0.0;
+        for (int i = 0; i < 3; i++) {
+            along[i] = p[(c + 1) % 3][i] - p[c][i];
+            from[i] = q[i] - p[c][i];
+        }
+        const double share = lr_clamp(lr_dot(along, from) / lr_dot(along, along), 0.0, 1.0);
         for (int i = 0; i < 3; i++)
-            square += (from[c][i] - share * along[c][i]) * (from[c][i] - share * along[c][i]);
+            square += (from[i] - share * along[i]) * (from[i] - share * along[i]);
         best = square < best ? square : best;
     }
     return best;

@@ -124,6 +124,27 @@ LR_INLINE void lr_triangle_cell_normal(const lr_triangle_cells *e, uint32_t tria
     n[2] = a[0] * b[1] - a[1] * b[0];
 }
 
+/* How far q is from the plane through p, times the length of its normal n. */
+LR_INLINE double lr_height_over(const double p[3], const double n[3], const double q[3])
+{
+    return n[0] * (q[0] - p[0]) + n[1] * (q[1] - p[1]) + n[2] * (q[2] - p[2]);
+}
+
+/* Does q, moved along the normal n onto the plane of the corners p, lie in their triangle? */
+LR_INLINE bool lr_over_face(const double *const p[3], const double n[3], const double q[3])
+{
+    for (int c = 0; c < 3; c++) {
+        const double *a = p[c], *b = p[(c + 1) % 3];
+        const double x = b[0] - a[0], y = b[1] - a[1], z = b[2] - a[2];
+        const double out = (y * n[2] - z * n[1]) * (q[0] - a[0]) +
+                           (z * n[0] - x * n[2]) * (q[1] - a[1]) +
+                           (x * n[1] - y * n[0]) * (q[2] - a[2]);
+        if (!(out <= 0.0))
+            return false;
+    }
+    return true;
+}
+
 /* Squared distance of a point of storage space from a triangle. */
 double lr_triangle_cell_distance2(const lr_triangle_cells *exact, uint32_t triangle,
                                   const double q[3]);

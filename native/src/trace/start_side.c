@@ -22,17 +22,17 @@ static const double CLEAR = 1e-10;
 static const double LEAST_LEAN = 0.05;
 
 /* Does q lie on the triangle, but for `off`? n: its unit normal to the given side. height: how far
- * q is on that side of its plane. */
+ * q is on that side of its plane. What is far from its plane or over its face, as nearly all is,
+ * is told by products alone. */
 static bool lies_on(const lr_triangle_cells *e, uint32_t triangle, int32_t side, const double q[3],
                     double off, double n[3], double *height)
 {
     const double *p[3];
     lr_triangle_cell_corners(e, triangle, p);
     lr_triangle_cell_normal(e, triangle, n);
-    const double from[3] = {q[0] - p[0][0], q[1] - p[0][1], q[2] - p[0][2]};
-    const double square = lr_dot(n, n), along = lr_dot(n, from);
+    const double square = lr_dot(n, n), along = lr_height_over(p[0], n, q);
     if (!(along * along <= off * off * square) ||
-        lr_triangle_cell_distance2(e, triangle, q) > off * off)
+        !(lr_over_face(p, n, q) || lr_triangle_cell_distance2(e, triangle, q) <= off * off))
         return false;
     const double unit = -side / sqrt(square);
     *height = along * unit;
