@@ -109,7 +109,7 @@ class Levels:
     ) -> None:
         self.scene, self.settings = scene, scene.settings
         self.cache, self.watch, self.threads = cache, watch, threads
-        self.shelf = disk_cache.Shelf(self.settings.cache_folder)
+        self.on_disk = disk_cache.DiskCache(self.settings.cache_folder)
         self.color_sets = mesh_colors.ColorSets(scene, cache, watch)
         self.budget = self.settings.memory_mb * MB
         self.seconds = {"voxelize": 0.0, "structure": 0.0, "plan": 0.0}
@@ -220,7 +220,7 @@ class Levels:
 
     def _shelved(self, work: Work, key: tuple, max_nbytes: int) -> leapray.Volume | None:
         """The volume from the folder, with its textures, or None."""
-        volume = self.shelf.volume(key, max_nbytes, self.watch)
+        volume = self.on_disk.volume(key, max_nbytes, self.watch)
         if volume is None or not volume.info.has_colors:
             return volume
         try:
@@ -267,7 +267,7 @@ class Levels:
         part = self.cache.get((*key, own.kind))
         if part is None or part.info.nbytes > room.volume:
             part = self._voxelize_one(work, mesh, voxel_size, dtype, room, kernel)
-        return self.cache.put((*key, own.kind), part, part.info.nbytes, spare=True)
+        return self.cache.put((*key, own.kind), part, part.info.nbytes, unused=True)
 
     def _voxelize_one(
         self,
@@ -357,7 +357,7 @@ class Levels:
             measure = dataclasses.replace(found[0], structure_nbytes=structure.nbytes)
             key = self._key(work, "measure", voxel_size, measure.dtype)
             self.cache.put(key, measure)
-            self.shelf.keep_record(key, measure)
+            self.on_disk.keep_record(key, measure)
         elif measure.nbytes > room or measure.volume_nbytes > volume_room:
             raise leapray.OutOfMemory(
                 f"the level needs {measure.nbytes / MB:.0f} MB, {max(room, 0) / MB:.0f} MB are left"
@@ -401,7 +401,7 @@ class Levels:
 
     def _kept(self, work: Work, key: tuple) -> error_metric.Measure | None:
         """What is known from the folder."""
-        measure = self.shelf.record(key, error_metric.Measure)
+        measure = self.on_disk.record(key, error_metric.Measure)
         if measure is None or not measure.fits(self._probes(work)):
             return None
         return self.cache.put(key, measure)
@@ -493,6 +493,6 @@ class Levels:
         """Put the volumes into the folder, where there is one."""
         for work in self.works:
             key = self._key(work, "volume", work.measured.voxel_size, work.measured.dtype)
-            self.shelf.keep_volume(key, work.built.volume, self.watch)
-        if self.shelf.trouble:
-            self.warnings.append(self.shelf.trouble)
+            self.on_disk.keep_volume(key, work.built.volume, self.watch)
+        if self.on_disk.trouble:
+            self.warnings.append(self.on_disk.trouble)

@@ -565,13 +565,13 @@ def _kinds(
 ) -> list[objects.Kind | None]:
     """What each instance is, as its mesh's coarsest volume tells; None, and a warning: nothing."""
     known: dict[int, objects.Kind | None] = {}
-    shelf = disk_cache.Shelf(scene.settings.cache_folder)
+    on_disk = disk_cache.DiskCache(scene.settings.cache_folder)
     for instance in instances:
         if instance.mesh in known:
             continue
         mesh = scene.meshes[instance.mesh]
         key = "kind", objects.digest(mesh), mesh.modelling.kind
-        kind = cache.get(key) or shelf.record(key, objects.Kind)
+        kind = cache.get(key) or on_disk.record(key, objects.Kind)
         try:
             if kind is None:
                 made = leapray.voxelize(
@@ -583,7 +583,7 @@ def _kinds(
                     watch=watch,
                 )
                 kind = objects.Kind(made.info.kind, made.mesh_info.inverted)
-                shelf.keep_record(key, kind)
+                on_disk.keep_record(key, kind)
             cache.put(key, kind)
         except leapray.Stopped:
             raise

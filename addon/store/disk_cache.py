@@ -46,7 +46,7 @@ WRONG = (ValueError, KeyError, TypeError, OverflowError, zlib.error)  # what byt
 T = typing.TypeVar("T")
 
 
-class Shelf:
+class DiskCache:
     """The folder; "": none, so that nothing is read or written."""
 
     def __init__(self, folder: str) -> None:

@@ -42,12 +42,12 @@ class Cache:
         entry = self._entries.get(key)
         return entry and entry.value
 
-    def put(self, key: tuple, value: Any, nbytes: int = 0, spare: bool = False) -> Any:
+    def put(self, key: tuple, value: Any, nbytes: int = 0, unused: bool = False) -> Any:
         """Keep the value, and return it. nbytes: what it takes, where that is much.
 
-        spare: this frame does not use it, so it is dropped first.
+        unused: this frame does not use it, so it is dropped first.
         """
-        self._entries[key] = _Entry(value, nbytes, self._frame - spare)
+        self._entries[key] = _Entry(value, nbytes, self._frame - unused)
         return value
 
     def drop(self, key: tuple) -> None:

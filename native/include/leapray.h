@@ -569,9 +569,9 @@ typedef struct lr_voxelizer lr_voxelizer;
 typedef enum lr_stage {
     LR_STAGE_NONE = 0,
     LR_STAGE_SET_UP = 1,
-    LR_STAGE_LABELS = 2,  /* where winding numbers tell inside from outside: which samples go
-                             together */
-    LR_STAGE_WINDING = 3, /* and what their winding numbers are */
+    LR_STAGE_COMPONENTS = 2, /* where winding numbers tell inside from outside: which samples go
+                            together */
+    LR_STAGE_WINDING = 3,    /* and what their winding numbers are */
     LR_STAGE_BRICKS = 4,
     LR_STAGE_CELLS = 5, /* triangle cells, where wanted */
     LR_STAGE_DONE = 6

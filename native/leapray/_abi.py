@@ -146,7 +146,7 @@ class lr_exact_cells(IntEnum):
 class lr_stage(IntEnum):
     LR_STAGE_NONE = 0
     LR_STAGE_SET_UP = 1
-    LR_STAGE_LABELS = 2
+    LR_STAGE_COMPONENTS = 2
     LR_STAGE_WINDING = 3
     LR_STAGE_BRICKS = 4
     LR_STAGE_CELLS = 5
@@ -293,7 +293,7 @@ LR_COLOR_NONE, LR_COLOR_VERTEX = lr_color_source
 LR_FILTER_RAMP, LR_FILTER_BOX, LR_FILTER_CONE, LR_FILTER_GAUSS, LR_FILTER_BINARY = lr_filter
 LR_SIMD_AUTO, LR_SIMD_PORTABLE, LR_SIMD_AVX2, LR_SIMD_AVX512 = lr_simd
 LR_EXACT_SHEETS, LR_EXACT_ALL, LR_EXACT_NONE, LR_EXACT_EVERY = lr_exact_cells
-LR_STAGE_NONE, LR_STAGE_SET_UP, LR_STAGE_LABELS, LR_STAGE_WINDING, LR_STAGE_BRICKS, LR_STAGE_CELLS, LR_STAGE_DONE = lr_stage
+LR_STAGE_NONE, LR_STAGE_SET_UP, LR_STAGE_COMPONENTS, LR_STAGE_WINDING, LR_STAGE_BRICKS, LR_STAGE_CELLS, LR_STAGE_DONE = lr_stage
 LR_REASON_ASKED, LR_REASON_CLOSED, LR_REASON_CROSSING, LR_REASON_ENCLOSES, LR_REASON_HOLES, LR_REASON_FLIPPED, LR_REASON_EMPTY = lr_reason
 LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK, LR_METRIC_CHAMFER345, LR_METRIC_EUCLID = lr_metric
 LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT, LR_TRAVERSER_RECTILINEAR = lr_traverser_flag
@@ -1303,7 +1303,7 @@ ABOUT = {
     "LR_EXACT_ALL": "those of solids too: sharper, and larger",
     "LR_EXACT_NONE": "none: a sheet ends with the cells that it touches",
     "LR_EXACT_EVERY": "all cells that the surface meets: there is no error",
-    "LR_STAGE_LABELS": "where winding numbers tell inside from outside: which samples go together",
+    "LR_STAGE_COMPONENTS": "where winding numbers tell inside from outside: which samples go together",
     "LR_STAGE_WINDING": "and what their winding numbers are",
     "LR_STAGE_CELLS": "triangle cells, where wanted",
     "LR_REASON_ASKED": "the options say so",

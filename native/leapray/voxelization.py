@@ -30,7 +30,7 @@ FEW_PAIRS = 1 << 16  # of half-edges, that most meshes have no more of
 # Share of the work that is done after a stage; not all are there each time.
 STAGE_DONE = {
     _abi.LR_STAGE_SET_UP: 0.2,
-    _abi.LR_STAGE_LABELS: 0.5,
+    _abi.LR_STAGE_COMPONENTS: 0.5,
     _abi.LR_STAGE_WINDING: 0.6,
     _abi.LR_STAGE_BRICKS: 0.85,
     _abi.LR_STAGE_CELLS: 0.95,

@@ -198,7 +198,7 @@ def forged(shelf_, key, head, data, suffix):
 
 
 def test_a_right_seal_makes_no_wrong_volume_right(tmp_path):
-    kept, key = disk_cache.Shelf(str(tmp_path)), ("volume", "ball")
+    kept, key = disk_cache.DiskCache(str(tmp_path)), ("volume", "ball")
     ball = leapray.voxelize(*meshes.icosphere(2), 0.1)
     packed, room = ball.pack().tobytes(), 1 << 30
     mesh = dataclasses.asdict(ball.mesh_info)
@@ -229,9 +229,9 @@ def test_a_right_seal_makes_no_wrong_volume_right(tmp_path):
 
 
 def test_a_right_seal_makes_no_wrong_record_right(tmp_path):
-    kept, key = disk_cache.Shelf(str(tmp_path)), ("measure", "ball")
+    kept, key = disk_cache.DiskCache(str(tmp_path)), ("measure", "ball")
     scene = scenes.scene([scenes.sphere(n=32)])
-    kinds = disk_cache.Shelf(str(tmp_path / "frame"))
+    kinds = disk_cache.DiskCache(str(tmp_path / "frame"))
     rendered(scene, kinds.folder)
     path = next((tmp_path / "frame").glob("*.measure"))
     told, _, data = path.read_bytes()[: -disk_cache.SEAL.size].partition(b"\n")
@@ -319,12 +319,12 @@ def test_renders_side_by_side_share_a_folder(tmp_path):
 
 
 def test_another_process_reads_what_this_one_wrote(tmp_path):
-    kept, key = disk_cache.Shelf(str(tmp_path)), ("volume", "leaf", 0.1)
+    kept, key = disk_cache.DiskCache(str(tmp_path)), ("volume", "leaf", 0.1)
     volume = leapray.voxelize(*meshes.leaf(), 0.05)
     kept.keep_volume(key, volume)
     code = (
         "import sys; from addon.store import disk_cache\n"
-        f"volume = disk_cache.Shelf({str(tmp_path)!r}).volume({key!r}, 1 << 30)\n"
+        f"volume = disk_cache.DiskCache({str(tmp_path)!r}).volume({key!r}, 1 << 30)\n"
         "sys.stdout.buffer.write(volume.pack().tobytes())\n"
         "assert 'bpy' not in sys.modules and 'openvdb' not in sys.modules"
     )

@@ -26,7 +26,7 @@ KEY, ROOM = ("fuzz", 1), 10_000_000
 MEMORY = Path("/dev/shm")  # files that are rewritten a thousand times a second
 FOLDER = tempfile.mkdtemp(prefix="leapray-fuzz-", dir=MEMORY if MEMORY.is_dir() else None)
 atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
-SHELF = disk_cache.Shelf(FOLDER)
+SHELF = disk_cache.DiskCache(FOLDER)
 VOLUME = leapray.voxelize(*meshes.box((-0.4, -0.4, -0.4), (0.4, 0.4, 0.4)), 0.4, threads=1)
 PACKED = VOLUME.pack().tobytes()
 SHELF.keep_volume(KEY, VOLUME)

@@ -218,9 +218,12 @@ double lr_triangle_cell_distance2(const lr_triangle_cells *e, uint32_t triangle,
 {
     const double *p[3];
     double n[3], best = INFINITY;
+    bool over_face = true;
     lr_triangle_cell_corners(e, triangle, p);
     lr_triangle_cell_normal(e, triangle, n);
-    if (lr_over_face(p, n, q)) {
+    for (int c = 0; c < 3; c++)
+        over_face = over_face && lr_beyond_edge(p[c], p[(c + 1) % 3], n, q) <= 0.0;
+    if (over_face) {
         const double height = lr_height_over(p[0], n, q);
         return height * height / lr_dot(n, n);
     }

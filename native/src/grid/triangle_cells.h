@@ -130,19 +130,14 @@ LR_INLINE double lr_height_over(const double p[3], const double n[3], const doub
     return n[0] * (q[0] - p[0]) + n[1] * (q[1] - p[1]) + n[2] * (q[2] - p[2]);
 }
 
-/* Does q, moved along the normal n onto the plane of the corners p, lie in their triangle? */
-LR_INLINE bool lr_over_face(const double *const p[3], const double n[3], const double q[3])
+/* How far q is beyond the edge from a to b of a triangle with the normal n, in its plane, times the
+ * lengths of both. */
+LR_INLINE double lr_beyond_edge(const double a[3], const double b[3], const double n[3],
+                                const double q[3])
 {
-    for (int c = 0; c < 3; c++) {
-        const double *a = p[c], *b = p[(c + 1) % 3];
-        const double x = b[0] - a[0], y = b[1] - a[1], z = b[2] - a[2];
-        const double out = (y * n[2] - z * n[1]) * (q[0] - a[0]) +
-                           (z * n[0] - x * n[2]) * (q[1] - a[1]) +
-                           (x * n[1] - y * n[0]) * (q[2] - a[2]);
-        if (!(out <= 0.0))
-            return false;
-    }
-    return true;
+    const double x = b[0] - a[0], y = b[1] - a[1], z = b[2] - a[2];
+    return (y * n[2] - z * n[1]) * (q[0] - a[0]) + (z * n[0] - x * n[2]) * (q[1] - a[1]) +
+           (x * n[1] - y * n[0]) * (q[2] - a[2]);
 }
 
 /* Squared distance of a point of storage space from a triangle. */

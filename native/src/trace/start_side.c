@@ -21,9 +21,27 @@ static const double CLEAR = 1e-10;
 /* Triangles that lean more than this from the way, as a cosine, would make it long. */
 static const double LEAST_LEAN = 0.05;
 
+/* Is q, which lies in the plane of corners p but for `off`, that near to their triangle, too?
+ * square: of the length of its normal n. */
+static bool is_over(const lr_triangle_cells *e, uint32_t triangle, const double *const p[3],
+                    const double n[3], double square, const double q[3], double off)
+{
+    bool beside = false;
+    for (int c = 0; c < 3; c++) {
+        const double *a = p[c], *b = p[(c + 1) % 3];
+        const double beyond = lr_beyond_edge(a, b, n, q);
+        if (beyond <= 0.0)
+            continue;
+        const double edge[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+        if (beyond * beyond > 2.0 * off * off * square * lr_dot(edge, edge))
+            return false; /* as nearly all are; twice, for what rounds */
+        beside = true;
+    }
+    return !beside || lr_triangle_cell_distance2(e, triangle, q) <= off * off;
+}
+
 /* Does q lie on the triangle, but for `off`? n: its unit normal to the given side. height: how far
- * q is on that side of its plane. What is far from its plane or over its face, as nearly all is,
- * is told by products alone. */
+ * q is on that side of its plane. */
 static bool lies_on(const lr_triangle_cells *e, uint32_t triangle, int32_t side, const double q[3],
                     double off, double n[3], double *height)
 {
@@ -31,8 +49,7 @@ static bool lies_on(const lr_triangle_cells *e, uint32_t triangle, int32_t side,
     lr_triangle_cell_corners(e, triangle, p);
     lr_triangle_cell_normal(e, triangle, n);
     const double square = lr_dot(n, n), along = lr_height_over(p[0], n, q);
-    if (!(along * along <= off * off * square) ||
-        !(lr_over_face(p, n, q) || lr_triangle_cell_distance2(e, triangle, q) <= off * off))
+    if (!(along * along <= off * off * square) || !is_over(e, triangle, p, n, square, q, off))
         return false;
     const double unit = -side / sqrt(square);
     *height = along * unit;

@@ -263,7 +263,7 @@ static lr_status open_bricks(lr_voxelizer *v, lr_error *error)
 static lr_status open_components(lr_voxelizer *v, lr_error *error)
 {
     lr_status status = lr_components_begin(&v->bins, &v->components, error);
-    return status == LR_OK ? open_stage(v, LR_STAGE_LABELS, v->bins.n_parts, error) : status;
+    return status == LR_OK ? open_stage(v, LR_STAGE_COMPONENTS, v->bins.n_parts, error) : status;
 }
 
 static lr_status close_set_up(lr_voxelizer *v, const lr_watch *watch, lr_error *error)
@@ -357,7 +357,7 @@ static lr_status open_next(lr_voxelizer *v, const lr_watch *watch, lr_error *err
         return open_stage(v, LR_STAGE_SET_UP, 2, error);
     case LR_STAGE_SET_UP:
         return close_set_up(v, watch, error);
-    case LR_STAGE_LABELS:
+    case LR_STAGE_COMPONENTS:
         return close_components(v, watch, error);
     case LR_STAGE_WINDING:
         lr_components_spread(&v->components);
@@ -401,7 +401,7 @@ static lr_status run(lr_voxelizer *v, uint32_t part, const lr_watch *watch, lr_e
         return part == 0 ? lr_topology_link(&v->mesh, watch, error)
                          : bin(v, v->options.kind == LR_KIND_SHEET ? LR_KIND_SHEET : LR_KIND_SOLID,
                                true, watch, error);
-    case LR_STAGE_LABELS:
+    case LR_STAGE_COMPONENTS:
         return lr_part_components(v, part, watch, error);
     case LR_STAGE_WINDING:
         return decide_components(v, part, watch, error);

@@ -63,11 +63,12 @@ static bool evaluate(const lr_shading_point *s, const lr_sampled_light *sampled,
 
 /* Reads a shading point; writes ray i, which leaves its surface along d. owner: see
  * lr_ray_queue. */
-static void spawn_shadow_ray(const lr_shading_point *s, const double d[3], double t_max,
-                             bool beyond, uint32_t owner, uint32_t i, lr_ray_queue *rays)
+static void spawn_shadow_ray(const lr_scene *scene, const lr_shading_point *s, const double d[3],
+                             double t_max, bool beyond, uint32_t owner, uint32_t i,
+                             lr_ray_queue *rays)
 {
     double origin[3];
-    rays->start[i] = lr_surface_light_start(s, beyond, d, origin);
+    rays->start[i] = lr_surface_light_start(scene, s, beyond, d, origin);
     lr_aim(rays, i, origin, d, t_max);
     rays->from[i] = s->instance;
     rays->visibility[i] = LR_VISIBLE_SHADOW;
@@ -127,7 +128,7 @@ static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
             lr_record_blocked(shadow_ray, hits->instance[i], record);
             continue;
         }
-        spawn_shadow_ray(&s, d, shadow_ray->ends, true, k, rays->n++, rays);
+        spawn_shadow_ray(scene, &s, d, shadow_ray->ends, true, k, rays->n++, rays);
         if (scene->has_media)
             lr_surface_cross(scene, &s, media);
     }
@@ -228,7 +229,8 @@ static void light_by(const lr_context *context, const lr_shading_point *s, uint3
     if ((sampled.visibility & LR_VISIBLE_SHADOW) == 0)
         return;
     const bool beyond = lr_leads_beyond(s, sampled.ray.direction);
-    spawn_shadow_ray(s, sampled.ray.direction, sampled.ray.distance, beyond, n, rays->n++, rays);
+    spawn_shadow_ray(context->scene, s, sampled.ray.direction, sampled.ray.distance, beyond, n,
+                     rays->n++, rays);
     if (scene->has_media && beyond)
         lr_surface_cross(scene, s, &shadow_rays->media[n]);
 }
@@ -276,7 +278,8 @@ lr_status lr_ambient_occlusion(const lr_context *context, const lr_shading_queue
             continue;
         lr_sample_pair(lr_key(s->path->key, AMBIENT), s->path->sample, u);
         lr_cosine_direction(s->bsdf.basis.axis[2], u[0], u[1], d);
-        spawn_shadow_ray(s, d, context->tile->ao_distance, false, k, rays->n++, rays);
+        spawn_shadow_ray(context->scene, s, d, context->tile->ao_distance, false, k, rays->n++,
+                         rays);
     }
     if (rays->n == 0)
         return LR_OK;

@@ -256,18 +256,21 @@ static lr_status trace_pairs(const lr_context *context, const lr_intersect_optio
 }
 
 /* Begin without hits: reads the rays' ends; writes hits and stacks. */
-static void begin(const lr_hierarchy *hierarchy, double t_min, const lr_ray_queue *rays,
-                  lr_hit_queue *hits, lr_intersect_memory *memory)
+static void begin(const lr_hierarchy *hierarchy, const lr_intersect_options *options,
+                  const lr_ray_queue *rays, lr_hit_queue *hits, lr_intersect_memory *memory)
 {
+    const uint32_t root = hierarchy->n_nodes > 0 ? 1 : 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         hits->t[i] = rays->t_max[i];
         hits->instance[i] = LR_NOWHERE;
-        hits->hit.steps[i] = 0;
-        memory->stacked[i] = hierarchy->n_nodes > 0 ? 1 : 0;
-        memory->stack[(size_t)i * hierarchy->height] = (lr_branch){t_min, 0};
-        memory->batch.t_min[i] = t_min;
+        memory->stacked[i] = root;
+        memory->stack[(size_t)i * hierarchy->height] = (lr_branch){options->t_min, 0};
         memory->active[i] = i;
     }
+    for (uint32_t i = 0; i < rays->n && options->steps; i++)
+        hits->hit.steps[i] = 0;
+    for (uint32_t i = 0; i < rays->n && options->t_min != 0; i++)
+        memory->batch.t_min[i] = options->t_min;
 }
 
 lr_status lr_intersect_closest(const lr_context *context, const lr_intersect_options *options,
@@ -278,7 +281,7 @@ lr_status lr_intersect_closest(const lr_context *context, const lr_intersect_opt
     lr_counters *counters = context->counters;
     const uint64_t rays_before = counters != NULL ? counters->rays : 0;
     const uint64_t hits_before = counters != NULL ? counters->hits : 0;
-    begin(&scene->hierarchy, options->t_min, rays, hits, memory);
+    begin(&scene->hierarchy, options, rays, hits, memory);
     for (uint32_t n_active = rays->n; n_active > 0;) {
         uint32_t n_pairs = 0, still = 0;
         for (uint32_t k = 0; k < n_active; k++) {

@@ -102,12 +102,10 @@ typedef struct lr_wave {
 typedef struct lr_shading_point {
     lr_point point;
     double position[3];
-    double origin[3];        /* of rays on the viewer's side */
-    lr_start start;          /* in the cell of the hit, on the viewer's side */
-    bool is_offset;          /* origin lies above the cell's own surface */
-    bool has_smooth_offset;  /* of a triangle with normals of its own: from position to the smooth
-                    surface, */
-    double smooth_offset[3]; /* for light that grazes the triangle */
+    double origin[3];  /* of rays on the viewer's side */
+    lr_start start;    /* in the cell of the hit, on the viewer's side */
+    bool is_offset;    /* origin lies above the cell's own surface */
+    uint32_t triangle; /* that was hit, or LR_NO_TRIANGLE */
     const lr_path *path;
     double t;    /* of the path's ray */
     double left; /* of the path's length */

@@ -82,15 +82,16 @@ static void locate(const lr_placed *placed, const lr_shading_point *s, int32_t c
 }
 
 /* From the hit, at p of storage cell c, to the smooth surface above it, in world
- * space; false where that is not above. A hit in a triangle cell lies on a triangle,
- * which is no facet of anything smoother that the samples know; nor are those beside
- * it, where second differences reach over a crease. That of a cubic field is smooth itself. */
+ * space; false where that is not above. Hits on triangles have smooth_offset. A hit in a triangle
+ * cell lies on a triangle, which is no facet of anything smoother that the samples know; nor are
+ * those beside it, where second differences reach over a crease. That of a cubic field is smooth
+ * itself. */
 static bool terminator_offset(const lr_placed *placed, const lr_shading_point *s, int32_t id,
                               const int32_t c[3], const double p[3], double offset[3])
 {
     const lr_volume *v = lr_structure_volume(placed->structure);
     double g[3], g_object[3], g_world[3];
-    if (lr_is_cubic(v) || lr_near_doubt(v, c))
+    if (s->triangle != LR_NO_TRIANGLE || lr_is_cubic(v) || lr_near_doubt(v, c))
         return false;
     const double left_out = second_difference_height(v, lr_object_of(v, id), c, p, g);
     const double slope = sqrt(lr_dot(g, g));
@@ -104,13 +105,16 @@ static bool terminator_offset(const lr_placed *placed, const lr_shading_point *s
 }
 
 /* The same for a hit on a triangle that carries normals. */
-static bool smooth_offset(const lr_placed *placed, const lr_shading_point *s, uint32_t triangle,
-                          const int32_t c[3], const double p[3], double offset[3])
+static bool smooth_offset(const lr_placed *placed, const lr_shading_point *s, double offset[3])
 {
     lr_smooth_triangle t;
-    double side = 0;
+    double side = 0, p[3];
+    int32_t c[3];
+    if (s->triangle == LR_NO_TRIANGLE)
+        return false;
     memset(offset, 0, 3 * sizeof *offset);
-    if (!lr_volume_smooth_triangle(lr_structure_volume(placed->structure), c, p, triangle, &t))
+    locate(placed, s, c, p);
+    if (!lr_volume_smooth_triangle(lr_structure_volume(placed->structure), c, p, s->triangle, &t))
         return false;
     for (int b = 0; b < 3; b++) {
         double corner[3], normal[3], below = 0, length2 = 0;
@@ -173,6 +177,7 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
             point->facing[a] = -point->facing[a];
         }
     shading_point->instance = hits->instance[i];
+    shading_point->triangle = hit->triangle[i];
     shading_point->start = (lr_start){{hit->ci[i], hit->cj[i], hit->ck[i]}, point->inside ? 1 : -1};
     const lr_volume *volume = lr_structure_volume(placed->structure);
     double offset[3], p[3];
@@ -192,8 +197,6 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
     shading_point->is_offset = terminator_offset(placed, shading_point, hit->id[i], c, p, offset);
     for (int a = 0; a < 3 && shading_point->is_offset; a++)
         shading_point->origin[a] += offset[a];
-    shading_point->has_smooth_offset =
-        smooth_offset(placed, shading_point, hit->triangle[i], c, p, shading_point->smooth_offset);
     uint32_t slot;
     shading_point->material_index = lr_material_of(scene, shading_point->instance, id, &slot);
     shading_point->material = &scene->materials[shading_point->material_index];
@@ -211,18 +214,18 @@ lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond)
     return start;
 }
 
-lr_start lr_surface_light_start(const lr_shading_point *s, bool beyond, const double d[3],
-                                double origin[3])
+lr_start lr_surface_light_start(const lr_scene *scene, const lr_shading_point *s, bool beyond,
+                                const double d[3], double origin[3])
 {
     static const double GRAZES = 0.1; /* sine: Blender's Shadow Terminator Geometry Offset */
-    const double amount =
-        s->has_smooth_offset && !beyond ? 1 - lr_dot(d, s->point.facing) / GRAZES : 0;
+    const double amount = beyond ? 0 : 1 - lr_dot(d, s->point.facing) / GRAZES;
     lr_start start = lr_surface_start(s, beyond);
+    double offset[3];
     memcpy(origin, beyond ? s->position : s->origin, 3 * sizeof *origin);
-    if (!(amount > 0))
+    if (!(amount > 0) || !smooth_offset(&scene->instances[s->instance], s, offset))
         return start;
     for (int a = 0; a < 3; a++)
-        origin[a] += fmin(amount, 1) * s->smooth_offset[a];
+        origin[a] += fmin(amount, 1) * offset[a];
     start.side = 0;
     return start;
 }

@@ -23,8 +23,8 @@ bool lr_surface_cross(const lr_scene *scene, const lr_shading_point *shading_poi
 lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond);
 
 /* Likewise, and from which point, for a shadow ray along d (unit). */
-lr_start lr_surface_light_start(const lr_shading_point *shading_point, bool beyond,
-                                const double d[3], double origin[3]);
+lr_start lr_surface_light_start(const lr_scene *scene, const lr_shading_point *shading_point,
+                                bool beyond, const double d[3], double origin[3]);
 
 /* Does a direction lead through the surface? Only where that refracts. */
 LR_INLINE bool lr_leads_beyond(const lr_shading_point *s, const double d[3])
