@@ -25,6 +25,7 @@ glass     glass: solid, hollow, frosted, tinted, within glass
 head      a scan beside the file: bone under skin that shows it
 labels    the label map of that scan, cut open
 gyroid    a field that geometry nodes make, among meshes
+cloud     a fog of OpenVDB as a surface, above hills
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ from lit_scenes import (  # noqa: E402
     make_still,
     make_textured,
 )
-from volume_scenes import make_gyroid, make_head, make_labels  # noqa: E402
+from volume_scenes import make_cloud, make_gyroid, make_head, make_labels  # noqa: E402
 
 import addon  # noqa: E402
 
@@ -467,6 +468,7 @@ MAKERS = {
     "head": make_head,
     "labels": make_labels,
     "gyroid": make_gyroid,
+    "cloud": make_cloud,
 }
 
 

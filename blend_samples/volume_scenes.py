@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The samples about volumes: a scan, its label map, and a field that nodes make."""
+"""The samples about volumes: a scan, its label map, a fog, and a field that nodes make."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from pathlib import Path
 
 import bpy  # isort: skip  (first: kit is in it)
 import head_phantom
+import numpy as np
 from kit import (
     CORAL,
+    LEAF,
     OCHRE,
     SAND,
     TEAL,
+    WHITE,
     ball_mesh,
     camera,
+    grid,
     link,
     material,
     new_scene,
@@ -25,6 +29,7 @@ from lit_scenes import shader
 HERE = Path(__file__).resolve().parent
 SCAN = "head.nii.gz"  # beside the .blend
 TISSUES = "head_labels.nii.gz"  # likewise
+FOG = "cloud.vdb"  # likewise
 SAMPLES = 96  # of the scan along each axis
 SKIN, IVORY = (0.85, 0.50, 0.38), (0.82, 0.76, 0.62)
 LABELS = {  # colours of the phantom's labels, 1 first
@@ -92,6 +97,54 @@ def make_gyroid() -> None:
     link(plane("Floor", 200.0, material("Sand", SAND)), "Floor")
     sun(2.5, (-0.6, -0.7, 0.9))
     camera((-1.6, -7.0, 3.2), (0.1, 0, 0.9), lens=72)
+
+
+def make_cloud() -> None:
+    new_scene((0.30, 0.46, 0.72), 960, 540)
+    write_fog(HERE / FOG)
+    volume = bpy.data.volumes.new("Cloud")
+    volume.filepath = f"//{FOG}"
+    volume.leapray.automatic, volume.leapray.threshold = False, 0.25
+    volume.materials.append(material("Cloud", WHITE))
+    link(volume, "Cloud", at=(0, 0, 2.3))
+    hills = grid("Hills", 96, 96, hill, material("Leaf", LEAF))
+    link(hills, "Hills")
+    sun(3.0, (-0.5, -0.6, 0.7))
+    camera((-1.5, -11.0, 2.4), (0, 0, 1.7), lens=50)
+
+
+def hill(u: float, v: float) -> tuple[float, float, float]:
+    """A point of the hills, which rise away from the camera; u and v: 0 to 1."""
+    x, y = 40 * (u - 0.5), 40 * v - 8
+    rise = 0.5 * np.sin(0.9 * x + 0.3) * np.cos(0.7 * y) + 0.3 * np.sin(0.35 * x - 0.8 * y)
+    return x, y, float(rise + 0.004 * max(y, 0.0) ** 2)
+
+
+def write_fog(path: Path, voxel: float = 0.06) -> None:
+    """A cumulus as a fog: round above, level below, and nothing around it."""
+    bpy.utils.expose_bundled_modules()
+    import openvdb
+
+    rng = np.random.default_rng(1982)
+    low, high = np.array((-3.0, -1.6, -0.9)), np.array((3.0, 1.6, 1.7))
+    axes = [np.arange(a, b, voxel) for a, b in zip(low, high, strict=True)]
+    x, y, z = np.meshgrid(*axes, indexing="ij", sparse=True)
+    density = np.zeros(tuple(map(len, axes)), np.float32)
+    for size, number in ((0.8, 7), (0.4, 50), (0.2, 260)):
+        for _ in range(number):
+            turn, far = rng.uniform(0, 2 * np.pi), np.sqrt(rng.uniform())
+            a, b = 2.0 * far * np.cos(turn), 0.9 * far * np.sin(turn)
+            c = rng.uniform(-0.4, 0.9) * (1 - far**2)
+            square = (x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2
+            np.maximum(density, 1 - np.sqrt(square) / size, out=density)
+    density *= np.clip(1 + (z + 0.45) / 0.3, 0, 1)  # level below
+    density[density < 0.02] = 0
+    fog = openvdb.FloatGrid()
+    fog.copyFromArray(np.round(density, 3), tolerance=0.0)
+    fog.name, fog.gridClass, fog.saveFloatAsHalf = "density", openvdb.GridClass.FOG_VOLUME, True
+    fog.transform = openvdb.createLinearTransform(voxel)
+    fog.transform.postTranslate(tuple(low))
+    openvdb.write(str(path), grids=[fog])
 
 
 def gyroid_nodes(paint, turns: float = 7.0, thickness: float = 0.4, resolution: int = 112):

@@ -382,7 +382,11 @@ def test_the_samples_light_paths_are_equal_for_both_engines(name):
 
 @pytest.mark.parametrize(
     ("name", "thresholds", "paints"),
-    [("head", (-480.0, 570.0), ["Skin", "Bone"]), ("gyroid", (0.5,), ["Teal"])],
+    [
+        ("head", (-480.0, 570.0), ["Skin", "Bone"]),
+        ("gyroid", (0.5,), ["Teal"]),
+        ("cloud", (0.25,), ["Cloud"]),
+    ],
 )
 def test_the_samples_volumes_are_read(name, thresholds, paints):
     path = Path(addon.__file__).resolve().parent.parent / "blend_samples" / f"{name}.blend"
