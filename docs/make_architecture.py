@@ -32,7 +32,7 @@ C_MODULES = {
     "voxelize": "from a mesh to samples: filters, inside and outside, bricks as parallel jobs",
     "trace": "rays, the registry, the walk template, the hit test in a cell, roots, hit records",
     "traversers": "one file per traverser: its structure, and its walk to the next surface cell",
-    "imaging": "whole images of parallel rays, with pixels skipped",
+    "imaging": "whole-image methods, a file each, and their registry",
     "render/film": "cameras, pixel filters, sampling patterns, sums over samples",
     "render/bsdf": "materials as lobes: evaluation, sampling, tables of directional albedo",
     "render/lights": "light sources, the environment, the tree that selects among lights",

@@ -78,9 +78,11 @@ TOPICS = {
         "distance METRICS",
     ),
     "Whole images": (
-        "First object cells of parallel rays. Around a ray that misses, pixels that are sure to "
-        "miss too need not be traced.",
-        "Clearance first_cells FirstCells SKIPS",
+        "Methods that do not trace rays one by one, but render an image at once; "
+        "[methods/](methods/images.md) describes each. A method prepares what it needs beside the "
+        "volume, and renders any number of images with it.",
+        "image_methods image_method image_variants ImageMethod prepare Prepared render_image Image "
+        "Misses camera_rays",
     ),
     "Rendering": (
         "A scene places structures in the world, lights them and gives them materials. It is "
@@ -102,7 +104,7 @@ CONSTANTS = {
     "FILTERS": "Names of the filters of `voxelize`; see [filters](methods/filters.md).",
     "HIT_TESTS": "Names of the hit tests, for `trace`; see [hit tests](methods/hit_tests.md).",
     "INPUTS": "The four steps that stand for red, green, blue and alpha of what is looked up.",
-    "METRICS": "Names of the metrics of `distance` and `Clearance`.",
+    "METRICS": "Names of the metrics of `distance`.",
     "MODES": "What `trace` looks for: the surface, or the first object cell.",
     "NORMALS": "Names of the normals, for `trace`; see [normals](methods/normals.md).",
     "PASSES": "The passes of `Scene.render_tile`, and how many channels each has.",
@@ -110,7 +112,6 @@ CONSTANTS = {
     "ROOTS": "Names of the root finders, for `trace`; see [root finders](methods/roots.md).",
     "SAMPLING": "The sampling options of `Scene.render_tile` and their defaults. Bounces and "
     "clamps count as in Cycles; distances are in world space.",
-    "SKIPS": "Which pixels `first_cells` may leave out.",
     "VERTEX": "The colour source of triangles that take the colours of their corners.",
     "Value": "The type of what programs compute with: a number, or a Step.",
     "WHITE": "The colour source of triangles without colours.",

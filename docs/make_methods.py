@@ -198,12 +198,44 @@ def registry_table(entry: leapray.Traverser) -> str:
         ("exact", yes(entry.exact)),
         ("rectilinear volumes", yes(entry.rectilinear)),
     ]
-    for option in entry.options:
+    return generated.table(("in the registry", ""), rows + option_rows(entry.options))
+
+
+def option_rows(options: tuple[leapray.Option, ...]) -> list[tuple[str, str]]:
+    rows = []
+    for option in options:
         choices = ", ".join(
             f"`{c}`" + " (not exact)" * (c in option.inexact) for c in option.choices
         )
         rows.append((f"option `{option.name}`", f"{choices}; the first is the default"))
-    return generated.table(("in the registry", ""), rows)
+    return rows
+
+
+def images_table() -> str:
+    rows = [
+        (
+            f"[{m.label}]({m.name}.md)",
+            f"`{m.name}`",
+            m.source,
+            m.about,
+            yes(m.exact),
+            yes(m.perspective),
+        )
+        for m in leapray.image_methods()
+    ]
+    head = ("method", "name", "source", "how it goes", "exact", "perspective")
+    return generated.table(head, rows)
+
+
+def image_method_table(entry: leapray.ImageMethod) -> str:
+    """What the registry says of one whole-image method."""
+    rows = [
+        ("name", f"`{entry.name}`"),
+        ("source", entry.source),
+        ("exact", yes(entry.exact)),
+        ("perspective cameras", yes(entry.perspective)),
+    ]
+    return generated.table(("in the registry", ""), rows + option_rows(entry.options))
 
 
 def filter_table() -> str:
@@ -237,7 +269,12 @@ def pictures() -> dict[Path, str]:
 def outputs() -> dict[Path, str]:
     """All that the script writes."""
     tables = {f"{t.name}.md": registry_table(t) for t in leapray.traversers()}
-    tables |= {"README.md": index_table(), "filters.md": filter_table()}
+    tables |= {f"{m.name}.md": image_method_table(m) for m in leapray.image_methods()}
+    tables |= {
+        "README.md": index_table(),
+        "filters.md": filter_table(),
+        "images.md": images_table(),
+    }
     return pictures() | {FOLDER / name: filled(FOLDER / name, tables[name]) for name in tables}
 
 

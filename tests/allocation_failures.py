@@ -174,7 +174,15 @@ def distances():
     cells[4, 4, 4] = True
     for metric in leapray.METRICS:
         leapray.distance(cells, metric, threads=1)
-        leapray.Clearance(leapray.Volume(cells.astype(np.float32)), metric)
+
+
+def images():
+    view = leapray.Camera("orthographic", (0, 0, -50), (0, 0, 1), (-1, -1, 0), (3, 0, 0), (0, 3, 0))
+    far = np.zeros((40, 40, 40), np.uint8)
+    far[3:9, 3:9, 3:9] = 255
+    volume = leapray.Volume(far)
+    for entry in leapray.image_variants():
+        leapray.render_image(entry, volume, view, 14, 13)
 
 
 def a_scene():
@@ -193,7 +201,7 @@ def a_scene():
 
 
 SCENARIOS = (a_solid, a_sheet, a_pierced_ball, a_large_mesh, a_doubled_crossing, two_islands,
-             coverage, merged, sampled, fields, structures, distances, a_scene)  # fmt: skip
+             coverage, merged, sampled, fields, structures, distances, images, a_scene)  # fmt: skip
 
 
 # ---- runs --------------------------------------------------------------------------------------

@@ -33,9 +33,10 @@ def files(names: tuple[str, ...]) -> list[str]:
 QUICK = ["-m", "not slow"]
 # What reaches every module in a few minutes: the rest repeats it with more rays and triangles.
 # Flipped bytes are what a fuzz target tries, and tests of 100 ms are for a core at full speed.
-MEMORY = ("attributes", "calls", "clips", "cubic", "distance", "first_cells", "islands",
-          "isosurface", "labels", "merge", "programs", "rectilinear", "render_edges", "serialize",
-          "trace_lanes", "volume", "voxelize_sign")  # fmt: skip
+MEMORY = ("attributes", "calls", "clips", "cubic", "discrete", "distance", "images", "islands",
+          "isosurface", "labels", "leaping", "merge", "pixel_skip", "programs", "rectilinear",
+          "render_edges", "serialize", "templates", "trace_lanes", "volume",
+          "voxelize_sign")  # fmt: skip
 THREADS = ("interrupts", "stop", "voxelize_runs", "render_core", "voxelize_sign")
 THREADED = "(thread or interrupt or stop or progress) and not 100_m"
 SANITIZED = {

@@ -271,19 +271,14 @@ def look_up(s: Source):
     check(by is not None or np.isfinite(got).all(), "a colour that is not finite")
 
 
-def find_first_cells(s: Source):
+def render_an_image(s: Source):
     uniform = [v for v in known_volumes() if v.info.planes is None]
     volume = s.one(uniform) if s.mostly(0.95) else s.one(known_volumes())
-    clearance = leapray.Clearance(volume, s.name(leapray.METRICS))
+    method = s.one(leapray.image_variants())
+    spec = method if s.likely(0.8) else s.name([one.spec for one in leapray.image_variants()])
+    prepared = leapray.prepare(volume, spec) if s.likely(0.5) else volume
     width, height = (s.one((1, 5, 16)) if s.mostly(0.95) else s.one((0, -1, 2**31)) for _ in "wh")
-    found = leapray.first_cells(
-        clearance,
-        camera(s),
-        width,
-        height,
-        skip=s.name(leapray.SKIPS),
-        threads=s.threads(),
-    )
+    found = leapray.render_image(spec, prepared, camera(s), width, height, threads=s.threads())
     check(found.t.shape == (height, width) and not np.isnan(found.t).any(), "what was found")
 
 
@@ -394,7 +389,7 @@ def render(s: Source):
 CALLS = {
     make_volume: 3, fill_block_by_block: 2, trace_known: 6, build_wrongly: 1, voxelize: 3,
     tell_layers: 1, tell_distances: 1, read_blocks: 1, ask_known: 1, unpack: 3, merge: 1,
-    look_up: 2, run_program: 1, find_first_cells: 1, render: 6,
+    look_up: 2, run_program: 1, render_an_image: 2, render: 6,
 }  # fmt: skip
 
 

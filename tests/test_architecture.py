@@ -37,7 +37,7 @@ LAYERS = {
     "leapray": [
         "_abi",
         "_lib",
-        "arrays file_samples scalar_grid threads",
+        "arrays file_samples options scalar_grid threads",
         "programs thresholds formats.common",
         "formats.mrc formats.nifti formats.nrrd formats.raw formats.slices formats.tiff",
         "formats.dicom formats.vdb",
@@ -88,8 +88,8 @@ C_LAYERS = [
     "grid grid/attributes",
     "mesh distance",
     "voxelize trace",
-    "traversers imaging render/film render/lights render/bsdf",
-    "render/scene",
+    "traversers render/film render/lights render/bsdf",
+    "imaging render/scene",
     "render/integrator",
 ]
 WITHOUT_BLENDER = (

@@ -118,6 +118,17 @@ def test_every_traverser_has_a_page(entry):
     assert f"(../../native/src/traversers/{entry.name}.c)" in text
 
 
+@pytest.mark.parametrize("entry", leapray.image_methods(), ids=lambda entry: entry.name)
+def test_every_whole_image_method_has_a_page(entry):
+    index = (make_methods.FOLDER / "images.md").read_text(encoding="utf-8")
+    assert f"| [{entry.label}]({entry.name}.md) | `{entry.name}` | {entry.source} | " in index
+    text = (make_methods.FOLDER / f"{entry.name}.md").read_text(encoding="utf-8")
+    assert text.startswith(f"# {entry.label}\n")
+    for part in ("Idea", "Guarantee", "How it fails", "Figures", "Source"):
+        assert f"\n## {part}\n" in text
+    assert f"(../../native/src/imaging/{entry.name}.c)" in text
+
+
 @pytest.mark.parametrize(
     ("page", "names"),
     [

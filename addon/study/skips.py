@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pixels that are skipped around a ray that misses: how many, and how many wrongly (no bpy).
 
-Every phantom is seen from all around; the image of first cells with skipping is held against the
+Every phantom is seen from all around; the image with pixels skipped is held against the
 same rays traced one by one. The published skip is there to show what it loses.
 
 Source: Zuiderveld, Koning and Viergever 1992.
@@ -50,23 +50,23 @@ def measure(counts, directions: NDArray, size: int, image: int) -> list[Skip]:
     found = []
     for n in counts:
         volume = leapray.Volume(phantom(size, n))
-        clearance, structure = leapray.Clearance(volume), leapray.build(volume)
-        sums = {skip: np.zeros(3) for skip in ("safe", "paper")}
+        structure = leapray.build(volume)
+        prepared = {
+            skip: leapray.prepare(volume, f"pixel_skip:skip={skip}") for skip in ("safe", "paper")
+        }
+        sums = {skip: np.zeros(3) for skip in prepared}
         traced = 0.0
         for forward in directions:
             seen = camera(forward, size, image)
-            x, y = np.meshgrid(np.arange(image) + 0.5, np.arange(image) + 0.5)
-            dx, dy, eye, corner = map(np.asarray, (seen.dx, seen.dy, seen.eye, seen.corner))
-            film = x[..., None] * dx + y[..., None] * dy
-            origins = (eye + corner + film).reshape(-1, 3)
-            rays = origins, np.broadcast_to(forward, origins.shape)
+            rays = leapray.camera_rays(seen, image, image)
             began = time.perf_counter()
             want = leapray.trace(structure, *rays, mode="binary", threads=0, count=False)
             traced += time.perf_counter() - began
             hit = np.isfinite(want.t)
             for skip, total in sums.items():
                 began = time.perf_counter()
-                got = leapray.first_cells(clearance, seen, image, image, skip=skip, threads=0)
+                made = prepared[skip]
+                got = leapray.render_image(made.method, made, seen, image, image, threads=0)
                 took = time.perf_counter() - began
                 other = (got.cell.reshape(-1, 3) != want.cell).any(axis=1)
                 wrong = (got.hit.ravel() != hit) | (hit & other)

@@ -24,7 +24,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI     36 /* raised whenever a struct or a signature below changes */
+#define LR_ABI     37 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -1126,43 +1126,73 @@ LR_API lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, cons
 
 /* ---- whole images ------------------------------------------------------ */
 
-/* How far it is empty around every cell of a volume, which must live longer. */
-typedef struct lr_radii lr_radii;
+typedef enum lr_image_flag {
+    LR_IMAGE_EXACT = 1, /* cells and t are those of lr_trace in LR_MODE_BINARY, cell by cell */
+    LR_IMAGE_PERSPECTIVE = 2, /* takes perspective cameras, too; all take orthographic ones */
+    LR_IMAGE_SURFACES = 4,    /* shows the first object cells */
+    LR_IMAGE_LIGHTS = 8,      /* shades by lights (lr_prepared_light) and gives normals; others
+                                 shade by depth */
+    LR_IMAGE_FRAMES = 16      /* takes the frame before, and is faster with it */
+} lr_image_flag;
 
-/* metric: lr_metric; Euclid's gives the largest radii. *radii is to be given to lr_radii_free.
- * LR_E_ARGUMENT for another metric, and for a volume that is not finished, rectilinear or cubic;
- * LR_E_MEMORY, LR_E_STOPPED. */
-LR_API lr_status lr_radii_build(const lr_volume *volume, int32_t metric, const lr_watch *watch,
-                                lr_radii **radii, lr_error *error);
-LR_API void lr_radii_free(lr_radii *radii);             /* NULL is fine */
-LR_API uint64_t lr_radii_nbytes(const lr_radii *radii); /* without the volume */
+typedef struct lr_image_method {
+    const char *name;    /* as in options and files */
+    const char *label;   /* as in menus */
+    const char *source;  /* who published it */
+    const char *about;   /* one sentence, as that of lr_traverser */
+    const char *options; /* as those of lr_traverser */
+    uint32_t flags;      /* lr_image_flag */
+} lr_image_method;
 
-typedef enum lr_pixel_skip {
-    LR_SKIP_SAFE = 0, /* around a ray that misses, the pixels that are sure to miss too */
-    LR_SKIP_NONE = 1, /* no pixel */
-    LR_SKIP_PAPER = 2 /* those nearer than the least radius of its samples: loses pixels */
-} lr_pixel_skip;
+/* How many there are, and what is said of each, 0..lr_image_method_count()-1: *method is filled
+ * with texts that live as long as the library. LR_E_ARGUMENT for another index. */
+LR_API int32_t lr_image_method_count(void);
+LR_API lr_status lr_image_method_get(int32_t index, lr_image_method *method, lr_error *error);
+
+/* What a method needs beside the volume, which must live longer. */
+typedef struct lr_prepared lr_prepared;
+
+/* method: its index; choices: as of lr_structure_build. *prepared is to be given to
+ * lr_prepared_free. LR_E_ARGUMENT for an unknown method or choice, and for a volume that is not
+ * finished, rectilinear or cubic; LR_E_SIZE, LR_E_MEMORY, LR_E_STOPPED. */
+LR_API lr_status lr_prepare(const lr_volume *volume, int32_t method, const int32_t *choices,
+                            const lr_watch *watch, lr_prepared **prepared, lr_error *error);
+LR_API void lr_prepared_free(lr_prepared *prepared);             /* NULL is fine */
+LR_API uint64_t lr_prepared_nbytes(const lr_prepared *prepared); /* without the volume */
 
 typedef enum lr_pixel {
     LR_PIXEL_MISS = 0,
     LR_PIXEL_HIT = 1,
-    LR_PIXEL_SKIPPED = 2 /* not traced: a miss */
+    LR_PIXEL_SKIPPED = 2 /* a miss that was known without a ray of its own */
 } lr_pixel;
 
+/* What lies behind the pixels' centres; all but the first three may be NULL. */
 typedef struct lr_image {
     int32_t x, y, width, height; /* pixels of the film; row 0 is the lowest */
-    double *t;                   /* [height][width], along forward; infinity where nothing is */
-    int32_t *cell;               /* [height][width][3]; the least int32_t where nothing is */
+    double *t;                   /* [height][width], depth along forward; infinity on a miss */
+    int32_t *cell;               /* [height][width][3]; the least int32_t on a miss */
     uint8_t *pixel;              /* [height][width], lr_pixel */
+    double *shade;               /* [height][width][3], linear RGB; 0 on a miss. Without lights
+                                    (far - t) / (far - near), of the box of the surface */
+    double *normal;              /* [height][width][3], unit, object space; 0 on a miss. Only where
+                                    the method has LR_IMAGE_LIGHTS */
+    double *empty;               /* [height][width][2]: for the next frame. Only where the method
+                                    has LR_IMAGE_FRAMES */
 } lr_image;
 
-/* The first object cell behind every pixel's centre, as lr_trace finds it in
- * LR_MODE_BINARY. camera: LR_ORTHOGRAPHIC, in object space; LR_E_ARGUMENT for a
- * perspective one. skip: lr_pixel_skip. Parts of a film may be asked for side by side;
- * a pixel is skipped only for one of the same part. image names what is filled. counters is added
- * to, of rays that were traced; NULL costs nothing. LR_E_STOPPED. */
-LR_API lr_status lr_first_cells(const lr_radii *radii, const lr_camera *camera, int32_t skip,
-                                const lr_image *image, lr_counters *counters, const lr_watch *watch,
-                                lr_error *error);
+/* The frame before: the camera and all that its image kept in `empty`. */
+typedef struct lr_frame_before {
+    lr_camera camera;
+    int32_t width, height; /* of the whole film, from its corner */
+    const double *empty;   /* [height][width][2] */
+} lr_frame_before;
+
+/* Render the pixels that image names, by the method of prepared. camera: in object space. before:
+ * NULL, or for a method with LR_IMAGE_FRAMES the frame before, of the same volume. Parts of a film
+ * may be asked for side by side. counters is added to; NULL costs nothing. LR_E_ARGUMENT for a
+ * camera that the method does not take, LR_E_MEMORY, LR_E_STOPPED. */
+LR_API lr_status lr_render_image(const lr_prepared *prepared, const lr_camera *camera,
+                                 const lr_frame_before *before, const lr_image *image,
+                                 lr_counters *counters, const lr_watch *watch, lr_error *error);
 
 #endif

@@ -9,7 +9,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 36
+LR_ABI = 37
 LR_PROGRAM_REGISTERS = 256
 LR_EUCLID_MAX = 26754
 LR_BOUNCES_MAX = 1024
@@ -268,10 +268,12 @@ class lr_event_kind(IntEnum):
     LR_EVENT_FOUND = 3
 
 
-class lr_pixel_skip(IntEnum):
-    LR_SKIP_SAFE = 0
-    LR_SKIP_NONE = 1
-    LR_SKIP_PAPER = 2
+class lr_image_flag(IntEnum):
+    LR_IMAGE_EXACT = 1
+    LR_IMAGE_PERSPECTIVE = 2
+    LR_IMAGE_SURFACES = 4
+    LR_IMAGE_LIGHTS = 8
+    LR_IMAGE_FRAMES = 16
 
 
 class lr_pixel(IntEnum):
@@ -311,7 +313,7 @@ LR_FIELD_VALUE, LR_FIELD_SLOPE, LR_FIELD_ID = lr_field_part
 LR_FILM_BOX, LR_FILM_BLACKMAN_HARRIS = lr_film_filter
 LR_RAY_CAMERA, LR_RAY_DIFFUSE, LR_RAY_GLOSSY, LR_RAY_TRANSMISSION, LR_RAY_TRANSPARENT = lr_ray_kind
 LR_EVENT_RAY, LR_EVENT_HIT, LR_EVENT_LIGHT, LR_EVENT_FOUND = lr_event_kind
-LR_SKIP_SAFE, LR_SKIP_NONE, LR_SKIP_PAPER = lr_pixel_skip
+LR_IMAGE_EXACT, LR_IMAGE_PERSPECTIVE, LR_IMAGE_SURFACES, LR_IMAGE_LIGHTS, LR_IMAGE_FRAMES = lr_image_flag
 LR_PIXEL_MISS, LR_PIXEL_HIT, LR_PIXEL_SKIPPED = lr_pixel
 
 
@@ -823,7 +825,18 @@ class lr_passes(ctypes.Structure):
     )
 
 
-class lr_radii(ctypes.Structure):
+class lr_image_method(ctypes.Structure):
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("label", ctypes.c_char_p),
+        ("source", ctypes.c_char_p),
+        ("about", ctypes.c_char_p),
+        ("options", ctypes.c_char_p),
+        ("flags", ctypes.c_uint32),
+    )
+
+
+class lr_prepared(ctypes.Structure):
     pass  # opaque
 
 
@@ -836,6 +849,18 @@ class lr_image(ctypes.Structure):
         ("t", ctypes.POINTER(ctypes.c_double)),
         ("cell", ctypes.POINTER(ctypes.c_int32)),
         ("pixel", ctypes.POINTER(ctypes.c_uint8)),
+        ("shade", ctypes.POINTER(ctypes.c_double)),
+        ("normal", ctypes.POINTER(ctypes.c_double)),
+        ("empty", ctypes.POINTER(ctypes.c_double)),
+    )
+
+
+class lr_frame_before(ctypes.Structure):
+    _fields_ = (
+        ("camera", lr_camera),
+        ("width", ctypes.c_int32),
+        ("height", ctypes.c_int32),
+        ("empty", ctypes.POINTER(ctypes.c_double)),
     )
 
 
@@ -1239,23 +1264,30 @@ PROTOTYPES = {
         ctypes.POINTER(lr_watch),
         ctypes.POINTER(lr_error),
     )),
-    "lr_radii_build": (ctypes.c_int, (
-        ctypes.POINTER(lr_volume),
+    "lr_image_method_count": (ctypes.c_int32, ()),
+    "lr_image_method_get": (ctypes.c_int, (
         ctypes.c_int32,
-        ctypes.POINTER(lr_watch),
-        ctypes.POINTER(ctypes.POINTER(lr_radii)),
+        ctypes.POINTER(lr_image_method),
         ctypes.POINTER(lr_error),
     )),
-    "lr_radii_free": (None, (
-        ctypes.POINTER(lr_radii),
-    )),
-    "lr_radii_nbytes": (ctypes.c_uint64, (
-        ctypes.POINTER(lr_radii),
-    )),
-    "lr_first_cells": (ctypes.c_int, (
-        ctypes.POINTER(lr_radii),
-        ctypes.POINTER(lr_camera),
+    "lr_prepare": (ctypes.c_int, (
+        ctypes.POINTER(lr_volume),
         ctypes.c_int32,
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(ctypes.POINTER(lr_prepared)),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_prepared_free": (None, (
+        ctypes.POINTER(lr_prepared),
+    )),
+    "lr_prepared_nbytes": (ctypes.c_uint64, (
+        ctypes.POINTER(lr_prepared),
+    )),
+    "lr_render_image": (ctypes.c_int, (
+        ctypes.POINTER(lr_prepared),
+        ctypes.POINTER(lr_camera),
+        ctypes.POINTER(lr_frame_before),
         ctypes.POINTER(lr_image),
         ctypes.POINTER(lr_counters),
         ctypes.POINTER(lr_watch),
@@ -1356,8 +1388,10 @@ ABOUT = {
     "LR_EVENT_HIT": "that ray has ended, at a surface or nowhere",
     "LR_EVENT_LIGHT": "a surface samples a light",
     "LR_EVENT_FOUND": "a ray meets a light, the world, or a surface that shines",
-    "LR_SKIP_SAFE": "around a ray that misses, the pixels that are sure to miss too",
-    "LR_SKIP_NONE": "no pixel",
-    "LR_SKIP_PAPER": "those nearer than the least radius of its samples: loses pixels",
-    "LR_PIXEL_SKIPPED": "not traced: a miss",
+    "LR_IMAGE_EXACT": "cells and t are those of lr_trace in LR_MODE_BINARY, cell by cell",
+    "LR_IMAGE_PERSPECTIVE": "takes perspective cameras, too; all take orthographic ones",
+    "LR_IMAGE_SURFACES": "shows the first object cells",
+    "LR_IMAGE_LIGHTS": "shades by lights (lr_prepared_light) and gives normals; others shade by depth",
+    "LR_IMAGE_FRAMES": "takes the frame before, and is faster with it",
+    "LR_PIXEL_SKIPPED": "a miss that was known without a ray of its own",
 }

@@ -1,108 +1,279 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whole images at once: first object cells of parallel rays, with pixels skipped."""
+"""Whole images at once: methods of the survey that do not trace rays one by one."""
 
 from __future__ import annotations
 
 import ctypes
+import itertools
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _abi
-from ._lib import LeapRayError, Watch, call, lib
-from .arrays import choice, empty, members, pointer
+from ._lib import LeapRayError, Watch, call, check, lib
+from .arrays import empty, pointer
+from .options import (
+    Option,
+    about_choices,
+    defaults,
+    keeps_exact,
+    numbers_of_choices,
+    parse_choices,
+    parse_options,
+    spec_of,
+)
 from .rendering import Camera, camera_struct
 from .threads import check_threads, cores, run_parts
-from .tracing import METRICS, add_counters
+from .tracing import add_counters
 from .volume import Volume
 
-SKIPS = members(_abi.lr_pixel_skip)
+
+@dataclass(frozen=True)
+class ImageMethod:
+    """A line of the core's registry of whole-image methods, with its options chosen."""
+
+    index: int
+    name: str  # as in files and on the command line
+    label: str  # as in menus
+    source: str
+    about: str  # how it works with the options chosen, or what it may miss
+    exact: bool  # cells and depths are those of `trace` with mode="binary"
+    perspective: bool  # takes perspective cameras, too
+    surfaces: bool  # shows first object cells
+    lights: bool  # shades by lights and gives normals; others shade by depth
+    frames: bool  # is faster with the frame before
+    options: tuple[Option, ...] = ()
+    chosen: tuple[str, ...] = ()  # per option
+    template: str = ""  # about, with the words of every choice, as the registry has it
+
+    @property
+    def spec(self) -> str:
+        """How to ask for it: "name" or "name:option=choice,..." for what is not the default."""
+        return spec_of(self.name, self.options, self.chosen)
 
 
-class Clearance:
-    """How far it is empty around every cell of a volume, which it keeps alive.
+def image_methods() -> list[ImageMethod]:
+    """All whole-image methods that the core has, in its order, with their default options.
 
-    metric: one of METRICS; "euclid" knows the largest radii. Raises LeapRayError for
-    another, Stopped when watch was told to stop.
-    Attributes: volume; metric; nbytes, without the volume.
+    Raises LeapRayError only where core and package do not belong together.
+    """
+    return [_choose(entry, defaults(entry.options)) for entry in _registry()]
+
+
+def image_variants() -> list[ImageMethod]:
+    """All whole-image methods with every combination of their options."""
+    return [
+        _choose(entry, chosen)
+        for entry in image_methods()
+        for chosen in itertools.product(*(option.choices for option in entry.options))
+    ]
+
+
+def image_method(spec: str) -> ImageMethod:
+    """The method that spec, "name" or "name:option=choice,...", asks for.
+
+    Raises LeapRayError that lists what there is.
+    """
+    name, _, asked = spec.partition(":")
+    known = image_methods()
+    entry = next((one for one in known if one.name == name), None)
+    if entry is None:
+        raise LeapRayError(
+            f"unknown image method {name!r}; there are {', '.join(one.name for one in known)}"
+        )
+    chosen = parse_choices(f"image method {entry.name}", entry.options, asked)
+    return _choose(_registry()[entry.index], chosen)
+
+
+def _registry() -> list[ImageMethod]:
+    found = []
+    for index in range(lib.lr_image_method_count()):
+        entry, error = _abi.lr_image_method(), _abi.lr_error()
+        check(lib.lr_image_method_get(index, ctypes.byref(entry), ctypes.byref(error)), error)
+        name, label, source, about, options = (
+            getattr(entry, key).decode() for key in ("name", "label", "source", "about", "options")
+        )
+        found.append(
+            ImageMethod(
+                index,
+                name,
+                label,
+                source,
+                about,
+                exact=bool(entry.flags & _abi.LR_IMAGE_EXACT),
+                perspective=bool(entry.flags & _abi.LR_IMAGE_PERSPECTIVE),
+                surfaces=bool(entry.flags & _abi.LR_IMAGE_SURFACES),
+                lights=bool(entry.flags & _abi.LR_IMAGE_LIGHTS),
+                frames=bool(entry.flags & _abi.LR_IMAGE_FRAMES),
+                options=parse_options(options),
+                template=about,
+            )
+        )
+    return found
+
+
+def _choose(entry: ImageMethod, chosen: tuple[str, ...]) -> ImageMethod:
+    return replace(
+        entry,
+        chosen=chosen,
+        exact=entry.exact and keeps_exact(entry.options, chosen),
+        about=about_choices(entry.template, entry.options, chosen),
+    )
+
+
+# ---- preparation -----------------------------------------------------------------
+
+
+class Prepared:
+    """What a whole-image method needs beside the volume, which it keeps alive; `prepare` makes it.
+
+    volume: whose it is; method: with its options; handle: the core's.
+    Attributes: volume; method; nbytes, without the volume.
     """
 
-    def __init__(
-        self, volume: Volume, metric: str = "euclid", *, watch: Watch | None = None
-    ) -> None:
+    def __init__(self, volume: Volume, method: ImageMethod, handle) -> None:
         self.volume = volume
-        self.metric = metric
-        self.handle = ctypes.POINTER(_abi.lr_radii)()
-        number = choice(METRICS, metric, "metric")
-        call(lib.lr_radii_build, volume.handle, number, watch=watch, outputs=(self.handle,))
-        self.nbytes = lib.lr_radii_nbytes(self.handle)
-        weakref.finalize(self, lib.lr_radii_free, self.handle)
+        self.method = method
+        self.handle = handle
+        weakref.finalize(self, lib.lr_prepared_free, handle)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that it takes, without the volume."""
+        return lib.lr_prepared_nbytes(self.handle)
 
     def __repr__(self) -> str:
-        return f"<Clearance {self.metric}, {self.nbytes / 1e6:.3g} MB, of {self.volume!r}>"
+        return f"<Prepared {self.method.spec}, {self.nbytes / 1e6:.3g} MB, of {self.volume!r}>"
+
+
+def prepare(volume: Volume, method: str | ImageMethod, *, watch: Watch | None = None) -> Prepared:
+    """Make what a whole-image method needs for a volume.
+
+    method: "name", "name:option=choice,..." or an ImageMethod. Raises LeapRayError for an unknown
+    name and for rectilinear and cubic volumes, Stopped when watch was told to stop.
+    """
+    if not isinstance(volume, Volume):
+        raise LeapRayError(
+            f"images are made of a leapray.Volume, which leapray.Volume(samples) makes; this is "
+            f"of type {type(volume).__name__}"
+        )
+    entry = method if isinstance(method, ImageMethod) else image_method(method)
+    numbers = numbers_of_choices(entry.options, entry.chosen)
+    choices = (ctypes.c_int32 * max(len(numbers), 1))(*numbers)
+    handle = ctypes.POINTER(_abi.lr_prepared)()
+    call(lib.lr_prepare, volume.handle, entry.index, choices, watch=watch, outputs=(handle,))
+    return Prepared(volume, entry, handle)
+
+
+# ---- images ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, repr=False)
-class FirstCells:
-    """What lies behind each pixel; row 0 is the lowest."""
+class Image:
+    """What lies behind each pixel's centre; row 0 is the lowest."""
 
-    t: NDArray[np.float64]  # (height, width) along the camera's forward; infinity on a miss
+    t: NDArray[np.float64]  # (height, width) depth along the camera's forward; infinity on a miss
     cell: NDArray[np.int32]  # (height, width, 3) i, j, k of the first object cell
     hit: NDArray[np.bool_]  # (height, width)
-    skipped: NDArray[np.bool_]  # (height, width) not traced, as a neighbour had shown a miss
-    counters: dict[str, int]  # of the rays that were traced
+    skipped: NDArray[np.bool_]  # (height, width) a miss that was known without a ray of its own
+    shade: NDArray[np.float64]  # (height, width, 3) linear RGB, 0 on a miss
+    normal: NDArray[np.float64] | None  # (height, width, 3) unit, outward; where the method has it
+    counters: dict[str, int]  # as add_counters gives them
+    method: ImageMethod
+    camera: Camera
+    empty: NDArray[np.float64] | None = None  # (height, width, 2) what the next frame uses
 
     def __repr__(self) -> str:
         height, width = self.t.shape
         return (
-            f"<FirstCells of {width} x {height} pixels, {self.hit.sum()} hit, "
+            f"<Image {self.method.spec} of {width} x {height} pixels, {self.hit.sum()} hit, "
             f"{self.skipped.sum()} skipped>"
         )
 
+    def misses(self, exact: Image) -> Misses:
+        """How this image differs from one of the same camera by an exact method.
 
-def first_cells(
-    clearance: Clearance,
+        exact: of the same size. Raises LeapRayError for another size or a method that is not exact.
+        """
+        if exact.t.shape != self.t.shape or not exact.method.exact:
+            raise LeapRayError(
+                f"an image of {self.t.shape[1]} x {self.t.shape[0]} pixels by an exact method is "
+                f"needed; this is {exact!r}"
+            )
+        both = self.hit & exact.hit
+        apart = np.abs(self.cell - exact.cell)[both].max(axis=-1, initial=0)
+        return Misses(
+            lost=int((exact.hit & ~self.hit).sum()),
+            invented=int((self.hit & ~exact.hit).sum()),
+            displaced=int((apart > 0).sum()),
+            farthest=int(apart.max(initial=0)),
+            hits=int(exact.hit.sum()),
+        )
+
+
+@dataclass(frozen=True)
+class Misses:
+    """Pixels in which an image is not that of an exact method."""
+
+    lost: int  # that see nothing where there is something
+    invented: int  # that see something where there is nothing
+    displaced: int  # that see another cell
+    farthest: int  # of those: the largest difference of i, j or k
+    hits: int  # pixels of the exact image that see something
+
+
+def render_image(
+    method: str | ImageMethod,
+    source: Volume | Prepared,
     camera: Camera,
     width: int,
     height: int,
     *,
-    skip: str = "safe",
+    before: Image | None = None,
     threads: int = 1,
     watch: Watch | None = None,
-) -> FirstCells:
-    """The first object cells behind an orthographic camera's pixels, in object space.
+) -> Image:
+    """Render the first object cells behind a camera's pixels by a whole-image method.
 
-    clearance: of the volume; camera: in pixels of an image of that width and height.
-    The same as `trace` with mode="binary" for a ray through every pixel's centre; but around
-    a ray that misses, skip="safe" leaves out the pixels that are sure to miss too. "none"
-    traces all; "paper" skips as far as the least radius of the ray's samples, as published,
-    and loses pixels. threads (0: all cores) take bands of the image, and no pixel is skipped
-    for one of another band. Raises LeapRayError for a perspective camera, Stopped when watch
-    was told to stop. Source: Zuiderveld, Koning and Viergever 1992.
+    method: "name", "name:option=choice,..." or an ImageMethod. source: the volume, or what
+    `prepare` made of it for this method, which saves its time. camera: in the volume's object
+    space and in pixels of an image of that width and height. t is depth along the camera's
+    forward, as in `trace` with the rays of `camera_rays`. before: the frame before, of methods
+    whose `frames` is set; it changes no bit. threads (0: all cores) take bands of the image: of
+    exact methods they change no bit but of `skipped`. Raises LeapRayError for a camera that the
+    method does not take, Stopped when watch was told to stop.
     """
     check_threads(threads)
+    entry = method if isinstance(method, ImageMethod) else image_method(method)
     if width < 1 or height < 1:
         raise LeapRayError(f"an image needs pixels; there are {width} x {height}")
-    number, seen = choice(SKIPS, skip, "skip"), camera_struct(camera)
-    t, cell = empty((height, width), float), empty((height, width, 3), np.int32)
-    pixel = empty((height, width), np.uint8)
+    if isinstance(source, Prepared) and source.method.spec != entry.spec:
+        raise LeapRayError(f"what was prepared for {source.method.spec} is not for {entry.spec}")
+    seen, shape = camera_struct(camera), (height, width)
+    t, cell, pixel = empty(shape, float), empty((*shape, 3), np.int32), empty(shape, np.uint8)
+    shade = empty((*shape, 3), float)
+    normal = empty((*shape, 3), float) if entry.lights else None
+    kept = empty((*shape, 2), float) if entry.frames else None
     watch = watch or Watch()
+    earlier = _before(before, entry)
+    prepared = source if isinstance(source, Prepared) else prepare(source, entry, watch=watch)
 
     def band(first: int, last: int) -> _abi.lr_counters:
+        def rows(array: NDArray | None, c_type=ctypes.c_double):
+            return None if array is None else pointer(array[first:last], c_type)
+
         image = _abi.lr_image(
-            0, first, width, last - first,
-            pointer(t[first:last]),
-            pointer(cell[first:last], ctypes.c_int32),
-            pointer(pixel[first:last], ctypes.c_uint8),
+            0, first, width, last - first, rows(t), rows(cell, ctypes.c_int32),
+            rows(pixel, ctypes.c_uint8), rows(shade), rows(normal), rows(kept),
         )  # fmt: skip
         counters = _abi.lr_counters()
         call(
-            lib.lr_first_cells,
-            clearance.handle,
+            lib.lr_render_image,
+            prepared.handle,
             ctypes.byref(seen),
-            number,
+            ctypes.byref(earlier) if earlier is not None else None,
             ctypes.byref(image),
             ctypes.byref(counters),
             watch=watch,
@@ -114,10 +285,34 @@ def first_cells(
     else:
         share = -(-height // (threads or cores()))
         totals = run_parts(band, height, share, threads, watch)
-    return FirstCells(
-        t,
-        cell,
-        pixel == _abi.LR_PIXEL_HIT,
-        pixel == _abi.LR_PIXEL_SKIPPED,
-        add_counters(totals),
-    )
+    hit, skipped = pixel == _abi.LR_PIXEL_HIT, pixel == _abi.LR_PIXEL_SKIPPED
+    counters = add_counters(totals)
+    return Image(t, cell, hit, skipped, shade, normal, counters, entry, camera, kept)
+
+
+def _before(image: Image | None, entry: ImageMethod) -> _abi.lr_frame_before | None:
+    """The frame before as C has it; the image keeps its arrays alive."""
+    if image is None:
+        return None
+    if image.method.spec != entry.spec or image.empty is None:
+        raise LeapRayError(f"the frame before is by {image.method.spec}; {entry.spec} is needed")
+    height, width = image.t.shape
+    return _abi.lr_frame_before(camera_struct(image.camera), width, height, pointer(image.empty))
+
+
+def camera_rays(
+    camera: Camera, width: int, height: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The rays through the centres of a camera's pixels, for `trace`: the bits of `render_image`.
+
+    camera: in pixels of an image of that width and height. Returns origins and
+    directions (n, 3) of n = height * width pixels, row 0 the lowest; t_min and t_max are the camera's clip_start and clip_end.
+    Raises LeapRayError for vectors that are none.
+    """
+    seen = camera_struct(camera)
+    eye, corner, dx, dy = (np.array(getattr(seen, k)) for k in ("eye", "corner", "dx", "dy"))
+    x, y = np.arange(width)[None, :, None] + 0.5, np.arange(height)[:, None, None] + 0.5
+    film = ((corner + x * dx) + y * dy).reshape(-1, 3)
+    if camera.projection == "perspective":
+        return np.broadcast_to(eye, film.shape).copy(), film
+    return eye + film, np.broadcast_to(np.array(seen.forward), film.shape).copy()

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import ctypes
 import itertools
-import re
 import weakref
 from dataclasses import dataclass, replace
 
@@ -15,6 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import NORMALS, choice, columns, members, numbers, per_ray, pointer, record
+from .options import (
+    Option,
+    about_choices,
+    defaults,
+    keeps_exact,
+    numbers_of_choices,
+    parse_choices,
+    parse_options,
+    spec_of,
+)
 from .threads import check_threads, cores, run_parts, run_steps
 from .volume import Volume
 
@@ -25,15 +34,6 @@ MODES = members(_abi.lr_mode)
 HIT_TESTS = members(_abi.lr_hit_test)
 ROOTS = members(_abi.lr_root)
 METRICS = members(_abi.lr_metric)
-
-
-@dataclass(frozen=True)
-class Option:
-    """A choice that a traverser offers."""
-
-    name: str
-    choices: tuple[str, ...]  # the first is the default
-    inexact: frozenset[str]  # those that give exactness up
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,7 @@ class Traverser:
     @property
     def spec(self) -> str:
         """How to ask for it: "name" or "name:option=choice,..." for what is not the default."""
-        pairs = zip(self.options, self.chosen, strict=True)
-        asked = [f"{o.name}={choice}" for o, choice in pairs if choice != o.choices[0]]
-        return f"{self.name}:{','.join(asked)}" if asked else self.name
+        return spec_of(self.name, self.options, self.chosen)
 
 
 def traversers() -> list[Traverser]:
@@ -72,7 +70,7 @@ def traversers() -> list[Traverser]:
         name, label, source, about = (
             getattr(entry, key).decode() for key in ("name", "label", "source", "about")
         )
-        options = tuple(_option(text) for text in entry.options.decode().split())
+        options = parse_options(entry.options.decode())
         found.append(
             Traverser(
                 index,
@@ -87,14 +85,7 @@ def traversers() -> list[Traverser]:
                 template=about,
             )
         )
-    return [_choose(entry, tuple(o.choices[0] for o in entry.options)) for entry in found]
-
-
-def _option(text: str) -> Option:
-    name, _, listed = text.partition("=")
-    choices = listed.split("|")
-    inexact = frozenset(choice[:-1] for choice in choices if choice.endswith("!"))
-    return Option(name, tuple(choice.rstrip("!") for choice in choices), inexact)
+    return [_choose(entry, defaults(entry.options)) for entry in found]
 
 
 def variants() -> list[Traverser]:
@@ -107,20 +98,12 @@ def variants() -> list[Traverser]:
 
 
 def _choose(entry: Traverser, chosen: tuple[str, ...]) -> Traverser:
-    exact = entry.exact and not any(
-        choice in option.inexact for option, choice in zip(entry.options, chosen, strict=True)
+    return replace(
+        entry,
+        chosen=chosen,
+        exact=entry.exact and keeps_exact(entry.options, chosen),
+        about=about_choices(entry.template, entry.options, chosen),
     )
-    return replace(entry, chosen=chosen, exact=exact, about=_about(entry, chosen))
-
-
-def _about(entry: Traverser, chosen: tuple[str, ...]) -> str:
-    """What holds for these choices: of "{name:first|second}" the words of the one chosen."""
-    numbers = {o.name: o.choices.index(c) for o, c in zip(entry.options, chosen, strict=True)}
-
-    def words(found: re.Match) -> str:
-        return found[2].split("|")[numbers[found[1]]]
-
-    return re.sub(r"{(\w+):([^}]*)}", words, entry.template)
 
 
 def traverser(spec: str | None = None) -> Traverser:
@@ -135,15 +118,7 @@ def traverser(spec: str | None = None) -> Traverser:
         raise LeapRayError(
             f"unknown traverser {name!r}; there are {', '.join(one.name for one in known)}"
         )
-    chosen = dict(zip((option.name for option in entry.options), entry.chosen, strict=True))
-    offered = {option.name: option.choices for option in entry.options}
-    for pair in filter(None, asked.split(",")):
-        key, _, value = pair.partition("=")
-        if value not in offered.get(key, ()):
-            offers = "; ".join(f"{k}={'|'.join(v)}" for k, v in offered.items()) or "no options"
-            raise LeapRayError(f"traverser {entry.name} has {offers}, not {pair!r}")
-        chosen[key] = value
-    return _choose(entry, tuple(chosen.values()))
+    return _choose(entry, parse_choices(f"traverser {entry.name}", entry.options, asked))
 
 
 class Structure:
@@ -183,7 +158,7 @@ def build(
             f"this is of type {type(volume).__name__}"
         )
     entry = spec if isinstance(spec, Traverser) else traverser(spec)
-    numbers = [o.choices.index(c) for o, c in zip(entry.options, entry.chosen, strict=True)]
+    numbers = numbers_of_choices(entry.options, entry.chosen)
     choices = (ctypes.c_int32 * max(len(numbers), 1))(*numbers)
     handle = ctypes.POINTER(_abi.lr_structure)()
     call(

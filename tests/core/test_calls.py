@@ -106,7 +106,9 @@ def test_objects_say_what_they_are():
     volume = stage.ball(4.0)
     structure = leapray.build(volume, "cd")
     hits = leapray.trace(structure, [[-3.0, 0, 0], [9, 9, 9]], [[1.0, 0, 0], [1, 0, 0]])
-    told = [repr(thing) for thing in (volume, structure, hits, leapray.Clearance(volume))]
+    told = [
+        repr(thing) for thing in (volume, structure, hits, leapray.prepare(volume, "pixel_skip"))
+    ]
     assert "20 x 20 x 20" in told[0] and "f32" in told[0] and "surface cells" in told[0]
     assert "cd" in told[1] and told[0] in told[1]
     assert "1 of 2 rays" in told[2] and "from 2" in told[2]

@@ -495,7 +495,7 @@ def test_what_does_not_go_together_is_told_in_a_sentence():
     with pytest.raises(LeapRayError, match="ids"):
         leapray.merge([volume, volume])
     with pytest.raises(LeapRayError, match="trilinear"):
-        leapray.Clearance(volume)
+        leapray.prepare(volume, leapray.image_methods()[0])
     for make in (
         lambda: Volume(samples, interpolation="quintic"),
         lambda: Isosurfaces(grid_of(samples), interpolation=""),

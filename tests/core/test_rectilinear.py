@@ -185,7 +185,7 @@ def test_what_cannot_take_rectilinear_planes_says_so():
     with pytest.raises(leapray.LeapRayError, match="have no one size"):
         leapray.trace(structure, [(0, 0, -9)], [(0, 0, 1)], hit_test="uniform", root="bisect")
     with pytest.raises(leapray.LeapRayError, match="this volume is rectilinear"):
-        leapray.Clearance(volume)
+        leapray.prepare(volume, leapray.image_methods()[0])
     eye, forward = (0, 0, -9), (0, 0, 1)
     camera = leapray.Camera("orthographic", eye, forward, (0, 0, 0), (1, 0, 0), (0, 1, 0), 0, 99)
     with pytest.raises(leapray.LeapRayError, match="instance 0 has a rectilinear volume"):

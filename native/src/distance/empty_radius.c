@@ -164,29 +164,6 @@ lr_status lr_radii_make(const lr_volume *v, int32_t metric, bool safe, const lr_
     return LR_OK;
 }
 
-lr_status lr_radii_build(const lr_volume *v, int32_t metric, const lr_watch *watch,
-                         lr_radii **radii, lr_error *error)
-{
-    const lr_status known = lr_check_choice("metric", metric, LR_METRIC_EUCLID, error);
-    if (known != LR_OK)
-        return known;
-    if (!v->finished)
-        return lr_fail(error, LR_E_ARGUMENT, "the volume is not finished");
-    if (v->planes[0] != NULL)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "radii count on voxels of one size, and this volume is rectilinear");
-    if (lr_is_cubic(v))
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "first object cells are those of the trilinear field, and this volume is "
-                       "cubic");
-    return lr_radii_make(v, metric, true, watch, radii, error);
-}
-
-uint64_t lr_radii_nbytes(const lr_radii *f)
-{
-    return f->nbytes;
-}
-
 void lr_radii_free(lr_radii *f)
 {
     if (f == NULL)

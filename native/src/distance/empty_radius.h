@@ -22,19 +22,22 @@ enum {
     LR_RADIUS_STEPS = 16, /* radii are counted in these parts of a voxel */
 };
 
-struct lr_radii {
+typedef struct lr_radii {
     const lr_volume *volume;
     int32_t metric;            /* lr_metric */
     bool safe;                 /* else the metric's own distance to the surface cells */
     uint32_t *bricks;          /* [table]: index into near, or LR_FAR_BRICK | radius of the brick */
     uint8_t (*near)[LR_CELLS]; /* radius; 0 next to surface cells and on them */
     uint64_t nbytes;
-};
+} lr_radii;
 
-/* As lr_radii_build in leapray.h; without safe, distances by the metric, a third of it for
- * chamfer, within which there may be surface. */
+/* metric: lr_metric; Euclid's gives the largest radii. *radii is to be given to lr_radii_free, and
+ * the volume must live longer. Without safe, distances by the metric, a third of it for chamfer,
+ * within which there may be surface. */
 lr_status lr_radii_make(const lr_volume *volume, int32_t metric, bool safe, const lr_watch *watch,
                         lr_radii **radii, lr_error *error);
+
+void lr_radii_free(lr_radii *radii); /* NULL is fine */
 
 /* The radius of storage cell c, in voxels. */
 LR_INLINE double lr_radius_at(const lr_radii *f, const int32_t c[3])

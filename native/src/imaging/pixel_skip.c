@@ -20,22 +20,29 @@
  * are not parallel and are refused.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "base/error.h"
+#include "imaging/pixel_ray.h"
 #include "trace/sphere_tracing.h"
-#include "trace/traverser.h"
 
 enum {
+    SAFE = 0, /* choices of the option `skip` */
+    NONE = 1,
+    PAPER = 2,
     PENDING = 0xff, /* a pixel not yet visited */
     COARSEST = 16,  /* pixels between two of the first grid */
     HALVINGS = 4,   /* of a jump whose clearance is too little */
     POLL = 64,      /* pixels between checks of the stop word */
 };
 
+typedef struct clearances {
+    int32_t skip;
+    lr_radii *radii;
+} clearances;
+
 /* One image. */
 typedef struct job {
     const lr_radii *radii;
     const lr_volume *volume;
-    const lr_camera *camera;
+    const lr_view *view;
     const lr_image *image;
     int32_t skip;
     double xx, xy, yy; /* (i, j) pixels apart: xx i^2 + 2 xy i j + yy j^2 voxels^2 between lines */
@@ -181,27 +188,20 @@ static double clearance_of_line(const job *j, const lr_ray *r, const lr_pace *p,
  * be empty, 0 where it hits. */
 static double visit(job *j, int32_t x, int32_t y)
 {
-    const lr_camera *camera = j->camera;
-    const double film[2] = {x + j->image->x + 0.5, y + j->image->y + 0.5};
-    const size_t at = (size_t)y * (size_t)j->image->width + (size_t)x;
-    double o[3];
+    const size_t at = lr_pixel_at(j->image, x, y);
     lr_ray r;
     lr_cursor u;
     lr_pace pace;
     bool hit = false;
-    for (int a = 0; a < 3; a++)
-        o[a] =
-            camera->eye[a] + camera->corner[a] + film[0] * camera->dx[a] + film[1] * camera->dy[a];
     j->rays++;
     j->image->pixel[at] = LR_PIXEL_MISS;
-    if (!lr_ray_setup(&r, j->volume, o, camera->forward, camera->clip_end))
-        return 0.0;
-    lr_begin_spheres(&r, &pace);
-    double clearance = 0.0, least;
-    if (lr_starts_inside(j->volume, &r, LR_REGULAR, camera->clip_start, &u))
+    const lr_pixel_start start = lr_start_pixel(j->view, x, y, &r, &u);
+    if (start == LR_START_INSIDE)
         hit = true;
-    else if (lr_enter(&r, LR_REGULAR, &u, j->volume->surface_lo, j->volume->surface_hi,
-                      camera->clip_start)) {
+    double clearance = 0.0, least;
+    memcpy(r.hi, j->volume->surface_hi, sizeof r.hi); /* which a ray beside the box has not got */
+    lr_begin_spheres(&r, &pace);
+    if (start == LR_START_AHEAD) {
         const lr_cursor first = u;
         int axis;
         hit = walk(j, &r, &pace, &u, &least);
@@ -209,16 +209,13 @@ static double visit(job *j, int32_t x, int32_t y)
         const bool whole =
             first.axis >= 0 && lr_exit_t(&r, LR_REGULAR, r.lo, r.hi, &axis) <= r.t_max;
         if (!hit && whole && least > j->nearest)
-            clearance = j->skip == LR_SKIP_SAFE ? clearance_of_line(j, &r, &pace, first) : least;
-    } else if (j->skip == LR_SKIP_SAFE)
+            clearance = j->skip == SAFE ? clearance_of_line(j, &r, &pace, first) : least;
+    } else if (!hit && j->skip == SAFE)
         clearance = clearance_of_box(&r, j->volume);
     if (!hit)
         return clearance - 4.0 * pace.slack;
     j->hits++;
-    j->image->pixel[at] = LR_PIXEL_HIT;
-    j->image->t[at] = u.t;
-    for (int a = 0; a < 3; a++)
-        j->image->cell[3 * at + (size_t)a] = u.c[a] - LR_PAD;
+    lr_put_pixel(j->image, at, &u);
     return 0.0;
 }
 
@@ -243,15 +240,15 @@ static void skip_around(const job *j, int32_t x, int32_t y, double clearance)
     }
 }
 
-/* The distances of neighbouring lines; false where the film has no area. */
-static bool measure_film(job *j)
+/* The distances of neighbouring lines. */
+static void measure_film(job *j)
 {
     double d[3], step[2][3];
-    lr_map_vector(j->volume->storage_from_object, j->camera->forward, d);
+    const lr_camera *camera = j->view->camera;
+    lr_map_vector(j->volume->storage_from_object, camera->forward, d);
     const double length = sqrt(lr_dot(d, d));
     for (int n = 0; n < 2; n++) {
-        lr_map_vector(j->volume->storage_from_object, n == 0 ? j->camera->dx : j->camera->dy,
-                      step[n]);
+        lr_map_vector(j->volume->storage_from_object, n == 0 ? camera->dx : camera->dy, step[n]);
         const double along = lr_dot(step[n], d) / length / length;
         for (int a = 0; a < 3; a++)
             step[n][a] -= along * d[a];
@@ -261,30 +258,6 @@ static bool measure_film(job *j)
     j->yy = lr_dot(step[1], step[1]);
     const double det = j->xx * j->yy - j->xy * j->xy, half = 0.5 * (j->xx + j->yy);
     j->nearest = sqrt(det / (half + sqrt(fmax(0.0, half * half - det)))); /* the least eigenvalue */
-    return length > 0.0 && isfinite(length) && isfinite(det) && det > 1e-12 * j->xx * j->yy;
-}
-
-static lr_status check(const lr_camera *camera, int32_t skip, const lr_image *image,
-                       lr_error *error)
-{
-    if (camera->projection != LR_ORTHOGRAPHIC)
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "pixels are skipped around parallel rays: the camera must be orthographic");
-    if (image->width < 1 || image->height < 1)
-        return lr_fail(error, LR_E_ARGUMENT, "an image needs pixels; there are %d x %d",
-                       image->width, image->height);
-    return lr_check_choice("skip", skip, LR_SKIP_PAPER, error);
-}
-
-static void clear(const lr_image *image)
-{
-    const size_t n = (size_t)image->width * (size_t)image->height;
-    memset(image->pixel, PENDING, n);
-    for (size_t i = 0; i < n; i++) {
-        image->t[i] = INFINITY;
-        for (size_t a = 0; a < 3; a++)
-            image->cell[3 * i + a] = INT32_MIN;
-    }
 }
 
 /* The pixels of one grid that are not known yet; false where stopped. */
@@ -293,41 +266,59 @@ static bool visit_grid(job *j, int32_t spacing, const lr_watch *watch)
     const lr_image *image = j->image;
     for (int32_t y = 0; y < image->height; y += spacing)
         for (int32_t x = 0; x < image->width; x += spacing) {
-            if (image->pixel[(size_t)y * (size_t)image->width + (size_t)x] != PENDING)
+            if (image->pixel[lr_pixel_at(image, x, y)] != PENDING)
                 continue;
             if ((j->rays & (POLL - 1)) == 0 && lr_stopped(watch))
                 return false;
             const double clearance = visit(j, x, y);
-            if (clearance > j->nearest && j->skip != LR_SKIP_NONE)
+            if (clearance > j->nearest && j->skip != NONE)
                 skip_around(j, x, y, clearance);
         }
     return true;
 }
 
-lr_status lr_first_cells(const lr_radii *radii, const lr_camera *camera, int32_t skip,
-                         const lr_image *image, lr_counters *counters, const lr_watch *watch,
-                         lr_error *error)
+void lr_pixel_skip_free(void *data)
 {
-    job j = {
-        .radii = radii, .volume = radii->volume, .camera = camera, .image = image, .skip = skip};
-    lr_status status = check(camera, skip, image, error);
-    if (status != LR_OK)
+    clearances *c = data;
+    lr_radii_free(c->radii);
+    free(c);
+}
+
+lr_status lr_pixel_skip_prepare(const lr_volume *v, const int32_t *choices, const lr_watch *watch,
+                                void **data, uint64_t *nbytes, lr_error *error)
+{
+    static const int32_t metrics[] = {LR_METRIC_EUCLID, LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK,
+                                      LR_METRIC_CHAMFER345};
+    clearances *c = calloc(1, sizeof *c);
+    if (c == NULL)
+        return lr_fail_memory(error, sizeof *c, "clearances");
+    c->skip = choices[0];
+    const lr_status status = lr_radii_make(v, metrics[choices[1]], true, watch, &c->radii, error);
+    if (status != LR_OK) {
+        free(c);
         return status;
-    if (!measure_film(&j))
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "the camera's dx and dy must span a film that its rays cross");
-    clear(image);
+    }
+    *data = c;
+    *nbytes = sizeof *c + c->radii->nbytes;
+    return LR_OK;
+}
+
+lr_status lr_pixel_skip_render(const void *data, const lr_view *view, lr_counters *counters,
+                               const lr_watch *watch, lr_error *error)
+{
+    const clearances *c = data;
+    const lr_image *image = view->image;
+    const size_t n = (size_t)image->width * (size_t)image->height;
+    job j = {
+        .radii = c->radii, .volume = view->volume, .view = view, .image = image, .skip = c->skip};
+    measure_film(&j);
+    memset(image->pixel, PENDING, n);
     for (int32_t spacing = COARSEST; spacing > 0; spacing /= 2) {
-        lr_progress(watch, (double)j.rays / ((double)image->width * image->height));
+        lr_progress(watch, (double)j.rays / (double)n);
         if (!visit_grid(&j, spacing, watch))
             return lr_fail_stopped(error);
     }
-    lr_progress(watch, 1.0);
-    if (counters != NULL) {
-        counters->rays += j.rays;
-        counters->cells += j.tally.cells;
-        counters->jumps += j.tally.jumps;
-        counters->hits += j.hits;
-    }
+    *counters = (lr_counters){
+        .rays = j.rays, .cells = j.tally.cells, .jumps = j.tally.jumps, .hits = j.hits};
     return LR_OK;
 }

@@ -37,35 +37,14 @@ lr_status lr_traverser_get(int32_t index, lr_traverser *traverser, lr_error *err
     return status;
 }
 
-enum { MAX_OPTIONS = 4 };
-
-/* Check choices against "name=a|b name=a|b|c" and copy them to chosen. */
-static lr_status check_choices(const lr_traverser *about, const int32_t *choices,
-                               int32_t chosen[MAX_OPTIONS], lr_error *error)
-{
-    memset(chosen, 0, MAX_OPTIONS * sizeof *chosen);
-    int option = 0;
-    for (const char *c = about->options; choices != NULL && *c != 0; option++) {
-        assert(option < MAX_OPTIONS);
-        int32_t count = 1;
-        for (; *c != 0 && *c != ' '; c++)
-            count += *c == '|';
-        c += *c == ' ';
-        if (choices[option] < 0 || choices[option] >= count)
-            return lr_fail(error, LR_E_ARGUMENT, "option %d of %s has %d choices; %d was wanted",
-                           option, about->name, count, choices[option]);
-        chosen[option] = choices[option];
-    }
-    return LR_OK;
-}
-
 lr_status lr_structure_build(const lr_volume *volume, int32_t traverser, const int32_t *choices,
                              const lr_watch *watch, lr_structure **structure, lr_error *error)
 {
-    int32_t chosen[MAX_OPTIONS];
+    int32_t chosen[LR_MAX_OPTIONS];
     lr_status status = check_index(traverser, error);
     if (status == LR_OK)
-        status = check_choices(&registry[traverser].about, choices, chosen, error);
+        status = lr_check_choices(registry[traverser].about.name, registry[traverser].about.options,
+                                  choices, chosen, error);
     if (status != LR_OK)
         return status;
     if (!volume->finished)

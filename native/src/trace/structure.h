@@ -30,6 +30,13 @@ LR_INLINE const lr_volume *lr_structure_volume(const lr_structure *structure)
     return structure->volume;
 }
 
+enum { LR_MAX_OPTIONS = 4 };
+
+/* Check choices, NULL: 0 for all, against "name=a|b name=a|b|c", of which `owner` is said to be the
+ * one who has these options, and copy them to chosen. */
+lr_status lr_check_choices(const char *owner, const char *options, const int32_t *choices,
+                           int32_t chosen[LR_MAX_OPTIONS], lr_error *error);
+
 /* For a traverser that needs nothing beside the volume. */
 lr_status lr_build_nothing(void **data, uint64_t *nbytes);
 

@@ -10,101 +10,30 @@
  * integer coordinates; 3. a climb goes up as far as the parents differ.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "grid/surface_octree.h"
 #include "trace/traverser.h"
-
-enum { BRICK_LEVEL = LR_SIDE_BITS, MAX_LEVELS = 24 };
-
-/* Levels above the brick's own, one bit per node. */
-typedef struct pyramid {
-    int top;
-    int32_t size[MAX_LEVELS][3];
-    uint64_t *bits[MAX_LEVELS]; /* by level; NULL up to BRICK_LEVEL */
-} pyramid;
 
 typedef struct place {
     int level;
     int32_t cell[3];
 } place;
 
-LR_INLINE size_t node_at(const pyramid *p, int level, const int32_t c[3])
-{
-    const int32_t *size = p->size[level];
-    return ((size_t)(c[2] >> level) * (size_t)size[1] + (size_t)(c[1] >> level)) * (size_t)size[0] +
-           (size_t)(c[0] >> level);
-}
-
-LR_INLINE bool set_above_brick(const pyramid *p, int level, const int32_t c[3])
-{
-    size_t at = node_at(p, level, c);
-    return p->bits[level][at >> 6] >> (at & 63) & 1;
-}
-
-/* Does the node of that level around cell c hold surface? */
-LR_INLINE bool node_set(const pyramid *p, const lr_volume *v, int level, const int32_t c[3])
-{
-    return level > BRICK_LEVEL ? set_above_brick(p, level, c) : lr_cube_has_surface(v, level, c);
-}
-
-static void set_node(pyramid *p, int level, const int32_t c[3])
-{
-    size_t at = node_at(p, level, c);
-    p->bits[level][at >> 6] |= (uint64_t)1 << (at & 63);
-}
-
 void lr_pyramid_free(void *data)
 {
-    pyramid *p = data;
-    if (p == NULL)
-        return;
-    for (int level = 0; level < MAX_LEVELS; level++)
-        free(p->bits[level]);
-    free(p);
-}
-
-static lr_status add_levels(pyramid *p, const lr_volume *v, uint64_t *nbytes, lr_error *error)
-{
-    int32_t largest = lr_max_i(v->table_size[0], lr_max_i(v->table_size[1], v->table_size[2]));
-    p->top = BRICK_LEVEL;
-    while (1 << (p->top - BRICK_LEVEL) < largest) {
-        int level = ++p->top;
-        size_t count = 1;
-        for (int a = 0; a < 3; a++) {
-            p->size[level][a] = ((LR_SIDE * v->table_size[a] - 1) >> level) + 1;
-            count *= (size_t)p->size[level][a];
-        }
-        size_t words = (count + 63) / 64;
-        p->bits[level] = calloc(words, sizeof(uint64_t));
-        if (p->bits[level] == NULL)
-            return lr_fail_memory(error, words * sizeof(uint64_t), "a level of the pyramid");
-        *nbytes += words * sizeof(uint64_t);
-    }
-    return LR_OK;
+    lr_octree_free(data);
 }
 
 lr_status lr_pyramid_build(const lr_volume *v, const int32_t *choices, const lr_watch *watch,
                            void **data, uint64_t *nbytes, lr_error *error)
 {
     (void)choices;
-    pyramid *p = calloc(1, sizeof *p);
-    if (p == NULL)
-        return lr_fail_memory(error, sizeof *p, "a pyramid");
-    *nbytes = sizeof *p;
-    lr_status status = add_levels(p, v, nbytes, error);
-    int32_t b[3] = {-1, 0, 0};
-    while (status == LR_OK && lr_next_surface_brick(v, watch, b))
-        for (int level = BRICK_LEVEL + 1; level <= p->top; level++)
-            set_node(p, level, (const int32_t[3]){LR_SIDE * b[0], LR_SIDE * b[1], LR_SIDE * b[2]});
-    if (status == LR_OK && lr_stopped(watch))
-        status = lr_fail_stopped(error);
-    if (status != LR_OK) {
-        lr_pyramid_free(p);
-        return status;
-    }
-    *data = p;
-    return LR_OK;
+    lr_octree *tree = NULL;
+    const lr_status status = lr_octree_build(v, watch, &tree, nbytes, error);
+    *data = tree;
+    return status;
 }
 
-LR_INLINE void begin_walk(const pyramid *p, const int32_t c[3], place *at)
+LR_INLINE void begin_walk(const lr_octree *p, const int32_t c[3], place *at)
 {
     at->level = p->top;
     memcpy(at->cell, c, sizeof at->cell);
@@ -119,19 +48,19 @@ LR_INLINE bool same_parent(const int32_t a[3], const int32_t b[3], int level)
 LR_INLINE bool empty_node(const void *data, const lr_volume *v, const lr_ray *r, place *at,
                           const int32_t c[3], int32_t lo[3], int32_t hi[3], lr_tally *tally)
 {
-    const pyramid *p = data;
+    const lr_octree *p = data;
     int level = at->level;
     while (level < p->top && !same_parent(at->cell, c, level)) {
         level++;
         lr_count_node(tally);
     }
-    while (node_set(p, v, level, c) && level > 0) {
+    while (lr_octree_has(p, v, level, c) && level > 0) {
         level--;
         lr_count_node(tally);
     }
     at->level = level;
     memcpy(at->cell, c, sizeof at->cell);
-    if (level == 0 && node_set(p, v, 0, c))
+    if (level == 0 && lr_octree_has(p, v, 0, c))
         return true;
     for (int a = 0; a < 3; a++) {
         lo[a] = c[a] >> level << level;

@@ -33,7 +33,7 @@ lr_status lr_radc_build(const lr_volume *v, const int32_t *choices, const lr_wat
     const bool safe = choices[1] == SAFE;
     lr_status status = lr_radii_make(v, metrics[choices[0]], safe, watch, &radii, error);
     if (status == LR_OK)
-        *nbytes = lr_radii_nbytes(radii);
+        *nbytes = radii->nbytes;
     *data = radii;
     return status;
 }
