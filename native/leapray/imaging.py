@@ -76,7 +76,7 @@ def image_method(spec: str) -> ImageMethod:
 
     Raises LeapRayError that lists what there is.
     """
-    name, _, asked = spec.partition(":")
+    name, _, asked = str(spec).partition(":")
     known = image_methods()
     entry = next((one for one in known if one.name == name), None)
     if entry is None:
@@ -306,8 +306,8 @@ def camera_rays(
     """The rays through the centres of a camera's pixels, for `trace`: the bits of `render_image`.
 
     camera: in pixels of an image of that width and height. Returns origins and
-    directions (n, 3) of n = height * width pixels, row 0 the lowest; t_min and t_max are the camera's clip_start and clip_end.
-    Raises LeapRayError for vectors that are none.
+    directions (n, 3) of n = height * width pixels, row 0 the lowest; t_min and t_max are the
+    camera's clip_start and clip_end. Raises LeapRayError for vectors that are none.
     """
     seen = camera_struct(camera)
     eye, corner, dx, dy = (np.array(getattr(seen, k)) for k in ("eye", "corner", "dx", "dy"))
