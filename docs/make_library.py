@@ -81,7 +81,8 @@ TOPICS = {
         "Methods that do not trace rays one by one, but render an image at once; "
         "[methods/](methods/images.md) describes each. A method prepares what it needs beside the "
         "volume, and renders any number of images with it.",
-        "image_methods image_method image_variants ImageMethod prepare Prepared render_image Image "
+        "image_methods image_method image_variants ImageMethod prepare Prepared Voxels "
+        "render_image Image "
         "Misses camera_rays",
     ),
     "Rendering": (

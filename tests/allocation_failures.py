@@ -182,7 +182,11 @@ def images():
     far[3:9, 3:9, 3:9] = 255
     volume = leapray.Volume(far)
     for entry in leapray.image_variants():
-        leapray.render_image(entry, volume, view, 14, 13)
+        prepared = leapray.prepare(volume, entry)
+        if entry.lights:
+            prepared.set_light(0, leapray.Light("point", (1, 1, 1), (50, 50, 50)))
+        leapray.render_image(entry, prepared, view, 14, 13)
+    leapray.prepare(voxelize(BOX, 0.2, attributes=colored(len(BOX[1]))), "discrete")
 
 
 def a_scene():

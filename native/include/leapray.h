@@ -1160,6 +1160,31 @@ LR_API lr_status lr_prepare(const lr_volume *volume, int32_t method, const int32
 LR_API void lr_prepared_free(lr_prepared *prepared);             /* NULL is fine */
 LR_API uint64_t lr_prepared_nbytes(const lr_prepared *prepared); /* without the volume */
 
+#define LR_IMAGE_LIGHTS_MAX 32
+
+/* A light as methods with LR_IMAGE_LIGHTS take it, in object space. */
+typedef struct lr_image_light {
+    double place[3]; /* of a point; of a distant light the unit direction towards it */
+    double color[3]; /* as that of lr_light: radiant intensity; of a distant light irradiance */
+    int32_t distant; /* nonzero: it has a direction and no place */
+    int32_t reserved;
+} lr_image_light;
+
+/* Set light `index`, 0..LR_IMAGE_LIGHTS_MAX-1, or take it away where light is NULL. What the volume
+ * keeps of other lights is left alone; nothing of prepared changes where the call fails, and nobody
+ * may render with it meanwhile. LR_E_ARGUMENT for a method without lights, LR_E_MEMORY,
+ * LR_E_STOPPED. */
+LR_API lr_status lr_prepared_light(lr_prepared *prepared, int32_t index,
+                                   const lr_image_light *light, const lr_watch *watch,
+                                   lr_error *error);
+
+/* How many surface voxels are kept in prepared, of a method with LR_IMAGE_LIGHTS; 0 of others. Then
+ * what is kept of each, into arrays of that many: cell[n][3], unit normal[n][3] in object space (0:
+ * none), linear color[n][3], and in lit[n] a bit for each light that the voxel sees. */
+LR_API uint64_t lr_prepared_voxel_count(const lr_prepared *prepared);
+LR_API void lr_prepared_voxels(const lr_prepared *prepared, int32_t *cell, double *normal,
+                               double *color, uint32_t *lit);
+
 typedef enum lr_pixel {
     LR_PIXEL_MISS = 0,
     LR_PIXEL_HIT = 1,

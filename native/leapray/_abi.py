@@ -16,6 +16,7 @@ LR_BOUNCES_MAX = 1024
 LR_LOBES_MAX = 8
 LR_OWN_INDEX = -2147483647
 LR_BRANCHES_MAX = 16
+LR_IMAGE_LIGHTS_MAX = 32
 
 
 class lr_status(IntEnum):
@@ -840,6 +841,15 @@ class lr_prepared(ctypes.Structure):
     pass  # opaque
 
 
+class lr_image_light(ctypes.Structure):
+    _fields_ = (
+        ("place", ctypes.c_double * 3),
+        ("color", ctypes.c_double * 3),
+        ("distant", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
+    )
+
+
 class lr_image(ctypes.Structure):
     _fields_ = (
         ("x", ctypes.c_int32),
@@ -1283,6 +1293,23 @@ PROTOTYPES = {
     )),
     "lr_prepared_nbytes": (ctypes.c_uint64, (
         ctypes.POINTER(lr_prepared),
+    )),
+    "lr_prepared_light": (ctypes.c_int, (
+        ctypes.POINTER(lr_prepared),
+        ctypes.c_int32,
+        ctypes.POINTER(lr_image_light),
+        ctypes.POINTER(lr_watch),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_prepared_voxel_count": (ctypes.c_uint64, (
+        ctypes.POINTER(lr_prepared),
+    )),
+    "lr_prepared_voxels": (None, (
+        ctypes.POINTER(lr_prepared),
+        ctypes.POINTER(ctypes.c_int32),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_uint32),
     )),
     "lr_render_image": (ctypes.c_int, (
         ctypes.POINTER(lr_prepared),

@@ -24,7 +24,7 @@ from .options import (
     parse_options,
     spec_of,
 )
-from .rendering import Camera, camera_struct
+from .rendering import Camera, Light, camera_struct
 from .threads import check_threads, cores, run_parts
 from .tracing import add_counters
 from .volume import Volume
@@ -126,6 +126,33 @@ def _choose(entry: ImageMethod, chosen: tuple[str, ...]) -> ImageMethod:
 # ---- preparation -----------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Voxels:
+    """What is kept of surface voxels."""
+
+    cell: NDArray[np.int32]  # (n, 3) i, j, k
+    normal: NDArray[np.float64]  # (n, 3) unit, outward, object space; 0 where there is none
+    color: NDArray[np.float64]  # (n, 3) linear RGB
+    lit: NDArray[np.uint32]  # (n,) a bit for each light that the voxel sees
+
+
+def _light_struct(light: Light) -> _abi.lr_image_light:
+    """A light as C has it. Raises LeapRayError for a kind that does not fit a bit."""
+    if light.kind not in ("sun", "point"):
+        raise LeapRayError(
+            f"a voxel sees a light or not, which holds of the kinds sun and point, not {light.kind}"
+        )
+    result = _abi.lr_image_light()
+    result.distant = light.kind == "sun"
+    place = light.direction if result.distant else light.position
+    for name, values in (("place", place), ("color", light.color)):
+        array = np.asarray(values, np.float64)
+        if array.shape != (3,):
+            raise LeapRayError(f"the {name} of a light must have shape (3,), it has {array.shape}")
+        getattr(result, name)[:] = array
+    return result
+
+
 class Prepared:
     """What a whole-image method needs beside the volume, which it keeps alive; `prepare` makes it.
 
@@ -143,6 +170,32 @@ class Prepared:
     def nbytes(self) -> int:
         """Bytes that it takes, without the volume."""
         return lib.lr_prepared_nbytes(self.handle)
+
+    def set_light(self, index: int, light: Light | None, *, watch: Watch | None = None) -> None:
+        """Set light 0..31 of a method whose `lights` is set, or take it away by None.
+
+        index: which one; what is stored of the others stays. light: a "sun" or a "point", in the
+        volume's object space, of which kind, color, position and direction count. Nobody may render
+        with this meanwhile. Raises LeapRayError for others, Stopped when watch was told to stop;
+        nothing has changed then.
+        """
+        number = ctypes.c_int32(index).value if isinstance(index, int) else -1
+        if number != index:
+            raise LeapRayError(f"the number of a light must be 0 to 31; it is {index!r}")
+        struct = None if light is None else ctypes.byref(_light_struct(light))
+        call(lib.lr_prepared_light, self.handle, number, struct, watch=watch)
+
+    def voxels(self) -> Voxels:
+        """What a method whose `lights` is set keeps of each surface voxel; of others nothing.
+
+        Raises OutOfMemory where there is no room for the arrays.
+        """
+        n = lib.lr_prepared_voxel_count(self.handle)
+        cell, lit = empty((n, 3), np.int32), empty((n,), np.uint32)
+        normal, color = empty((n, 3), float), empty((n, 3), float)
+        pointers = pointer(normal), pointer(color), pointer(lit, ctypes.c_uint32)
+        lib.lr_prepared_voxels(self.handle, pointer(cell, ctypes.c_int32), *pointers)
+        return Voxels(cell, normal, color, lit)
 
     def __repr__(self) -> str:
         return f"<Prepared {self.method.spec}, {self.nbytes / 1e6:.3g} MB, of {self.volume!r}>"

@@ -3,6 +3,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "imaging/film_map.h"
 #include "imaging/image_method.h"
+#include "imaging/stored_voxels.h"
 #include "trace/structure.h"
 
 typedef struct ops {
@@ -98,9 +99,36 @@ void lr_prepared_free(lr_prepared *p)
     free(p);
 }
 
+/* What a method with LR_IMAGE_LIGHTS keeps; NULL of others. */
+static lr_stored_voxels *stored(const lr_prepared *p)
+{
+    return registry[p->method].about.flags & LR_IMAGE_LIGHTS ? p->data : NULL;
+}
+
 uint64_t lr_prepared_nbytes(const lr_prepared *p)
 {
-    return p->nbytes;
+    return p->nbytes + (stored(p) != NULL ? stored(p)->nbytes : 0);
+}
+
+lr_status lr_prepared_light(lr_prepared *p, int32_t index, const lr_image_light *light,
+                            const lr_watch *watch, lr_error *error)
+{
+    if (stored(p) == NULL)
+        return lr_fail(error, LR_E_ARGUMENT, "%s shades by depth and has no lights",
+                       registry[p->method].about.name);
+    return lr_store_light(stored(p), index, light, watch, error);
+}
+
+uint64_t lr_prepared_voxel_count(const lr_prepared *p)
+{
+    return stored(p) != NULL ? stored(p)->n : 0;
+}
+
+void lr_prepared_voxels(const lr_prepared *p, int32_t *cell, double *normal, double *color,
+                        uint32_t *lit)
+{
+    if (stored(p) != NULL)
+        lr_list_stored(stored(p), cell, normal, color, lit);
 }
 
 /* ---- images -------------------------------------------------------------- */
