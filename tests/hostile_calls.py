@@ -279,6 +279,9 @@ def render_an_image(s: Source):
     prepared = leapray.prepare(volume, spec) if s.likely(0.5) else volume
     width, height = (s.one((1, 5, 16)) if s.mostly(0.95) else s.one((0, -1, 2**31)) for _ in "wh")
     found = leapray.render_image(spec, prepared, camera(s), width, height, threads=s.threads())
+    if found.empty is not None:
+        prepared = prepared if s.mostly(0.9) else s.one(known_volumes())
+        found = leapray.render_image(spec, prepared, camera(s), width, height, before=found)
     check(found.t.shape == (height, width) and not np.isnan(found.t).any(), "what was found")
 
 

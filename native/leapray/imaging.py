@@ -236,7 +236,8 @@ class Image:
     counters: dict[str, int]  # as add_counters gives them
     method: ImageMethod
     camera: Camera
-    empty: NDArray[np.float64] | None = None  # (height, width, 2) what the next frame uses
+    empty: NDArray[np.float64] | None = None  # (height, width, 2) what the next frame uses,
+    volume: Volume | None = None  # and whose it is
 
     def __repr__(self) -> str:
         height, width = self.t.shape
@@ -285,6 +286,7 @@ def render_image(
     height: int,
     *,
     before: Image | None = None,
+    keep: bool = True,
     threads: int = 1,
     watch: Watch | None = None,
 ) -> Image:
@@ -294,9 +296,9 @@ def render_image(
     `prepare` made of it for this method, which saves its time. camera: in the volume's object
     space and in pixels of an image of that width and height. t is depth along the camera's
     forward, as in `trace` with the rays of `camera_rays`. before: the frame before, of methods
-    whose `frames` is set; it changes no bit. threads (0: all cores) take bands of the image: of
-    exact methods they change no bit but of `skipped`. Raises LeapRayError for a camera that the
-    method does not take, Stopped when watch was told to stop.
+    whose `frames` is set; it changes no bit. keep: what the next frame uses. threads (0: all
+    cores) take bands of the image: of exact methods they change no bit but of `skipped`. Raises
+    LeapRayError for a camera that the method does not take, Stopped when watch was told to stop.
     """
     check_threads(threads)
     entry = method if isinstance(method, ImageMethod) else image_method(method)
@@ -308,10 +310,10 @@ def render_image(
     t, cell, pixel = empty(shape, float), empty((*shape, 3), np.int32), empty(shape, np.uint8)
     shade = empty((*shape, 3), float)
     normal = empty((*shape, 3), float) if entry.lights else None
-    kept = empty((*shape, 2), float) if entry.frames else None
+    kept = empty((*shape, 2), float) if entry.frames and keep else None
     watch = watch or Watch()
-    earlier = _before(before, entry)
     prepared = source if isinstance(source, Prepared) else prepare(source, entry, watch=watch)
+    earlier = _before(before, prepared)
 
     def band(first: int, last: int) -> _abi.lr_counters:
         def rows(array: NDArray | None, c_type=ctypes.c_double):
@@ -340,15 +342,21 @@ def render_image(
         totals = run_parts(band, height, share, threads, watch)
     hit, skipped = pixel == _abi.LR_PIXEL_HIT, pixel == _abi.LR_PIXEL_SKIPPED
     counters = add_counters(totals)
-    return Image(t, cell, hit, skipped, shade, normal, counters, entry, camera, kept)
+    volume = None if kept is None else prepared.volume
+    return Image(t, cell, hit, skipped, shade, normal, counters, entry, camera, kept, volume)
 
 
-def _before(image: Image | None, entry: ImageMethod) -> _abi.lr_frame_before | None:
+def _before(image: Image | None, prepared: Prepared) -> _abi.lr_frame_before | None:
     """The frame before as C has it; the image keeps its arrays alive."""
     if image is None:
         return None
-    if image.method.spec != entry.spec or image.empty is None:
-        raise LeapRayError(f"the frame before is by {image.method.spec}; {entry.spec} is needed")
+    spec = prepared.method.spec
+    if image.method.spec != spec or image.empty is None:
+        raise LeapRayError(
+            f"the frame before must be by {spec}, with keep=True; it is by {image.method.spec}"
+        )
+    if image.volume is not prepared.volume:
+        raise LeapRayError("the frame before is of another volume")
     height, width = image.t.shape
     return _abi.lr_frame_before(camera_struct(image.camera), width, height, pointer(image.empty))
 

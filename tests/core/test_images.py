@@ -263,7 +263,7 @@ def test_wrong_arguments_are_answered_by_a_sentence(entry, ones):
         leapray.render_image(entry, leapray.prepare(ones, other), plain(), 10, 10)
     if not entry.frames:
         image = leapray.render_image(entry, ones, plain(), 10, 10)
-        with pytest.raises(leapray.LeapRayError, match="the frame before is by"):
+        with pytest.raises(leapray.LeapRayError, match="the frame before must be by"):
             leapray.render_image(entry, ones, plain(), 10, 10, before=image)
 
 

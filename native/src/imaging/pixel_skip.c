@@ -20,8 +20,8 @@
  * are not parallel and are refused.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "imaging/line_clearance.h"
 #include "imaging/pixel_ray.h"
-#include "trace/sphere_tracing.h"
 
 enum {
     SAFE = 0, /* choices of the option `skip` */
@@ -74,14 +74,6 @@ static double clearance_between(const job *j, const lr_ray *r, const lr_pace *p,
     return fmax(least, fmin(before, behind));
 }
 
-/* Outside the box: at a distance s from where the line crosses a face, the box is s k
- * away and the surface radius - s at least. */
-static double clearance_outside(const lr_ray *r, const lr_pace *p, int axis, double radius)
-{
-    const double k = fabs(r->d[axis]) * p->per_voxel;
-    return radius * k / (1.0 + k);
-}
-
 /* How far p lies beyond lo..hi along an axis, signed. */
 LR_INLINE double beyond(double p, double lo, double hi)
 {
@@ -130,14 +122,7 @@ static double clearance_of_box(const lr_ray *r, const lr_volume *v)
 /* Where the ray leaves the box of the surface cells. */
 static int leaving(const job *j, const lr_ray *r, sample *end)
 {
-    int axis;
-    end->t = lr_exit_t(r, LR_REGULAR, r->lo, r->hi, &axis);
-    for (int a = 0; a < 3; a++) {
-        const double q = r->s[a] != 0 ? r->o[a] + end->t * r->d[a] : r->o[a];
-        const double c =
-            a == axis ? (r->s[a] > 0 ? r->hi[a] : r->lo[a]) : lr_floor_along(q, r->s[a]);
-        end->c[a] = (int32_t)lr_clamp(c, r->lo[a], r->hi[a]);
-    }
+    const int axis = lr_last_cell_of_ray(r, &end->t, end->c);
     end->radius = lr_radius_at(j->radii, end->c);
     return axis;
 }
@@ -165,7 +150,7 @@ static bool walk(job *j, const lr_ray *r, const lr_pace *p, lr_cursor *u, double
 static double clearance_of_line(const job *j, const lr_ray *r, const lr_pace *p, lr_cursor u)
 {
     sample from, to = {u.t, lr_radius_at(j->radii, u.c), {u.c[0], u.c[1], u.c[2]}};
-    double clearance = clearance_outside(r, p, u.axis, to.radius);
+    double clearance = lr_clearance_outside(r, p, u.axis, to.radius);
     for (bool inside = true, jump; inside;) {
         int axis = -1;
         from = to;
@@ -174,7 +159,7 @@ static double clearance_of_line(const job *j, const lr_ray *r, const lr_pace *p,
             to = (sample){u.t, lr_radius_at(j->radii, u.c), {u.c[0], u.c[1], u.c[2]}};
         } else {
             axis = leaving(j, r, &to);
-            clearance = fmin(clearance, clearance_outside(r, p, axis, to.radius));
+            clearance = fmin(clearance, lr_clearance_outside(r, p, axis, to.radius));
         }
         /* without a jump the radii hold for all of the cells that were crossed */
         const double here =
