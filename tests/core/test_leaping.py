@@ -115,9 +115,7 @@ def test_frames_may_change_their_size_and_nothing_need_be_kept():
         before = image
     image = leapray.render_image("leaping", volume, camera, 20, 20, before=before, keep=False)
     assert image.empty is None and views.wrong(image, views.traced(volume, camera, 20, 20)) == 0
-    with pytest.raises(
-        leapray.LeapRayError, match="must be by leaping, with keep=True; it is by leaping$"
-    ):
+    with pytest.raises(leapray.LeapRayError, match=r"with keep=True; it is by leaping$"):
         leapray.render_image("leaping", volume, camera, 20, 20, before=image)
     whole = leapray.Volume(np.full((9, 9, 9), 255, np.uint8))
     with pytest.raises(leapray.LeapRayError, match="the frame before is of another volume"):
