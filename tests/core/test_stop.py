@@ -9,8 +9,10 @@ import time
 import numpy as np
 import pytest
 import stage
+import views
 
 import leapray
+from addon.study import phantom
 
 LATEST = 0.1  # seconds of the building thread, as the header promises
 
@@ -66,6 +68,24 @@ def test_a_build_ends_within_100_ms_of_the_stop_word(name, vast):
         late += [] if after is None else [after]
     assert late or whole < 0.2  # the stop was heard, but where there is next to nothing to do
     assert max(late, default=0.0) < LATEST
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [entry.spec for entry in leapray.image_methods()])
+def test_an_image_and_what_it_needs_end_within_100_ms_of_the_stop_word(name, vast):
+    volume = leapray.Volume(phantom.phantom(128, 5))
+    camera = views.parallel(np.random.default_rng(6), volume, 2500)
+    prepared = leapray.prepare(volume, name)
+    for work in (
+        lambda watch: leapray.prepare(vast, name, watch=watch),
+        lambda watch: leapray.render_image(name, prepared, camera, 2500, 2500, watch=watch),
+    ):
+        whole, late = least_of(work), []
+        for fraction in (0.1, 0.35, 0.6, 0.85):
+            _, after = end_of(work, fraction * whole)
+            late += [] if after is None else [after]
+        assert late or whole < 0.2
+        assert max(late, default=0.0) < LATEST
 
 
 @pytest.mark.slow

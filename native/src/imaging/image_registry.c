@@ -171,37 +171,50 @@ static lr_status check_image(const lr_image_method *about, const lr_image *image
     return LR_OK;
 }
 
-static void clear_image(const lr_image *image)
+/* false: stopped. */
+static bool clear_image(const lr_image *image, const lr_watch *watch)
 {
-    const size_t n = (size_t)image->width * (size_t)image->height;
-    memset(image->pixel, LR_PIXEL_MISS, n);
-    for (size_t i = 0; i < n; i++) {
-        image->t[i] = INFINITY;
-        for (size_t a = 0; a < 3; a++)
-            image->cell[3 * i + a] = INT32_MIN;
+    const size_t n = (size_t)image->width;
+    for (size_t row = 0; row < (size_t)image->height; row++) {
+        if (lr_stopped(watch))
+            return false;
+        memset(image->pixel + row * n, LR_PIXEL_MISS, n);
+        for (size_t i = row * n; i < (row + 1) * n; i++) {
+            image->t[i] = INFINITY;
+            for (size_t a = 0; a < 3; a++)
+                image->cell[3 * i + a] = INT32_MIN;
+        }
+        if (image->shade != NULL)
+            memset(image->shade + 3 * row * n, 0, 3 * n * sizeof *image->shade);
+        if (image->normal != NULL)
+            memset(image->normal + 3 * row * n, 0, 3 * n * sizeof *image->normal);
     }
-    if (image->shade != NULL)
-        memset(image->shade, 0, 3 * n * sizeof *image->shade);
-    if (image->normal != NULL)
-        memset(image->normal, 0, 3 * n * sizeof *image->normal);
+    return true;
 }
 
 /* The nearer a hit, the brighter it is: from 1 at the nearest corner of the surface's box that the
- * camera does not cut off to 0 at the farthest. */
-static void shade_by_depth(const lr_view *view, const lr_film_map *map)
+ * camera does not cut off to 0 at the farthest. false: stopped. */
+static bool shade_by_depth(const lr_view *view, const lr_watch *watch)
 {
     const lr_image *image = view->image;
-    const size_t n = (size_t)image->width * (size_t)image->height;
+    const size_t n = (size_t)image->width;
     double range[2];
-    if (!lr_depth_range(map, view->volume, range))
-        return;
+    lr_film_map map;
+    lr_film_map_setup(&map, view->volume, view->camera, image);
+    if (!lr_depth_range(&map, view->volume, range))
+        return true;
     const double near = fmax(range[0], view->camera->clip_start);
     const double length = fmin(range[1], view->camera->clip_end) - near;
-    for (size_t i = 0; i < n; i++) {
-        const double depth = length > 0.0 ? (image->t[i] - near) / length : 0.0;
-        for (size_t a = 0; a < 3 && image->pixel[i] == LR_PIXEL_HIT; a++)
-            image->shade[3 * i + a] = lr_clamp(1.0 - depth, 0.0, 1.0);
+    for (size_t row = 0; row < (size_t)image->height; row++) {
+        if (lr_stopped(watch))
+            return false;
+        for (size_t i = row * n; i < (row + 1) * n; i++) {
+            const double depth = length > 0.0 ? (image->t[i] - near) / length : 0.0;
+            for (size_t a = 0; a < 3 && image->pixel[i] == LR_PIXEL_HIT; a++)
+                image->shade[3 * i + a] = lr_clamp(1.0 - depth, 0.0, 1.0);
+        }
     }
+    return true;
 }
 
 static void add_counters(lr_counters *to, const lr_counters *from)
@@ -232,14 +245,13 @@ lr_status lr_render_image(const lr_prepared *p, const lr_camera *camera,
         return lr_fail(error, LR_E_ARGUMENT,
                        "the camera's dx and dy must span a film that its rays cross, by finite "
                        "numbers");
-    clear_image(image);
+    if (!clear_image(image, watch))
+        return lr_fail_stopped(error);
     status = registry[p->method].ops.render(p->data, &view, &sum, watch, error);
     if (status != LR_OK)
         return status;
-    if (image->shade != NULL && !(about->flags & LR_IMAGE_LIGHTS)) {
-        lr_film_map_setup(&map, p->volume, camera, image);
-        shade_by_depth(&view, &map);
-    }
+    if (image->shade != NULL && !(about->flags & LR_IMAGE_LIGHTS) && !shade_by_depth(&view, watch))
+        return lr_fail_stopped(error);
     lr_progress(watch, 1.0);
     if (counters != NULL)
         add_counters(counters, &sum);
