@@ -277,6 +277,8 @@ def render_an_image(s: Source):
     method = s.one(leapray.image_variants())
     spec = method if s.likely(0.8) else s.name([one.spec for one in leapray.image_variants()])
     prepared = leapray.prepare(volume, spec) if s.likely(0.5) else volume
+    if prepared is not volume and s.likely(0.7 if prepared.method.lights else 0.05):
+        prepared.set_light(s.one((0, 31)) if s.mostly(0.9) else s.whole(99), light(s))
     width, height = (s.one((1, 5, 16)) if s.mostly(0.95) else s.one((0, -1, 2**31)) for _ in "wh")
     found = leapray.render_image(spec, prepared, camera(s), width, height, threads=s.threads())
     if found.empty is not None:

@@ -278,6 +278,8 @@ def test_lights_that_do_not_fit_are_answered_by_a_sentence(lit):
         lit.set_light(0, leapray.Light("sun", (1, 1, 1), direction=(0, 0, 0)))
     with pytest.raises(leapray.LeapRayError, match="must be finite"):
         lit.set_light(0, leapray.Light("point", (1, 1, 1), position=(0, np.nan, 0)))
+    with pytest.raises(leapray.LeapRayError, match="square of its distance must be finite"):
+        lit.set_light(0, leapray.Light("point", (1, 1, 1), position=(0, 1e200, 0)))
     with pytest.raises(leapray.LeapRayError, match="color of a light must have shape"):
         lit.set_light(0, leapray.Light("point", (1, 1)))
     other = leapray.prepare(lit.volume, "templates")

@@ -220,10 +220,11 @@ static lr_status check_light(int32_t index, const lr_image_light *light, lr_erro
                        LR_IMAGE_LIGHTS_MAX - 1, index);
     if (light == NULL)
         return LR_OK;
-    if (!lr_all_finite(light->place, 3) || !lr_all_finite(light->color, 3))
+    const double square = lr_dot(light->place, light->place);
+    if (!isfinite(square) || !lr_all_finite(light->color, 3))
         return lr_fail(error, LR_E_ARGUMENT,
-                       "a light's place, direction and color must be finite, one is not");
-    if (light->distant && lr_dot(light->place, light->place) == 0.0)
+                       "a light's color and the square of its distance must be finite, one is not");
+    if (light->distant && square == 0.0)
         return lr_fail(error, LR_E_ARGUMENT, "a distant light must have a direction, it is zero");
     return LR_OK;
 }
