@@ -162,7 +162,8 @@ LR_API lr_status lr_volume_get_bricks(const lr_volume *volume, int32_t *origins,
                                       lr_error *error);
 
 /* All that a finished volume holds as bytes, for files: lr_volume_pack writes the
- * lr_volume_packed_nbytes of them (0: rectilinear volumes have none), lr_volume_unpack makes
+ * lr_volume_packed_nbytes of them (0: rectilinear volumes and those of a transfer function have
+ * none), lr_volume_unpack makes
  * a volume that is the same to the bit, without textures. Bytes of any origin are safe:
  * LR_E_ARGUMENT or LR_E_SIZE for those that lr_volume_pack of this version cannot have written,
  * and for less room than nbytes should be; LR_E_MEMORY, LR_E_STOPPED. Little-endian. */
@@ -324,6 +325,49 @@ LR_API lr_status lr_isosurface_begin(lr_samples *samples, double threshold, lr_v
 LR_API lr_status lr_isosurface_part(lr_volume *volume, int32_t part, const lr_watch *watch,
                                     lr_error *error);
 LR_API lr_status lr_isosurface_finish(lr_volume *volume, lr_error *error);
+
+/* ---- visible volumes ----------------------------------------------------- */
+
+/* What values of a field look like. Between knots all is linear in the value, beyond the first and
+ * the last it is theirs; two knots at one value are a jump. Extinction, colours and emission lie
+ * between 0 and 1e30. */
+typedef struct lr_transfer_desc {
+    uint64_t n;               /* knots, 1 to 65536 */
+    const double *values;     /* [n], not descending */
+    const double *extinction; /* [n], per unit of object space */
+    const double *colors;     /* [n][3], linear RGB: radiance that an opaque depth of it has */
+    const double *emission;   /* [n][3], linear RGB: radiance per unit of object space, beside what
+                                 extinction brings; or NULL: none */
+} lr_transfer_desc;
+
+typedef struct lr_transfer lr_transfer;
+
+/* The transfer function that desc describes, whose arrays are copied; *transfer is the caller's, to
+ * be given to lr_transfer_free. LR_E_ARGUMENT for numbers out of range, LR_E_SIZE for the number of
+ * knots, LR_E_MEMORY. */
+LR_API lr_status lr_transfer_new(const lr_transfer_desc *desc, lr_transfer **transfer,
+                                 lr_error *error);
+LR_API void lr_transfer_free(lr_transfer *transfer); /* NULL is fine */
+
+/* The greatest extinction[n] and the greatest component of emission[n] of all values in
+ * low[n]..high[n]: where both are 0, nothing of these is visible. LR_E_ARGUMENT for a range without
+ * values. */
+LR_API lr_status lr_transfer_greatest(const lr_transfer *transfer, const double *low,
+                                      const double *high, uint64_t n, double *extinction,
+                                      double *emission, lr_error *error);
+
+/* The volume whose surface cells are the cells of samples in which something is visible by the
+ * transfer function of values, of which the volume keeps a copy: a value is offset + scale * stored
+ * number. bounded nonzero: samples that equal what is outside are none, and cells that they belong
+ * to are never visible, hence none at the lattice's border; else they are values like others, and
+ * must not be visible: the volume would fill all of space. everywhere nonzero: all cells are surface
+ * cells that hold a value but those of what is outside, visible or not. lr_isosurface_part and
+ * lr_isosurface_finish follow as for isosurfaces; between them lr_volume_set_planes may. *volume is
+ * for lr_trace by the modes from LR_MODE_VOLUME on. LR_E_ARGUMENT for cubic samples, ones that are
+ * not filled, a scale or offset out of range, and a visible outside; LR_E_MEMORY. */
+LR_API lr_status lr_visible_begin(lr_samples *samples, const lr_transfer *transfer, double scale,
+                                  double offset, int32_t bounded, int32_t everywhere,
+                                  lr_volume **volume, lr_error *error);
 
 /* small[nz][ny][nx] is 1 on those samples inside (nonzero in inside[nz][ny][nx]) whose component
  * has fewer than `least` of them, else 0. Samples that share a cell are of one component. LR_E_SIZE
@@ -719,8 +763,21 @@ LR_API uint64_t lr_structure_nbytes(const lr_structure *structure); /* without t
 
 typedef enum lr_mode {
     LR_MODE_SURFACE = 0, /* the first crossing of f = T, in either direction */
-    LR_MODE_BINARY = 1   /* the first object cell: largest of its samples >= T */
+    LR_MODE_BINARY = 1,  /* the first object cell: largest of its samples >= T */
+    LR_MODE_VOLUME = 2,  /* emission and absorption along the whole ray */
+    LR_MODE_MAXIMUM = 3, /* the largest value along it */
+    LR_MODE_MINIMUM = 4, /* the smallest */
+    LR_MODE_MEAN = 5     /* the mean of all values along it */
 } lr_mode;
+
+/* How LR_MODE_VOLUME adds up what lies along a ray. Samples lie at t = k * step for whole k; each
+ * stands for a step of its extinction, and what lies between two of them is lost. */
+typedef enum lr_sampling {
+    LR_SAMPLING_EXACT = 0, /* integrals of the field's cubic in each cell, without steps */
+    LR_SAMPLING_POST = 1,  /* samples of the field, classified: misses what is thinner than a step */
+    LR_SAMPLING_PRE = 2 /* samples of classified corners: misses values between these, too, and
+                           blurs */
+} lr_sampling;
 
 /* How a cell is asked whether f = T lies in it. The uniform test is not for sheets and cubic
  * volumes, and takes the roots bisect and linear only. Of cubic volumes the test by extrema is one
@@ -757,7 +814,13 @@ typedef struct lr_trace_options {
     int32_t hit_test; /* lr_hit_test */
     int32_t root;     /* lr_root */
     int32_t normal;   /* lr_normal */
-    double step;      /* of the uniform hit test, in voxels, above 0 */
+    double step;      /* of the uniform hit test and of sampling, in voxels, above 0 */
+    int32_t sampling; /* lr_sampling, of LR_MODE_VOLUME, as what follows: */
+    int32_t reserved;
+    double tolerance;    /* what exact integrals may be off: that share of the largest colour, and of
+                            the emission along the ray; 1e-9 to 1 */
+    double stop_opacity; /* rays end where they are as opaque: above 0, at most 1, never but where
+                            what remains is below 1e-16 */
 } lr_trace_options;
 
 /* Where a secondary ray leaves a surface: the search in this cell takes the
@@ -789,6 +852,12 @@ typedef struct lr_hits {
     int32_t *id;           /* of the object sample nearest the hit; 0 without ids */
     uint32_t *triangle; /* of those that triangle cells keep; UINT32_MAX where the field was hit */
     int32_t *steps;     /* cells in which the ray stood */
+    double *red, *green, *blue; /* of LR_MODE_VOLUME: radiance along the ray, linear RGB, without
+                                   what lies behind it, of which comes */
+    double *transmittance;      /* that share, 0..1 */
+    double *value;  /* of LR_MODE_MAXIMUM, _MINIMUM and _MEAN, as the transfer function has values; NaN
+                       on a miss */
+    double *length; /* of LR_MODE_MEAN: of the ray's path through visible cells, in object space */
 } lr_hits;
 
 typedef struct lr_counters {
@@ -803,8 +872,11 @@ typedef struct lr_counters {
     uint64_t forgotten;  /* times that a ray was in more solids than it can keep in mind */
 } lr_counters;
 
-/* Trace n rays into the arrays of hits. counters is added to; NULL costs nothing. LR_E_ARGUMENT for
- * options out of range or that the volume does not take, LR_E_STOPPED. */
+/* Trace n rays into the arrays of hits. counters is added to; NULL costs nothing. Of the modes from
+ * LR_MODE_VOLUME on, t is where the ray begins to see something, of LR_MODE_MAXIMUM and _MINIMUM
+ * where the value is; only values in visible cells count; starts are not read, and normals, ids and
+ * triangles are those of a miss. LR_E_ARGUMENT for options out of range or that the volume does not
+ * take, LR_E_STOPPED. */
 LR_API lr_status lr_trace(const lr_structure *structure, const lr_rays *rays, uint64_t n,
                           const lr_trace_options *options, const lr_hits *hits,
                           lr_counters *counters, const lr_watch *watch, lr_error *error);

@@ -58,6 +58,7 @@ from .tracing import (
     METRICS,
     MODES,
     ROOTS,
+    SAMPLINGS,
     Hits,
     Structure,
     Traverser,
@@ -70,6 +71,8 @@ from .tracing import (
     traversers,
     variants,
 )
+from .transfer import TransferFunction
+from .visible_volumes import FieldSamples, visible_volume
 from .volume import Volume, VolumeBuilder, VolumeInfo, merge
 from .voxelization import FILTERS, MeshInfo, mesh_edges, mesh_layers, voxelize
 
@@ -84,12 +87,14 @@ __all__ = [
     "PIXEL_FILTERS",
     "ROOTS",
     "SAMPLING",
+    "SAMPLINGS",
     "VERTEX",
     "WHITE",
     "Attributes",
     "Camera",
     "Clip",
     "FieldColor",
+    "FieldSamples",
     "Histogram",
     "Hits",
     "Image",
@@ -116,6 +121,7 @@ __all__ = [
     "Structure",
     "Table",
     "Texture",
+    "TransferFunction",
     "Traverser",
     "Value",
     "Volume",
@@ -156,6 +162,7 @@ __all__ = [
     "traverser",
     "traversers",
     "variants",
+    "visible_volume",
     "volume_grids",
     "voxelize",
     "without_islands",

@@ -180,6 +180,16 @@ class lr_traverser_flag(IntEnum):
 class lr_mode(IntEnum):
     LR_MODE_SURFACE = 0
     LR_MODE_BINARY = 1
+    LR_MODE_VOLUME = 2
+    LR_MODE_MAXIMUM = 3
+    LR_MODE_MINIMUM = 4
+    LR_MODE_MEAN = 5
+
+
+class lr_sampling(IntEnum):
+    LR_SAMPLING_EXACT = 0
+    LR_SAMPLING_POST = 1
+    LR_SAMPLING_PRE = 2
 
 
 class lr_hit_test(IntEnum):
@@ -300,7 +310,8 @@ LR_STAGE_NONE, LR_STAGE_SET_UP, LR_STAGE_COMPONENTS, LR_STAGE_WINDING, LR_STAGE_
 LR_REASON_ASKED, LR_REASON_CLOSED, LR_REASON_CROSSING, LR_REASON_ENCLOSES, LR_REASON_HOLES, LR_REASON_FLIPPED, LR_REASON_EMPTY = lr_reason
 LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK, LR_METRIC_CHAMFER345, LR_METRIC_EUCLID = lr_metric
 LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT, LR_TRAVERSER_RECTILINEAR = lr_traverser_flag
-LR_MODE_SURFACE, LR_MODE_BINARY = lr_mode
+LR_MODE_SURFACE, LR_MODE_BINARY, LR_MODE_VOLUME, LR_MODE_MAXIMUM, LR_MODE_MINIMUM, LR_MODE_MEAN = lr_mode
+LR_SAMPLING_EXACT, LR_SAMPLING_POST, LR_SAMPLING_PRE = lr_sampling
 LR_HIT_EXTREMA, LR_HIT_FACES, LR_HIT_UNIFORM = lr_hit_test
 LR_ROOT_NEWTON, LR_ROOT_BISECT, LR_ROOT_CUBIC, LR_ROOT_LINEAR = lr_root
 LR_NORMAL_CENTRAL, LR_NORMAL_ANALYTIC, LR_NORMAL_SMOOTH, LR_NORMAL_SOBEL, LR_NORMAL_ZUCKER_HUMMEL = lr_normal
@@ -410,6 +421,20 @@ class lr_samples_map(ctypes.Structure):
         ("inside", ctypes.c_double),
         ("threshold", ctypes.c_double),
     )
+
+
+class lr_transfer_desc(ctypes.Structure):
+    _fields_ = (
+        ("n", ctypes.c_uint64),
+        ("values", ctypes.POINTER(ctypes.c_double)),
+        ("extinction", ctypes.POINTER(ctypes.c_double)),
+        ("colors", ctypes.POINTER(ctypes.c_double)),
+        ("emission", ctypes.POINTER(ctypes.c_double)),
+    )
+
+
+class lr_transfer(ctypes.Structure):
+    pass  # opaque
 
 
 class lr_table(ctypes.Structure):
@@ -550,6 +575,10 @@ class lr_trace_options(ctypes.Structure):
         ("root", ctypes.c_int32),
         ("normal", ctypes.c_int32),
         ("step", ctypes.c_double),
+        ("sampling", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
+        ("tolerance", ctypes.c_double),
+        ("stop_opacity", ctypes.c_double),
     )
 
 
@@ -589,6 +618,12 @@ class lr_hits(ctypes.Structure):
         ("id", ctypes.POINTER(ctypes.c_int32)),
         ("triangle", ctypes.POINTER(ctypes.c_uint32)),
         ("steps", ctypes.POINTER(ctypes.c_int32)),
+        ("red", ctypes.POINTER(ctypes.c_double)),
+        ("green", ctypes.POINTER(ctypes.c_double)),
+        ("blue", ctypes.POINTER(ctypes.c_double)),
+        ("transmittance", ctypes.POINTER(ctypes.c_double)),
+        ("value", ctypes.POINTER(ctypes.c_double)),
+        ("length", ctypes.POINTER(ctypes.c_double)),
     )
 
 
@@ -1066,6 +1101,33 @@ PROTOTYPES = {
         ctypes.POINTER(lr_volume),
         ctypes.POINTER(lr_error),
     )),
+    "lr_transfer_new": (ctypes.c_int, (
+        ctypes.POINTER(lr_transfer_desc),
+        ctypes.POINTER(ctypes.POINTER(lr_transfer)),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_transfer_free": (None, (
+        ctypes.POINTER(lr_transfer),
+    )),
+    "lr_transfer_greatest": (ctypes.c_int, (
+        ctypes.POINTER(lr_transfer),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.c_uint64,
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_visible_begin": (ctypes.c_int, (
+        ctypes.POINTER(lr_samples),
+        ctypes.POINTER(lr_transfer),
+        ctypes.c_double,
+        ctypes.c_double,
+        ctypes.c_int32,
+        ctypes.c_int32,
+        ctypes.POINTER(ctypes.POINTER(lr_volume)),
+        ctypes.POINTER(lr_error),
+    )),
     "lr_small_components": (ctypes.c_int, (
         ctypes.POINTER(ctypes.c_uint8),
         ctypes.c_int32,
@@ -1380,6 +1442,13 @@ ABOUT = {
     "LR_TRAVERSER_RECTILINEAR": "takes rectilinear volumes",
     "LR_MODE_SURFACE": "the first crossing of f = T, in either direction",
     "LR_MODE_BINARY": "the first object cell: largest of its samples >= T",
+    "LR_MODE_VOLUME": "emission and absorption along the whole ray",
+    "LR_MODE_MAXIMUM": "the largest value along it",
+    "LR_MODE_MINIMUM": "the smallest",
+    "LR_MODE_MEAN": "the mean of all values along it",
+    "LR_SAMPLING_EXACT": "integrals of the field's cubic in each cell, without steps",
+    "LR_SAMPLING_POST": "samples of the field, classified: misses what is thinner than a step",
+    "LR_SAMPLING_PRE": "samples of classified corners: misses values between these, too, and blurs",
     "LR_HIT_EXTREMA": "also look at the field's extrema inside a cell, so that no surface is lost",
     "LR_HIT_FACES": "look at the field on the faces of cells only: fast, but loses grazing surfaces",
     "LR_HIT_UNIFORM": "look at the field at equal steps along the ray: loses what lies between them",

@@ -16,7 +16,7 @@ from .arrays import DTYPES, INTERPOLATIONS, ONES, SAMPLE_TYPES, choice, matrix
 from .scalar_grid import ScalarGrid
 from .scalar_source import Source, source_of
 from .threads import check_threads, run_steps
-from .volume import BRICK, Volume, VolumeBuilder
+from .volume import BRICK, Volume, VolumeBuilder, set_planes
 
 FLOAT_WHOLES = 1 << 24  # whole numbers in a row that a float holds
 FLOAT_MOST = float(np.finfo(np.float32).max)
@@ -86,7 +86,7 @@ class Isosurfaces:
         watch = watch or Watch()
         source = source_of(grid, capped)
         self._interpolation = interpolation
-        samples = _Samples(source, interpolation, threads, watch)
+        samples = StoredSamples(source, interpolation, threads, watch)
         self._max_nbytes = max_nbytes
         self._law = _Law(grid, grid.kind != "level set" if above is None else above)
         self._range = (samples.low, samples.high)[:: 1 if self._law.rising else -1]
@@ -125,7 +125,7 @@ class Isosurfaces:
         if self._samples is not None:
             return self._samples.surface(level, threads, watch)
         self._map.threshold = number
-        samples = _Samples(self._source, self._interpolation, threads, watch)
+        samples = StoredSamples(self._source, self._interpolation, threads, watch)
         samples.store(self._source, self._map, self._max_nbytes, threads, watch)
         return samples.surface(float(np.float32(level)), threads, watch)
 
@@ -217,7 +217,7 @@ def _ordinals(source: Source):
     return key, of_key
 
 
-def _map_of(source: Source, samples: _Samples, law: _Law) -> tuple[_abi.lr_samples_map, bool]:
+def _map_of(source: Source, samples: StoredSamples, law: _Law) -> tuple[_abi.lr_samples_map, bool]:
     """How numbers are stored, and whether that is exact."""
     gain = 1.0 if law.rising else -1.0
     ends = sorted((gain * samples.low, gain * samples.high))
@@ -247,8 +247,12 @@ def _map_of(source: Source, samples: _Samples, law: _Law) -> tuple[_abi.lr_sampl
     return made, False
 
 
-class _Samples:
-    """The core's samples of a source: looked at when made, then stored."""
+class StoredSamples:
+    """The core's samples of a source: looked at when made, then stored.
+
+    Attributes: handle, the core's; size, samples per axis; low and high of the numbers, low above
+    high where there is none; has_none, infinite, fits_floats: what was found; nbytes, once stored.
+    """
 
     def __init__(self, source: Source, interpolation: str, threads: int, watch: Watch) -> None:
         self.handle = ctypes.POINTER(_abi.lr_samples)()
@@ -270,6 +274,7 @@ class _Samples:
             error,
         )
         weakref.finalize(self, lib.lr_samples_free, self.handle)
+        self.size = source.size
         source.scan(self.handle, self._parts(), threads, watch)
         found = _abi.lr_samples_range()
         lib.lr_samples_get_range(self.handle, ctypes.byref(found))
@@ -322,7 +327,13 @@ class _Samples:
             self.handle, level, ctypes.byref(handle), ctypes.byref(error)
         )
         check(status, error)
+        return self.classify(handle, threads, watch)
+
+    def classify(self, handle, threads: int, watch: Watch, planes=None) -> Volume:
+        """The volume that handle begins, which is freed where that fails; planes: as for Volume."""
+        error = _abi.lr_error()
         try:
+            tables = None if planes is None else set_planes(handle, planes, self.size)
 
             def part(step: int, index: int) -> None:
                 call(lib.lr_isosurface_part, handle, index, watch=watch)
@@ -332,4 +343,4 @@ class _Samples:
         except BaseException:
             lib.lr_volume_free(handle)
             raise
-        return Volume.from_handle(handle)
+        return Volume.from_handle(handle, planes=tables)

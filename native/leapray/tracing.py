@@ -6,7 +6,7 @@ from __future__ import annotations
 import ctypes
 import itertools
 import weakref
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +33,15 @@ WORTH_THREADS = 1 << 20  # cells whose distances take longer than threads take t
 MODES = members(_abi.lr_mode)
 HIT_TESTS = members(_abi.lr_hit_test)
 ROOTS = members(_abi.lr_root)
+SAMPLINGS = members(_abi.lr_sampling)
 METRICS = members(_abi.lr_metric)
+SUMS = {  # what modes add up along rays, and how many numbers that is
+    "volume": {"color": 3, "transmittance": 1},
+    "maximum": {"value": 1},
+    "minimum": {"value": 1},
+    "mean": {"value": 1, "length": 1},
+}
+MEMBERS = {"color": ("red", "green", "blue")}  # of lr_hits
 
 
 @dataclass(frozen=True)
@@ -172,9 +180,13 @@ def build(
     return Structure(volume, entry, handle)
 
 
+def _nothing() -> NDArray[np.float64]:
+    return np.empty(0)
+
+
 @dataclass(frozen=True, repr=False)
 class Hits:
-    """One entry per ray. Points are origins + t * directions."""
+    """One entry per ray; arrays that a mode does not fill are empty. Points are origins + t * directions."""
 
     t: NDArray[np.float64]  # (n,) infinity on a miss
     cell: NDArray[np.int32]  # (n, 3) i, j, k of the cell hit
@@ -183,6 +195,17 @@ class Hits:
     id: NDArray[np.int32]  # (n,)
     counters: dict[str, int]  # as add_counters gives them; empty if not counted
     steps: NDArray[np.int32]  # (n,) cells in which each ray stood; empty if not counted
+    color: NDArray[np.float64] = field(default_factory=_nothing)  # (n, 3) radiance, linear RGB, and
+    transmittance: NDArray[np.float64] = field(default_factory=_nothing)  # (n,) of mode "volume"
+    value: NDArray[np.float64] = field(default_factory=_nothing)  # (n,) NaN on a miss; of the modes
+    # "maximum", "minimum" and "mean"
+    length: NDArray[np.float64] = field(default_factory=_nothing)  # (n,) of the path that "mean" is
+    # taken over
+
+    @property
+    def opacity(self) -> NDArray[np.float64]:
+        """(n,): 1 - transmittance."""
+        return 1.0 - self.transmittance
 
     def __repr__(self) -> str:
         near = self.t[np.isfinite(self.t)]
@@ -191,12 +214,21 @@ class Hits:
 
 
 def trace_options(
-    *, mode="surface", hit_test="extrema", root="newton", normal="central", step=1.0
+    *,
+    mode="surface",
+    hit_test="extrema",
+    root="newton",
+    normal="central",
+    step=1.0,
+    sampling="exact",
+    tolerance=1e-4,
+    stop_opacity=1.0,
 ) -> _abi.lr_trace_options:
     """The C options that these names stand for.
 
-    mode, hit_test, root and normal are of MODES, HIT_TESTS, ROOTS and NORMALS; step: of the uniform
-    hit test, in voxels. Raises LeapRayError that lists the names.
+    mode, hit_test, root, normal and sampling are of MODES, HIT_TESTS, ROOTS, NORMALS and SAMPLINGS;
+    step: of the uniform hit test and of samplings, in voxels; tolerance and stop_opacity as for
+    `trace`. Raises LeapRayError that lists the names.
     """
     return _abi.lr_trace_options(
         mode=choice(MODES, mode, "mode"),
@@ -204,6 +236,9 @@ def trace_options(
         root=choice(ROOTS, root, "root finder"),
         normal=choice(NORMALS, normal, "normal"),
         step=float(step),
+        sampling=choice(SAMPLINGS, sampling, "sampling"),
+        tolerance=float(tolerance),
+        stop_opacity=float(stop_opacity),
     )
 
 
@@ -219,6 +254,9 @@ def trace(
     root: str = "newton",
     normal: str = "central",
     step: float = 1.0,
+    sampling: str = "exact",
+    tolerance: float = 1e-4,
+    stop_opacity: float = 1.0,
     start: tuple[ArrayLike, ArrayLike] | None = None,
     threads: int = 1,
     count: bool = True,
@@ -233,7 +271,16 @@ def trace(
     of HIT_TESTS, ROOTS and NORMALS; cubic volumes take the mode "surface" without the hit test
     "uniform" and the root "cubic", and of their surface nothing is lost that the field passes by
     2^-46 of the largest difference between T and its samples. step: of the uniform hit test, in
-    voxels. start: cells
+    voxels.
+
+    A volume of `visible_volume` takes other modes, along the whole ray: "volume" adds up emission
+    and absorption, "maximum" and "minimum" find the largest and smallest value, "mean" averages
+    them; only values in visible cells count. sampling "exact" integrates without steps, off by at
+    most tolerance times the largest colour, and the largest emission along the path that emits;
+    "post" and "pre" take samples at whole multiples of step, classified after and before
+    interpolation, and lose what lies between. stop_opacity: rays end where they are as opaque.
+
+    start: cells
     (n, 3) and sides (n,) of rays that leave a surface: side -1 where f < T, +1 where f >= T,
     0 unknown. threads (0: all cores) change no bit. count: fill counters and steps. Raises
     LeapRayError for shapes and unknown names, Stopped when watch was told to stop.
@@ -243,12 +290,22 @@ def trace(
     if o.shape != d.shape:
         raise LeapRayError(f"there are {o.shape[1]} origins but {d.shape[1]} directions")
     n = o.shape[1]
-    chosen = trace_options(mode=mode, hit_test=hit_test, root=root, normal=normal, step=step)
+    chosen = trace_options(
+        mode=mode,
+        hit_test=hit_test,
+        root=root,
+        normal=normal,
+        step=step,
+        sampling=sampling,
+        tolerance=tolerance,
+        stop_opacity=stop_opacity,
+    )
     low, high = per_ray(t_min, n, "t_min"), per_ray(t_max, n, "t_max")
     starts = None if start is None else _starts(start, n)
     t, cell = np.empty(n), np.empty((3, n), np.int32)
     normals, field, ids = np.empty((3, n)), np.empty((3, n)), np.empty(n, np.int32)
     steps = np.empty(n if count else 0, np.int32)
+    sums = {name: np.empty((rows, n)) for name, rows in SUMS.get(mode, {}).items()}
     watch = watch or Watch()
 
     def part(first: int, last: int) -> _abi.lr_counters:
@@ -262,6 +319,9 @@ def trace(
         )
         if count:
             hits.steps = at(steps, ctypes.c_int32)
+        for name, rows in sums.items():
+            for member, row in zip(MEMBERS.get(name, (name,)), rows, strict=True):
+                setattr(hits, member, at(row))
         counters = _abi.lr_counters()
         call(
             lib.lr_trace,
@@ -284,6 +344,7 @@ def trace(
         ids,
         add_counters(totals) if count else {},
         steps,
+        **{k: np.ascontiguousarray(rows.T) if len(rows) > 1 else rows[0] for k, rows in sums.items()},
     )
 
 

@@ -116,14 +116,14 @@ class Volume:
         self._adopt(builder.release(), None, placed)
 
     @classmethod
-    def from_handle(cls, handle, mesh_info=None, textures: tuple = ()) -> Volume:
+    def from_handle(cls, handle, mesh_info=None, textures: tuple = (), planes=None) -> Volume:
         """A finished volume that the core made; owns the handle from now on.
 
         mesh_info: of the mesh that it was voxelized from. textures: those that its faces look up,
-        kept as long as the volume.
+        kept as long as the volume. planes: those that it was given.
         """
         volume = cls.__new__(cls)
-        volume._adopt(handle, mesh_info)
+        volume._adopt(handle, mesh_info, planes)
         volume.textures = textures
         return volume
 
@@ -381,6 +381,21 @@ def merge(volumes: Sequence[Volume], *, watch: Watch | None = None) -> Volume:
     )
 
 
+def set_planes(handle, planes, size: tuple[int, ...]) -> tuple[NDArray[np.float64], ...]:
+    """Give a volume that is not finished its planes; see `VolumeBuilder.place`."""
+    taken = tuple(np.array(axis, dtype=np.float64) for axis in planes)
+    shapes = [axis.shape for axis in taken]
+    if shapes != [(n,) for n in size]:
+        wanted = ", ".join(map(str, size))
+        raise LeapRayError(f"planes must be {wanted} numbers along x, y, z; it has {shapes}")
+    error = _abi.lr_error()
+    status = lib.lr_volume_set_planes(handle, *map(pointer, taken), ctypes.byref(error))
+    check(status, error)
+    for axis in taken:
+        axis.setflags(write=False)
+    return taken
+
+
 class VolumeBuilder:
     """An empty volume that is filled block by block; `finish` makes the Volume.
 
@@ -431,17 +446,7 @@ class VolumeBuilder:
         planes: where the samples lie along x (nx,), y (ny,) and z (nz,); increasing. Raises
         LeapRayError for others.
         """
-        taken = tuple(np.array(axis, dtype=np.float64) for axis in planes)
-        shapes = [axis.shape for axis in taken]
-        if shapes != [(n,) for n in self._size]:
-            wanted = ", ".join(map(str, self._size))
-            raise LeapRayError(f"planes must be {wanted} numbers along x, y, z; it has {shapes}")
-        error = _abi.lr_error()
-        status = lib.lr_volume_set_planes(self._own(), *map(pointer, taken), ctypes.byref(error))
-        check(status, error)
-        for axis in taken:
-            axis.setflags(write=False)
-        return taken
+        return set_planes(self._own(), planes, self._size)
 
     def put(self, origin, samples: NDArray, ids=None, touched=None) -> None:
         """Write a block of samples (nz, ny, nx), from the sample origin (x, y, z) on.

@@ -17,7 +17,7 @@ LR_INLINE size_t lr_sample_at(const lr_volume *v, int32_t x, int32_t y, int32_t 
     return (size_t)(lr_entry(v, x, y, z) >> 8) * LR_CELLS + (size_t)lr_in_brick(x, y, z);
 }
 
-/* Is there such a sample? Beyond the table all are 0. */
+/* Is there such a sample? Beyond the table all are what is outside. */
 LR_INLINE bool lr_has_sample(const lr_volume *v, const int32_t c[3])
 {
     bool has = true;
@@ -78,7 +78,7 @@ LR_INLINE void lr_brick_corners(const lr_volume *v, const int32_t first[3],
                 if (x < LR_SIDE && y < LR_SIDE && z < LR_SIDE)
                     *out++ = lr_load(v, own + (size_t)lr_in_brick(x, y, z));
                 else
-                    *out++ = lr_has_sample(v, c) ? lr_sample(v, c[0], c[1], c[2]) : 0.0;
+                    *out++ = lr_has_sample(v, c) ? lr_sample(v, c[0], c[1], c[2]) : v->outside;
             }
 }
 

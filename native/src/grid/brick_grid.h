@@ -34,6 +34,7 @@ struct lr_triangle_cells;      /* grid/triangle_cells.h */
 struct lr_triangle_attributes; /* grid/attributes/triangle_attributes.h */
 struct lr_objects;             /* grid/objects.h */
 struct lr_surface_bounds;      /* grid/isosurface.c */
+struct lr_transfer;            /* grid/transfer_function.h */
 
 /* What is added here goes through serialize.c, too. */
 struct lr_volume {
@@ -65,6 +66,11 @@ struct lr_volume {
     struct lr_objects *objects; /* what tells objects apart; NULL: nothing does */
     uint64_t n_surface_cells;
     int32_t surface_lo[3], surface_hi[3]; /* storage cells, inclusive */
+    struct lr_transfer *transfer; /* of stored numbers: surface cells are those that it lets be seen;
+                                     NULL: those that hold surface */
+    double value_scale, value_offset; /* with one: a value is offset + scale * stored number */
+    bool bounded;    /* with one: what is outside are no values; */
+    bool everywhere; /* surface cells are all that hold values */
     bool finished;
     bool flat; /* of a flat-shaded mesh: normals are those of the hit's own cell */
 };

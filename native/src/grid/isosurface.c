@@ -6,9 +6,11 @@
  * Source: Wilhelms and Van Gelder, Octrees for faster isosurface generation, 1992 (ranges).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "grid/isosurface.h"
+
 #include "base/error.h"
 #include "grid/classify_cells.h"
-#include "grid/samples.h"
+#include "grid/visible_cells.h"
 
 /* Of the surface cells of a layer of bricks. */
 struct lr_surface_bounds {
@@ -53,9 +55,15 @@ lr_status lr_isosurface_begin(lr_samples *s, double threshold, lr_volume **volum
     if (status != LR_OK)
         return status;
     lr_volume_desc desc;
-    lr_volume *v;
     describe(s, threshold, &desc);
-    status = lr_volume_begin(&desc, &v, error);
+    return lr_isosurface_share(s, &desc, volume, error);
+}
+
+lr_status lr_isosurface_share(lr_samples *s, const lr_volume_desc *desc, lr_volume **volume,
+                              lr_error *error)
+{
+    lr_volume *v;
+    const lr_status status = lr_volume_begin(desc, &v, error);
     if (status != LR_OK)
         return status;
     free(v->samples);
@@ -75,8 +83,7 @@ lr_status lr_isosurface_begin(lr_samples *s, double threshold, lr_volume **volum
     return LR_OK;
 }
 
-/* Does the range of the samples by which the field in the brick at b is given hold T? */
-static bool may_hold_surface(const lr_volume *v, const int32_t b[3])
+void lr_isosurface_range(const lr_volume *v, const int32_t b[3], double *least, double *greatest)
 {
     const lr_samples *s = v->shared;
     double low = INFINITY, high = -INFINITY;
@@ -85,13 +92,30 @@ static bool may_hold_surface(const lr_volume *v, const int32_t b[3])
         lr_support_brick(lr_is_cubic(v), n, b, to);
         if (!lr_has_brick(s->table_size, to)) {
             low = fmin(low, s->map.outside);
+            high = fmax(high, s->map.outside);
             continue;
         }
         const size_t at = lr_place_of(s->table_size, to[0], to[1], to[2]);
         low = s->low[at] < low ? s->low[at] : low;
         high = s->high[at] > high ? s->high[at] : high;
     }
+    *least = low;
+    *greatest = high;
+}
+
+/* Does the range of a brick hold T? */
+static bool may_hold_surface(const lr_volume *v, const int32_t b[3])
+{
+    double low, high;
+    lr_isosurface_range(v, b, &low, &high);
     return low < v->threshold && high >= v->threshold;
+}
+
+static bool surface_mask(const lr_volume *v, const int32_t b[3], lr_mask mask)
+{
+    if (v->transfer != NULL)
+        return lr_visible_mask(v, b, mask);
+    return may_hold_surface(v, b) && lr_surface_mask(v, b, mask);
 }
 
 /* Of a brick's cells those between samples of the lattice. */
@@ -125,10 +149,12 @@ static void widen(struct lr_surface_bounds *p, const int32_t b[3], const lr_mask
         }
 }
 
+/* A brick that takes no memory is constant with all its neighbours, hence holds no surface; if what
+ * is inside is visible all its cells are, which the mask of its constant says already. */
 static void classify(lr_volume *v, const int32_t b[3], struct lr_surface_bounds *p)
 {
     lr_mask mask;
-    if (!may_hold_surface(v, b) || !lr_surface_mask(v, b, mask))
+    if (!surface_mask(v, b, mask))
         return;
     if (v->desc.kind == LR_KIND_SHEET)
         keep_inner(v, b, mask);
@@ -139,8 +165,9 @@ static void classify(lr_volume *v, const int32_t b[3], struct lr_surface_bounds 
         n += (uint64_t)__builtin_popcountll(mask[w]);
         words |= (uint32_t)(mask[w] != 0) << w;
     }
-    assert(v->table[at] >> 8 >= LR_FIRST_STORED);
-    memcpy(v->cells[v->table[at] >> 8], mask, sizeof(lr_mask));
+    assert(v->table[at] >> 8 >= LR_FIRST_STORED || v->transfer != NULL);
+    if (v->table[at] >> 8 >= LR_FIRST_STORED)
+        memcpy(v->cells[v->table[at] >> 8], mask, sizeof(lr_mask));
     v->table[at] |= words;
     widen(p, b, mask);
     p->n += n;

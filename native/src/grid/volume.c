@@ -69,6 +69,7 @@ void lr_volume_free(lr_volume *v)
     lr_triangle_attributes_free(v->faces);
     lr_triangle_cells_free(v->triangle_cells);
     lr_objects_free(v->objects);
+    lr_transfer_free(v->transfer);
     free(v);
 }
 

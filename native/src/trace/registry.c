@@ -100,9 +100,46 @@ static lr_status check_cubic(const lr_trace_options *o, lr_error *error)
     return LR_OK;
 }
 
+/* What the modes from LR_MODE_VOLUME on take. */
+static lr_status check_along(const lr_volume *volume, const lr_trace_options *o, lr_error *error)
+{
+    if (volume->transfer == NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the volume has no transfer function, which this mode needs: "
+                       "visible_volume makes one");
+    if (o->mode != LR_MODE_VOLUME)
+        return LR_OK;
+    lr_status status = lr_check_choice("sampling", o->sampling, LR_SAMPLING_PRE, error);
+    if (status != LR_OK)
+        return status;
+    if (!(o->tolerance >= 1e-9 && o->tolerance <= 1.0))
+        return lr_fail(error, LR_E_ARGUMENT, "tolerance must lie between 1e-9 and 1; it is %g",
+                       o->tolerance);
+    if (!(o->stop_opacity > 0.0 && o->stop_opacity <= 1.0))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "stop_opacity must lie above 0 and at most at 1; it is %g",
+                       o->stop_opacity);
+    if (o->sampling == LR_SAMPLING_EXACT)
+        return LR_OK;
+    if (!(o->step >= 1e-3 && o->step <= 1e3))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "step must lie between 0.001 and 1000 voxels; it is %g", o->step);
+    if (volume->planes[0] != NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "samples lie steps of so many voxels apart, and those of a rectilinear "
+                       "volume have no one size");
+    return LR_OK;
+}
+
 static lr_status check_options(const lr_volume *volume, const lr_trace_options *o, lr_error *error)
 {
-    lr_status status = lr_check_choice("mode", o->mode, LR_MODE_BINARY, error);
+    lr_status status = lr_check_choice("mode", o->mode, LR_MODE_MEAN, error);
+    if (status == LR_OK && o->mode >= LR_MODE_VOLUME)
+        return check_along(volume, o, error);
+    if (status == LR_OK && volume->transfer != NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the volume has a transfer function in the place of a surface: its modes "
+                       "are volume, maximum, minimum and mean");
     if (status == LR_OK)
         status = lr_check_choice("hit test", o->hit_test, LR_HIT_UNIFORM, error);
     if (status == LR_OK)

@@ -17,6 +17,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 
+#include "trace/ray_sums.h"
 #include "trace/hit_record.h"
 #include "trace/traverser.h"
 #include "trace/triangle_cell.h"
@@ -116,6 +117,62 @@ end:
     }
 }
 
+/* One ray through all visible cells, by a mode from LR_MODE_VOLUME on. A function of its own, so
+ * that surfaces pay nothing for it. */
+LR_INLINE void lr_add_along_one(const lr_volume *v, const void *data, const lr_rays *rays,
+                                uint64_t i, const lr_trace_options *options, const lr_hits *hits,
+                                lr_lattice lattice, lr_counters *counters)
+{
+    lr_ray r;
+    lr_cursor u;
+    LR_STATE state;
+    lr_tally tally = {0};
+    lr_ray_sums sums = {.options = options, .t = INFINITY, .transmittance = 1.0};
+    const double o[3] = {rays->ox[i], rays->oy[i], rays->oz[i]};
+    const double d[3] = {rays->dx[i], rays->dy[i], rays->dz[i]};
+    const double t_min = rays->t_min != NULL ? rays->t_min[i] : 0.0;
+    lr_put_miss(hits, i);
+    if (lr_ray_setup(&r, v, o, d, rays->t_max != NULL ? rays->t_max[i] : INFINITY) &&
+        t_min <= r.t_max && t_min < INFINITY &&
+        lr_enter(&r, lattice, &u, v->surface_lo, v->surface_hi, t_min)) {
+        lr_sums_begin(&sums, v, &r, d, t_min, options);
+        LR_START(data, v, &r, lattice, &u, &state);
+        bool first = true;
+        while (LR_WALK(data, v, &r, lattice, &u, &state, first, &tally) &&
+               lr_sums_cell(&sums, v, &r, lattice, u.c))
+            first = false;
+    }
+    const bool seen = lr_sums_put(&sums, v, hits, i);
+    if (hits->steps != NULL)
+        hits->steps[i] = (int32_t)(tally.cells < INT32_MAX ? tally.cells : INT32_MAX);
+    counters->rays++;
+    counters->cells += tally.cells;
+    counters->jumps += tally.jumps;
+    counters->nodes += tally.nodes;
+    counters->tests += sums.cells;
+    counters->samples += sums.pieces;
+    counters->hits += seen;
+    if (counters->most_cells < tally.cells)
+        counters->most_cells = tally.cells;
+}
+
+/* Not inlined, so that surfaces' code stays as it is without it. */
+static __attribute__((noinline)) void lr_add_along(const lr_volume *v, const void *data,
+                                                   const lr_rays *rays, uint64_t first,
+                                                   uint64_t end, const lr_trace_options *options,
+                                                   const lr_hits *hits, lr_counters *counters)
+{
+#ifndef LR_REGULAR_WALK
+    if (v->planes[0] != NULL) {
+        for (uint64_t i = first; i < end; i++)
+            lr_add_along_one(v, data, rays, i, options, hits, LR_RECTILINEAR, counters);
+        return;
+    }
+#endif
+    for (uint64_t i = first; i < end; i++)
+        lr_add_along_one(v, data, rays, i, options, hits, LR_REGULAR, counters);
+}
+
 LR_INLINE void lr_trace_some(const lr_volume *v, const void *data, const lr_rays *rays,
                              uint64_t first, uint64_t end, const lr_trace_options *options,
                              const lr_hits *hits, lr_lattice lattice, lr_counters *counters)
@@ -133,14 +190,19 @@ lr_status LR_JOIN(lr_, LR_NAME,
                           uint64_t n, const lr_trace_options *options, const lr_hits *hits,
                           lr_counters *counters, const lr_watch *watch, lr_error *error)
 {
-    enum { POLL = 1024 }; /* rays between looks at the stop word */
+    const bool along = options->mode >= LR_MODE_VOLUME;
+    const uint64_t poll = along ? 64 : 1024; /* rays between looks at the stop word */
     lr_counters sum = {0};
-    for (uint64_t first = 0; first < n; first += POLL) {
+    for (uint64_t first = 0; first < n; first += poll) {
         if (lr_stopped(watch))
             return lr_fail_stopped(error);
         lr_progress(watch, (double)first / (double)n);
-        uint64_t last = n - first < POLL ? n : first + POLL;
+        uint64_t last = n - first < poll ? n : first + poll;
         lr_counters *counted = counters != NULL || hits->steps != NULL ? &sum : NULL;
+        if (along) {
+            lr_add_along(volume, data, rays, first, last, options, hits, &sum);
+            continue;
+        }
 #ifdef LR_PACKET
         if (LR_FITS(volume, data, options)) {
             LR_PACKET(volume, data, rays, first, last, options, hits, counted);

@@ -1,0 +1,69 @@
+/* Transfer functions: what values of a field look like, as pieces that are linear in the value.
+ *
+ * Between two knots extinction, colour and emission are linear, beyond the first and the last they
+ * are constant. Piece i lies before knot i, the last one beyond all; a value on a knot belongs to
+ * the piece above it. Two knots at one value are a jump, and the piece between them is empty.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_GRID_TRANSFER_FUNCTION_H
+#define LR_GRID_TRANSFER_FUNCTION_H
+
+#include "base/base.h"
+
+typedef struct lr_transfer_piece {
+    double from; /* value that these count from: at it, and what they rise by per unit of value */
+    double extinction[2], color[3][2], emission[3][2];
+    double turn;     /* largest rise of a component of the colour, as a share of the largest */
+    double emitted;  /* the same of emission, and */
+    double shines;   /* the largest component of it at from, as such a share */
+    bool absorbs;    /* extinction is not 0 throughout */
+    bool emits;      /* nor emission */
+    bool one_color;  /* colour is the same throughout */
+} lr_transfer_piece;
+
+struct lr_transfer {
+    uint64_t n;
+    double *values;            /* [n]: of the knots */
+    lr_transfer_piece *pieces; /* [n + 1] */
+    double (*knots)[7];        /* [n]: extinction, colour, emission */
+};
+
+/* The same of numbers: a value is offset + scale * number. */
+lr_status lr_transfer_of_numbers(const lr_transfer *transfer, double scale, double offset,
+                                 lr_transfer **of_numbers, lr_error *error);
+
+/* Is anything of the values low..high visible? */
+bool lr_transfer_sees(const lr_transfer *transfer, double low, double high);
+
+/* How many knots lie at or below a value: the number of its piece. */
+LR_INLINE uint64_t lr_piece_of(const lr_transfer *f, double value)
+{
+    uint64_t low = 0, high = f->n;
+    while (low < high) {
+        const uint64_t middle = (low + high) / 2;
+        const bool below = f->values[middle] <= value;
+        low = below ? middle + 1 : low;
+        high = below ? high : middle;
+    }
+    return low;
+}
+
+/* How many lie below it: the number of the piece that a value comes down into. */
+LR_INLINE uint64_t lr_piece_below(const lr_transfer *f, double value)
+{
+    uint64_t low = 0, high = f->n;
+    while (low < high) {
+        const uint64_t middle = (low + high) / 2;
+        const bool below = f->values[middle] < value;
+        low = below ? middle + 1 : low;
+        high = below ? high : middle;
+    }
+    return low;
+}
+
+LR_INLINE double lr_linear(const double line[2], double from)
+{
+    return line[0] + line[1] * from;
+}
+
+#endif

@@ -1,0 +1,20 @@
+/* Emission and absorption over a part of a ray on which the value is a cubic.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_TRACE_EMISSION_ABSORPTION_H
+#define LR_TRACE_EMISSION_ABSORPTION_H
+
+#include "grid/transfer_function.h"
+
+typedef struct lr_light_sum {
+    double tolerance;
+    double color[3], transmittance; /* of all parts so far, front to back */
+    uint64_t pieces;                /* integrals taken */
+} lr_light_sum;
+
+/* Add the part on which the value is sum c[i] x^i, x from a to b; length: of x from 0 to 1 in
+ * object space. */
+void lr_add_cubic(lr_light_sum *sum, const lr_transfer *f, const double c[4], double a, double b,
+                  double length);
+
+#endif

@@ -1,0 +1,244 @@
+/* What adds up along a ray through visible cells.
+ *
+ * In a cell the trilinear field is a cubic along the ray. Exact sums integrate it between entry and
+ * exit; samples at equal steps lie on one lattice of the ray, whatever cells are left out; extremes
+ * are those of the cubic, at its ends and where its slope is 0; the mean is its integral.
+ *
+ * Source: Levoy 1988 (samples, classified before or after interpolation) and 1990 (rays end where
+ * they are opaque), Max 1995. Departures: no steps but where they are asked for; opacity for a step
+ * follows from extinction, so that it does not depend on the step.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "trace/ray_sums.h"
+
+#include "trace/cell.h"
+#include "trace/emission_absorption.h"
+#include "trace/hit_record.h"
+
+/* What remains of light behind it is lost in the rounding of what is before it. */
+static const double OPAQUE = 1e-16;
+
+/* Of positions on a ray, relatively: a sum, a product and a reciprocal, at both of two planes. And
+ * voxels that are never taken for a graze. */
+static const double ROUNDING = 0x1p-49, LEAST_CHORD = 1e-6;
+
+void lr_sums_begin(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, const double d[3],
+                    double t_min, const lr_trace_options *options)
+{
+    const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
+    *sums = (lr_ray_sums){.options = options,
+                        .t_min = t_min,
+                        .t_max = r->t_max,
+                        .speed = sqrt(lr_dot(d, d)),
+                        .step = options->step / sqrt(lr_dot(r->d, r->d)),
+                        .t = INFINITY,
+                        .transmittance = 1.0,
+                        .best = options->mode == LR_MODE_MINIMUM ? INFINITY : -INFINITY};
+    double fastest = 0.0;
+    for (int a = 0; a < 3; a++)
+        fastest = fmax(fastest, fabs(r->d[a]));
+    for (int a = 0; a < 3; a++) {
+        const double extent = v->planes[0] != NULL ? fabs(v->planes[a][n[a] + 1]) : n[a];
+        sums->graze[a] = fmin(ROUNDING * (fabs(r->o[a]) + extent + 1.0) * fabs(r->inv[a]),
+                               LEAST_CHORD / fastest);
+    }
+}
+
+/* The ray's way through cell c, by its planes alone, and the part of it, 0..1, that lies between
+ * t_min and t_max; false: none. */
+LR_INLINE bool way_through(const lr_ray_sums *sums, const lr_ray *r, lr_lattice lattice,
+                           const int32_t c[3], lr_chord *h, lr_cursor *u, int *axis_out,
+                           double part[2])
+{
+    *u = (lr_cursor){.c = {c[0], c[1], c[2]}, .axis = -1, .t = -INFINITY};
+    double out = INFINITY;
+    *axis_out = 0;
+    for (int a = 0; a < 3; a++) {
+        if (r->s[a] == 0)
+            continue;
+        const double near = lr_plane_t(r, lattice, a, c[a] + (r->s[a] < 0));
+        const double far = lr_plane_t(r, lattice, a, c[a] + (r->s[a] > 0));
+        if (near > u->t) {
+            u->t = near;
+            u->axis = a;
+        }
+        if (far < out) {
+            out = far;
+            *axis_out = a;
+        }
+    }
+    if (u->axis < 0 || !(out - u->t > fmax(sums->graze[u->axis], sums->graze[*axis_out])))
+        return false;
+    const double size = out - u->t;
+    const double low = fmax(u->t, sums->t_min), high = fmin(out, sums->t_max);
+    if (!(high > low))
+        return false;
+    part[0] = low > u->t ? (low - u->t) / size : 0.0;
+    part[1] = high < out ? (high - u->t) / size : 1.0;
+    lr_chord_points(h, r, lattice, u, axis_out);
+    return part[1] > part[0];
+}
+
+static void add_light(lr_ray_sums *sums, const lr_volume *v, const lr_chord *h, const double part[2])
+{
+    lr_light_sum sum = {.tolerance = sums->options->tolerance,
+                        .transmittance = sums->transmittance};
+    memcpy(sum.color, sums->color, sizeof sum.color);
+    lr_add_cubic(&sum, v->transfer, h->c, part[0], part[1], (h->t_out - h->t_in) * sums->speed);
+    memcpy(sums->color, sum.color, sizeof sum.color);
+    sums->transmittance = sum.transmittance;
+    sums->pieces += sum.pieces;
+}
+
+/* ---- samples at equal steps ------------------------------------------------- */
+
+enum { OPACITY = 0, RED = 1, LIGHTS = 4 };
+
+/* What a sample of that value adds over a length: opacity, and radiance, premultiplied. */
+static void classify(const lr_transfer *f, double value, double length, double light[LIGHTS])
+{
+    const lr_transfer_piece *p = &f->pieces[lr_piece_of(f, value)];
+    const double from = value - p->from;
+    light[OPACITY] = 1.0 - exp(-length * fmax(lr_linear(p->extinction, from), 0.0));
+    for (int k = 0; k < 3; k++)
+        light[RED + k] = light[OPACITY] * lr_linear(p->color[k], from) +
+                         length * lr_linear(p->emission[k], from);
+}
+
+/* As classified at the corners, each light apart. */
+static void classify_corners(const lr_transfer *f, const double corner[8], double length,
+                             double lights[LIGHTS][8])
+{
+    for (int b = 0; b < 8; b++) {
+        double light[LIGHTS];
+        classify(f, corner[b], length, light);
+        for (int k = 0; k < LIGHTS; k++)
+            lights[k][b] = light[k];
+    }
+}
+
+static void add_samples(lr_ray_sums *sums, const lr_volume *v, const lr_chord *h,
+                        const double part[2])
+{
+    const bool before = sums->options->sampling == LR_SAMPLING_PRE;
+    const double size = h->t_out - h->t_in, length = sums->step * sums->speed;
+    const double low = fmax(h->t_in, sums->t_min), high = fmin(h->t_out, sums->t_max);
+    double lights[LIGHTS][8];
+    (void)part;
+    if (before)
+        classify_corners(v->transfer, h->corner, length, lights);
+    double k = ceil(low / sums->step);
+    for (double t = k * sums->step; t < high; t = k * sums->step) {
+        double light[LIGHTS];
+        const double x = lr_clamp((t - h->t_in) / size, 0.0, 1.0);
+        if (before) {
+            double p[3];
+            for (int a = 0; a < 3; a++)
+                p[a] = lr_mix(h->in[a], h->out[a], x);
+            for (int i = 0; i < LIGHTS; i++)
+                light[i] = lr_trilinear(lights[i], p);
+        } else {
+            classify(v->transfer, lr_cubic(h->c, x), length, light);
+        }
+        for (int i = 0; i < 3; i++)
+            sums->color[i] += sums->transmittance * light[RED + i];
+        sums->transmittance *= 1.0 - light[OPACITY];
+        sums->pieces++;
+        if (!(k + 1.0 > k))
+            return; /* so far away that steps are lost in rounding */
+        k += 1.0;
+    }
+}
+
+/* ---- values ------------------------------------------------------------------- */
+
+/* Can the cell hold a better value than the best so far? */
+static bool may_better(const lr_ray_sums *sums, const double corner[8])
+{
+    const double sign = sums->options->mode == LR_MODE_MINIMUM ? -1.0 : 1.0;
+    double most = -INFINITY;
+    for (int b = 0; b < 8; b++)
+        most = fmax(most, sign * corner[b]);
+    return most > sign * sums->best;
+}
+
+static void add_extremes(lr_ray_sums *sums, const lr_chord *h, const double part[2])
+{
+    const double sign = sums->options->mode == LR_MODE_MINIMUM ? -1.0 : 1.0;
+    double x[4] = {part[0]};
+    int n = 1 + lr_cubic_extrema(h->c, x + 1);
+    x[n++] = part[1];
+    for (int i = 0; i < n; i++) {
+        if (!(x[i] >= part[0] && x[i] <= part[1]))
+            continue;
+        const double f = x[i] == 1.0 ? h->f_out : lr_cubic(h->c, x[i]);
+        if (sign * f > sign * sums->best) {
+            sums->best = f;
+            sums->t = h->t_in + x[i] * (h->t_out - h->t_in);
+        }
+    }
+}
+
+static void add_mean(lr_ray_sums *sums, const lr_chord *h, const double part[2])
+{
+    const double size = h->t_out - h->t_in, *c = h->c;
+    double ends[2];
+    for (int e = 0; e < 2; e++) {
+        const double x = part[e];
+        ends[e] = (((0.25 * c[3] * x + c[2] * (1.0 / 3.0)) * x + 0.5 * c[1]) * x + c[0]) * x;
+    }
+    sums->sum += size * (ends[1] - ends[0]);
+    sums->length += size * (part[1] - part[0]);
+}
+
+/* ---- all of it ---------------------------------------------------------------- */
+
+bool lr_sums_cell(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, lr_lattice lattice,
+                   const int32_t c[3])
+{
+    lr_chord h;
+    lr_cursor u;
+    double part[2];
+    int axis_out;
+    const int32_t mode = sums->options->mode;
+    const bool extreme = mode == LR_MODE_MAXIMUM || mode == LR_MODE_MINIMUM;
+    if (!way_through(sums, r, lattice, c, &h, &u, &axis_out, part))
+        return true;
+    lr_corners(v, c, h.corner);
+    if (extreme && !may_better(sums, h.corner))
+        return true;
+    sums->cells++;
+    lr_chord_values(&h, r, &u, axis_out);
+    lr_chord_cubic(&h);
+    if (extreme) {
+        add_extremes(sums, &h, part);
+        return true;
+    }
+    if (mode == LR_MODE_MEAN) {
+        add_mean(sums, &h, part);
+    } else if (sums->options->sampling == LR_SAMPLING_EXACT) {
+        add_light(sums, v, &h, part);
+    } else {
+        add_samples(sums, v, &h, part);
+    }
+    const double *light = sums->color;
+    if (sums->t == INFINITY &&
+        (sums->transmittance < 1.0 || sums->length > 0.0 || light[0] + light[1] + light[2] > 0.0))
+        sums->t = h.t_in + part[0] * (h.t_out - h.t_in);
+    return sums->transmittance > fmax(1.0 - sums->options->stop_opacity, OPAQUE);
+}
+
+bool lr_sums_put(const lr_ray_sums *sums, const lr_volume *v, const lr_hits *hits, uint64_t i)
+{
+    const bool mean = sums->options->mode == LR_MODE_MEAN, seen = sums->t < INFINITY;
+    const double stored = mean ? sums->sum / sums->length : sums->best;
+    hits->t[i] = sums->t;
+    lr_put_triple(hits->red, hits->green, hits->blue, i, sums->color);
+    if (hits->transmittance != NULL)
+        hits->transmittance[i] = sums->transmittance;
+    if (hits->value != NULL)
+        hits->value[i] = seen ? v->value_offset + v->value_scale * stored : NAN;
+    if (hits->length != NULL)
+        hits->length[i] = sums->length * sums->speed;
+    return seen;
+}
