@@ -46,6 +46,12 @@ TOPICS = {
         "grids of grids.",
         "isosurface Isosurfaces labels label_numbers coarser smooth without_islands",
     ),
+    "Visible volumes": (
+        "A transfer function says what values of a field look like. A visible volume is a field "
+        "seen by one, without a surface: `trace` adds up light along rays through it, without "
+        "steps, or finds extremes and means of values.",
+        "visible_volume FieldSamples TransferFunction",
+    ),
     "Voxelization": (
         "`voxelize` turns triangles into a volume. Attributes let hits take colours and smooth "
         "normals from the triangles.",
@@ -71,7 +77,8 @@ TOPICS = {
     "Tracing": (
         "Rays are P = origin + t direction in object space. All rays of a call are traced with "
         "one set of options.",
-        "trace Hits MODES HIT_TESTS ROOTS NORMALS trace_options add_counters",
+        "trace Hits MODES VISIBLE_MODES HIT_TESTS ROOTS NORMALS SAMPLINGS trace_options "
+        "add_counters",
     ),
     "Distance transforms": (
         "Distances between cells, as several traversers use them.",
@@ -107,6 +114,8 @@ CONSTANTS = {
     "INPUTS": "The four steps that stand for red, green, blue and alpha of what is looked up.",
     "METRICS": "Names of the metrics of `distance`.",
     "MODES": "What `trace` looks for: the surface, or the first object cell.",
+    "VISIBLE_MODES": "What `trace` adds up or finds along rays through visible volumes.",
+    "SAMPLINGS": "How light along a ray is added up: by integrals, or samples at equal steps.",
     "NORMALS": "Names of the normals, for `trace`; see [normals](methods/normals.md).",
     "PASSES": "The passes of `Scene.render_tile`, and how many channels each has.",
     "PIXEL_FILTERS": "Names of the pixel filters, for `pixel_filter` in SAMPLING.",

@@ -161,6 +161,14 @@ def fields():
     leapray.labels(leapray.ScalarGrid("labels", np.uint8(rng.random((9, 9, 9)) < 0.5), np.eye(4)))
 
 
+def seen():
+    numbers = np.eye(9, dtype=np.int16).repeat(9).reshape(9, 9, 9)
+    field = leapray.FieldSamples(leapray.ScalarGrid("field", numbers, np.eye(4)), threads=1)
+    leapray.visible_volume(field, leapray.TransferFunction([0, 1], [0, 1]), threads=1)
+    planes = (np.arange(9.0) ** 2,) * 3
+    leapray.visible_volume(field, leapray.TransferFunction([0], [1]), planes=planes, threads=1)
+
+
 def structures():
     far = np.zeros((40, 40, 40), np.uint8)
     far[3:9, 3:9, 3:9] = 255
@@ -205,7 +213,7 @@ def a_scene():
 
 
 SCENARIOS = (a_solid, a_sheet, a_pierced_ball, a_large_mesh, a_doubled_crossing, two_islands,
-             coverage, merged, sampled, fields, structures, distances, images, a_scene)  # fmt: skip
+             coverage, merged, sampled, fields, seen, structures, distances, images, a_scene)  # fmt: skip
 
 
 # ---- runs --------------------------------------------------------------------------------------

@@ -124,6 +124,26 @@ def trace_known(s: Source):
     trace_through(s, s.one(known_structures()))
 
 
+def see(s: Source):
+    """Light, extremes and means through a visible volume."""
+    n = s.whole(6)
+    knots = np.sort(s.numbers(max(0, min(n, 99)), 0.8))
+    columns = [np.abs(s.numbers(shape, 0.8)) for shape in (knots.shape, (*knots.shape, 3), (3,))]
+    transfer = leapray.TransferFunction(knots, *columns)
+    samples = s.typed(s.samples(s.shape()), s.one(DTYPES))
+    grid = leapray.ScalarGrid("field", samples, s.matrix(), scale=s.number(), offset=s.number())
+    volume = leapray.visible_volume(grid, transfer, everywhere=s.likely(0.2), threads=s.threads())
+    origins, directions, n = s.rays()
+    more = {"mode": s.name(leapray.VISIBLE_MODES), "sampling": s.name(leapray.SAMPLINGS)}
+    for name in ("t_min", "t_max", "step", "tolerance", "stop_opacity"):
+        if s.likely(0.3):
+            more[name] = s.number(0.3)
+    hits = leapray.trace(leapray.build(volume), origins, directions, **more)
+    check_hits(hits, n)
+    check(not np.isnan(hits.color).any() and (hits.color >= 0).all(), "a colour that is none")
+    check(((hits.opacity >= 0) & (hits.opacity <= 1)).all(), "an opacity that is none")
+
+
 def build_wrongly(s: Source):
     spec = s.one(leapray.variants()).spec
     if s.likely(0.5):
@@ -394,7 +414,7 @@ def render(s: Source):
 CALLS = {
     make_volume: 3, fill_block_by_block: 2, trace_known: 6, build_wrongly: 1, voxelize: 3,
     tell_layers: 1, tell_distances: 1, read_blocks: 1, ask_known: 1, unpack: 3, merge: 1,
-    look_up: 2, run_program: 1, render_an_image: 2, render: 6,
+    look_up: 2, run_program: 1, render_an_image: 2, see: 4, render: 6,
 }  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 
 Along a ray the trilinear field of a cell is a cubic, which four of its values give. It is cut where
 it turns and, by halving, where it passes a knot; what lies between is integrated by Gauss and
-Legendre's rule of 16 nodes, four times over.
+Legendre's rule of 16 nodes, in at least four panels, none of them deeper than 4.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 Real = np.longdouble
 NODES, WEIGHTS = (Real(x) for x in np.polynomial.legendre.leggauss(16))
 HALVINGS = 70
-PANELS = 4  # of each part between knots
+PANELS, DEEPEST = 4, 16.0  # of each part between knots, and for how deep a one
 
 
 class Ramp:
@@ -91,10 +91,13 @@ def through_cells(c, ends, length, ramp: Ramp):
         if not len(wide):
             continue
         own = c[wide]
-        step = (stops[wide, k + 1] - stops[wide, k]) / PANELS
+        width = stops[wide, k + 1] - stops[wide, k]
+        deepest = float((width * length[wide]).max() * ramp.start[:, 0].max())
+        panels = PANELS * (1 + int(deepest / DEEPEST))
+        step = width / panels
         middle = (stops[wide, k + 1] + stops[wide, k]) / 2
         piece = ramp.piece(value(own, middle[:, None])[:, 0])[:, None]
-        for panel in range(PANELS):
+        for panel in range(panels):
             a = stops[wide, k] + panel * step
             x = a[:, None] + step[:, None] * (1 + NODES) / 2
             inner = a[:, None, None] + (x - a[:, None])[:, :, None] * (1 + NODES) / 2

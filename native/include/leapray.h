@@ -349,7 +349,7 @@ LR_API lr_status lr_transfer_new(const lr_transfer_desc *desc, lr_transfer **tra
                                  lr_error *error);
 LR_API void lr_transfer_free(lr_transfer *transfer); /* NULL is fine */
 
-/* The greatest extinction[n] and the greatest component of emission[n] of all values in
+/* By a transfer function the greatest extinction[n] and component of emission[n] of all values in
  * low[n]..high[n]: where both are 0, nothing of these is visible. LR_E_ARGUMENT for a range without
  * values. */
 LR_API lr_status lr_transfer_greatest(const lr_transfer *transfer, const double *low,
@@ -360,11 +360,11 @@ LR_API lr_status lr_transfer_greatest(const lr_transfer *transfer, const double 
  * transfer function of values, of which the volume keeps a copy: a value is offset + scale * stored
  * number. bounded nonzero: samples that equal what is outside are none, and cells that they belong
  * to are never visible, hence none at the lattice's border; else they are values like others, and
- * must not be visible: the volume would fill all of space. everywhere nonzero: all cells are surface
- * cells that hold a value but those of what is outside, visible or not. lr_isosurface_part and
- * lr_isosurface_finish follow as for isosurfaces; between them lr_volume_set_planes may. *volume is
- * for lr_trace by the modes from LR_MODE_VOLUME on. LR_E_ARGUMENT for cubic samples, ones that are
- * not filled, a scale or offset out of range, and a visible outside; LR_E_MEMORY. */
+ * must not be visible: the volume would fill all of space. everywhere nonzero: all cells are
+ * surface cells that hold a value but those of what is outside, visible or not. lr_isosurface_part
+ * and lr_isosurface_finish follow as for isosurfaces; between them lr_volume_set_planes may.
+ * *volume is for lr_trace by the modes from LR_MODE_VOLUME on. LR_E_ARGUMENT for cubic samples,
+ * ones that are not filled, a scale or offset out of range, and a visible outside; LR_E_MEMORY. */
 LR_API lr_status lr_visible_begin(lr_samples *samples, const lr_transfer *transfer, double scale,
                                   double offset, int32_t bounded, int32_t everywhere,
                                   lr_volume **volume, lr_error *error);
@@ -774,9 +774,9 @@ typedef enum lr_mode {
  * stands for a step of its extinction, and what lies between two of them is lost. */
 typedef enum lr_sampling {
     LR_SAMPLING_EXACT = 0, /* integrals of the field's cubic in each cell, without steps */
-    LR_SAMPLING_POST = 1,  /* samples of the field, classified: misses what is thinner than a step */
-    LR_SAMPLING_PRE = 2 /* samples of classified corners: misses values between these, too, and
-                           blurs */
+    LR_SAMPLING_POST = 1, /* samples of the field, classified: misses what is thinner than a step */
+    LR_SAMPLING_PRE = 2   /* samples of classified corners: misses values between these, too, and
+                             blurs */
 } lr_sampling;
 
 /* How a cell is asked whether f = T lies in it. The uniform test is not for sheets and cubic
@@ -817,8 +817,8 @@ typedef struct lr_trace_options {
     double step;      /* of the uniform hit test and of sampling, in voxels, above 0 */
     int32_t sampling; /* lr_sampling, of LR_MODE_VOLUME, as what follows: */
     int32_t reserved;
-    double tolerance;    /* what exact integrals may be off: that share of the largest colour, and of
-                            the emission along the ray; 1e-9 to 1 */
+    double tolerance; /* what exact integrals may be off: that share of the largest colour, and of
+                         the emission along the ray; 1e-9 to 1 */
     double stop_opacity; /* rays end where they are as opaque: above 0, at most 1, never but where
                             what remains is below 1e-16 */
 } lr_trace_options;
@@ -855,8 +855,8 @@ typedef struct lr_hits {
     double *red, *green, *blue; /* of LR_MODE_VOLUME: radiance along the ray, linear RGB, without
                                    what lies behind it, of which comes */
     double *transmittance;      /* that share, 0..1 */
-    double *value;  /* of LR_MODE_MAXIMUM, _MINIMUM and _MEAN, as the transfer function has values; NaN
-                       on a miss */
+    double *value;  /* of LR_MODE_MAXIMUM, _MINIMUM and _MEAN, as the transfer function has values;
+                       NaN on a miss */
     double *length; /* of LR_MODE_MEAN: of the ray's path through visible cells, in object space */
 } lr_hits;
 

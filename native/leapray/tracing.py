@@ -30,7 +30,8 @@ from .volume import Volume
 PART = 65536  # rays that a thread takes at a time
 WORTH_THREADS = 1 << 20  # cells whose distances take longer than threads take to start
 
-MODES = members(_abi.lr_mode)
+VISIBLE_MODES = {n: m for n, m in members(_abi.lr_mode).items() if m >= _abi.LR_MODE_VOLUME}
+MODES = {n: m for n, m in members(_abi.lr_mode).items() if n not in VISIBLE_MODES}
 HIT_TESTS = members(_abi.lr_hit_test)
 ROOTS = members(_abi.lr_root)
 SAMPLINGS = members(_abi.lr_sampling)
@@ -186,7 +187,10 @@ def _nothing() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, repr=False)
 class Hits:
-    """One entry per ray; arrays that a mode does not fill are empty. Points are origins + t * directions."""
+    """One entry per ray; arrays that a mode does not fill are empty.
+
+    Points are origins + t * directions.
+    """
 
     t: NDArray[np.float64]  # (n,) infinity on a miss
     cell: NDArray[np.int32]  # (n, 3) i, j, k of the cell hit
@@ -195,12 +199,12 @@ class Hits:
     id: NDArray[np.int32]  # (n,)
     counters: dict[str, int]  # as add_counters gives them; empty if not counted
     steps: NDArray[np.int32]  # (n,) cells in which each ray stood; empty if not counted
-    color: NDArray[np.float64] = field(default_factory=_nothing)  # (n, 3) radiance, linear RGB, and
-    transmittance: NDArray[np.float64] = field(default_factory=_nothing)  # (n,) of mode "volume"
-    value: NDArray[np.float64] = field(default_factory=_nothing)  # (n,) NaN on a miss; of the modes
-    # "maximum", "minimum" and "mean"
-    length: NDArray[np.float64] = field(default_factory=_nothing)  # (n,) of the path that "mean" is
-    # taken over
+    # of the mode "volume": (n, 3) radiance, linear RGB, and (n,) the share of what lies behind
+    color: NDArray[np.float64] = field(default_factory=_nothing)
+    transmittance: NDArray[np.float64] = field(default_factory=_nothing)
+    # (n,) of "maximum", "minimum" and "mean", NaN on a miss; (n,) of the path of "mean"
+    value: NDArray[np.float64] = field(default_factory=_nothing)
+    length: NDArray[np.float64] = field(default_factory=_nothing)
 
     @property
     def opacity(self) -> NDArray[np.float64]:
@@ -226,12 +230,12 @@ def trace_options(
 ) -> _abi.lr_trace_options:
     """The C options that these names stand for.
 
-    mode, hit_test, root, normal and sampling are of MODES, HIT_TESTS, ROOTS, NORMALS and SAMPLINGS;
-    step: of the uniform hit test and of samplings, in voxels; tolerance and stop_opacity as for
-    `trace`. Raises LeapRayError that lists the names.
+    mode is of MODES or VISIBLE_MODES, hit_test, root, normal and sampling are of HIT_TESTS, ROOTS,
+    NORMALS and SAMPLINGS; step: of the uniform hit test and of samplings, in voxels; tolerance and
+    stop_opacity as for `trace`. Raises LeapRayError that lists the names.
     """
     return _abi.lr_trace_options(
-        mode=choice(MODES, mode, "mode"),
+        mode=choice(MODES | VISIBLE_MODES, mode, "mode"),
         hit_test=choice(HIT_TESTS, hit_test, "hit test"),
         root=choice(ROOTS, root, "root finder"),
         normal=choice(NORMALS, normal, "normal"),
@@ -273,17 +277,18 @@ def trace(
     2^-46 of the largest difference between T and its samples. step: of the uniform hit test, in
     voxels.
 
-    A volume of `visible_volume` takes other modes, along the whole ray: "volume" adds up emission
-    and absorption, "maximum" and "minimum" find the largest and smallest value, "mean" averages
-    them; only values in visible cells count. sampling "exact" integrates without steps, off by at
-    most tolerance times the largest colour, and the largest emission along the path that emits;
-    "post" and "pre" take samples at whole multiples of step, classified after and before
-    interpolation, and lose what lies between. stop_opacity: rays end where they are as opaque.
+    A volume of `visible_volume` takes the VISIBLE_MODES, along the whole ray: "volume" adds up
+    emission and absorption, "maximum" and "minimum" find the largest and the smallest value, "mean"
+    averages them; only values in visible cells count. t is where the ray begins to see something,
+    of extremes where they are. sampling "exact" integrates without steps, off by at most tolerance
+    times the largest colour and the largest emission along the path that emits; "post" and "pre"
+    take samples at t = k step, classified after and before interpolation, and lose what lies
+    between. stop_opacity: rays end where they are as opaque.
 
-    start: cells
-    (n, 3) and sides (n,) of rays that leave a surface: side -1 where f < T, +1 where f >= T,
-    0 unknown. threads (0: all cores) change no bit. count: fill counters and steps. Raises
-    LeapRayError for shapes and unknown names, Stopped when watch was told to stop.
+    start: cells (n, 3) and sides (n,) of rays that leave a surface: side -1 where f < T, +1 where
+    f >= T, 0 unknown. threads (0: all cores) change no bit. count: fill counters and steps. Raises
+    LeapRayError for shapes and unknown names, and for options that the volume does not take;
+    Stopped when watch was told to stop.
     """
     check_threads(threads)
     o, d = columns(origins, "origins"), columns(directions, "directions")
@@ -344,7 +349,10 @@ def trace(
         ids,
         add_counters(totals) if count else {},
         steps,
-        **{k: np.ascontiguousarray(rows.T) if len(rows) > 1 else rows[0] for k, rows in sums.items()},
+        **{
+            k: np.ascontiguousarray(rows.T) if len(rows) > 1 else rows[0]
+            for k, rows in sums.items()
+        },
     )
 
 

@@ -28,21 +28,19 @@ def visible_volume(
     threads: int = 0,
     watch: Watch | None = None,
 ) -> Volume:
-    """The volume of a field whose surface cells are those in which a transfer function sees something.
+    """The volume whose surface cells are those in which a transfer function sees something.
 
-    Every structure leaps over the others; `trace` takes it by the modes "volume", "maximum",
-    "minimum" and "mean". field: the samples, which all volumes of them share, or the grid to take
-    them from. everywhere: all cells that hold values are kept, whether something is seen in them or
-    not: for extremes and means of all values, and to measure what leaping saves. planes: x (nx,), y (ny,), z (nz,), where the planes of samples lie instead of at 0,
-    1, 2, ..., as for `Volume`. threads: 0 for all cores. Raises LeapRayError for what are no field
-    and no transfer function, and where the background of a sparse grid is visible; OutOfMemory;
-    Stopped when watch was told to stop.
+    Every structure leaps over the others; `trace` takes it by VISIBLE_MODES. field: the samples,
+    which all volumes of them share, or the grid to take them from. everywhere: all cells that hold
+    values are kept, whether something is seen in them or not: for extremes and means of all values,
+    and to measure what leaping saves. planes: x (nx,), y (ny,), z (nz,), where planes of samples
+    lie instead of at 0, 1, 2, ..., as for `Volume`. threads: 0 for all cores. Raises LeapRayError
+    for what are no field and no transfer function, and where the background of a sparse grid is
+    visible; OutOfMemory; Stopped when watch was told to stop.
     """
     check_threads(threads)
     if not isinstance(transfer, TransferFunction):
-        raise LeapRayError(
-            f"a leapray.TransferFunction is needed, not a {type(transfer).__name__}"
-        )
+        raise LeapRayError(f"a leapray.TransferFunction is needed, not a {type(transfer).__name__}")
     if not isinstance(field, FieldSamples):
         field = FieldSamples(field, threads=threads, watch=watch)
     return field.at(transfer, everywhere=everywhere, planes=planes, threads=threads, watch=watch)
@@ -104,9 +102,10 @@ class FieldSamples:
         threads: int = 0,
         watch: Watch | None = None,
     ) -> Volume:
-        """The volume of a transfer function; parameters and errors as for `visible_volume`.
+        """The volume of a transfer function: everywhere, planes (x (nx,), y (ny,), z (nz,)),
+        threads, watch and what is raised as for `visible_volume`.
 
-        everywhere; planes: x (nx,), y (ny,), z (nz,). Raises LeapRayError, OutOfMemory, Stopped.
+        Raises LeapRayError, OutOfMemory, Stopped.
         """
         handle, error = ctypes.POINTER(_abi.lr_volume)(), _abi.lr_error()
         status = lib.lr_visible_begin(

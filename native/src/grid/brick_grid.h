@@ -66,11 +66,11 @@ struct lr_volume {
     struct lr_objects *objects; /* what tells objects apart; NULL: nothing does */
     uint64_t n_surface_cells;
     int32_t surface_lo[3], surface_hi[3]; /* storage cells, inclusive */
-    struct lr_transfer *transfer; /* of stored numbers: surface cells are those that it lets be seen;
-                                     NULL: those that hold surface */
+    struct lr_transfer *transfer;     /* of stored numbers: surface cells are those that it lets be
+                                         seen; NULL: those that hold surface */
     double value_scale, value_offset; /* with one: a value is offset + scale * stored number */
-    bool bounded;    /* with one: what is outside are no values; */
-    bool everywhere; /* surface cells are all that hold values */
+    bool bounded;                     /* with one: what is outside are no values; */
+    bool everywhere;                  /* surface cells are all that hold values */
     bool finished;
     bool flat; /* of a flat-shaded mesh: normals are those of the hit's own cell */
 };

@@ -83,7 +83,8 @@ lr_status lr_isosurface_share(lr_samples *s, const lr_volume_desc *desc, lr_volu
     return LR_OK;
 }
 
-void lr_isosurface_range(const lr_volume *v, const int32_t b[3], double *least, double *greatest)
+/* The range of the samples by which the field in the brick at b is given. */
+static void range_of_brick(const lr_volume *v, const int32_t b[3], double *least, double *greatest)
 {
     const lr_samples *s = v->shared;
     double low = INFINITY, high = -INFINITY;
@@ -103,19 +104,13 @@ void lr_isosurface_range(const lr_volume *v, const int32_t b[3], double *least, 
     *greatest = high;
 }
 
-/* Does the range of a brick hold T? */
-static bool may_hold_surface(const lr_volume *v, const int32_t b[3])
+static bool mask_of_brick(const lr_volume *v, const int32_t b[3], lr_mask mask)
 {
     double low, high;
-    lr_isosurface_range(v, b, &low, &high);
-    return low < v->threshold && high >= v->threshold;
-}
-
-static bool surface_mask(const lr_volume *v, const int32_t b[3], lr_mask mask)
-{
+    range_of_brick(v, b, &low, &high);
     if (v->transfer != NULL)
-        return lr_visible_mask(v, b, mask);
-    return may_hold_surface(v, b) && lr_surface_mask(v, b, mask);
+        return lr_visible_mask(v, b, low, high, mask);
+    return low < v->threshold && high >= v->threshold && lr_surface_mask(v, b, mask);
 }
 
 /* Of a brick's cells those between samples of the lattice. */
@@ -154,7 +149,7 @@ static void widen(struct lr_surface_bounds *p, const int32_t b[3], const lr_mask
 static void classify(lr_volume *v, const int32_t b[3], struct lr_surface_bounds *p)
 {
     lr_mask mask;
-    if (!surface_mask(v, b, mask))
+    if (!mask_of_brick(v, b, mask))
         return;
     if (v->desc.kind == LR_KIND_SHEET)
         keep_inner(v, b, mask);

@@ -11,7 +11,4 @@
 lr_status lr_isosurface_share(lr_samples *samples, const lr_volume_desc *desc, lr_volume **volume,
                               lr_error *error);
 
-/* The range of the samples by which the field in the brick at b is given. */
-void lr_isosurface_range(const lr_volume *volume, const int32_t b[3], double *low, double *high);
-
 #endif

@@ -147,8 +147,7 @@ lr_status lr_transfer_of_numbers(const lr_transfer *f, double scale, double offs
     lr_transfer *g = *of_numbers;
     for (uint64_t i = 0; i < f->n; i++) {
         const uint64_t from = scale > 0.0 ? i : f->n - 1 - i;
-        g->values[i] =
-            lr_clamp((f->values[from] - offset) / scale, -MOST_VALUE, MOST_VALUE);
+        g->values[i] = lr_clamp((f->values[from] - offset) / scale, -MOST_VALUE, MOST_VALUE);
         memcpy(g->knots[i], f->knots[from], sizeof *g->knots);
     }
     fill_pieces(g);

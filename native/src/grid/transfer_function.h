@@ -13,12 +13,12 @@
 typedef struct lr_transfer_piece {
     double from; /* value that these count from: at it, and what they rise by per unit of value */
     double extinction[2], color[3][2], emission[3][2];
-    double turn;     /* largest rise of a component of the colour, as a share of the largest */
-    double emitted;  /* the same of emission, and */
-    double shines;   /* the largest component of it at from, as such a share */
-    bool absorbs;    /* extinction is not 0 throughout */
-    bool emits;      /* nor emission */
-    bool one_color;  /* colour is the same throughout */
+    double turn;    /* largest rise of a component of the colour, as a share of the largest */
+    double emitted; /* the same of emission, and */
+    double shines;  /* the largest component of it at from, as such a share */
+    bool absorbs;   /* extinction is not 0 throughout */
+    bool emits;     /* nor emission */
+    bool one_color; /* colour is the same throughout */
 } lr_transfer_piece;
 
 struct lr_transfer {

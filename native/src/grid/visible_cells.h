@@ -6,7 +6,9 @@
 
 #include "grid/brick_grid.h"
 
-/* The visible cells of the stored brick at a position of the table; false: none. */
-bool lr_visible_mask(const lr_volume *volume, const int32_t b[3], lr_mask mask);
+/* The visible cells of the brick at a position of the table, whose samples with those of its upper
+ * neighbours range from least to greatest; false: none. */
+bool lr_visible_mask(const lr_volume *volume, const int32_t b[3], double least, double greatest,
+                     lr_mask mask);
 
 #endif

@@ -36,9 +36,9 @@ static const double LOST = 0.0138;
 LR_INLINE double small_exp(double x)
 {
     double sum = 1.0 / 39916800.0;
-    static const double inverse[] = {1.0 / 3628800.0, 1.0 / 362880.0, 1.0 / 40320.0, 1.0 / 5040.0,
-                                     1.0 / 720.0,     1.0 / 120.0,    1.0 / 24.0,    1.0 / 6.0,
-                                     0.5,             1.0,            1.0};
+    static const double inverse[] = {
+        1.0 / 3628800.0, 1.0 / 362880.0, 1.0 / 40320.0, 1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0,
+        1.0 / 24.0,      1.0 / 6.0,      0.5,           1.0,          1.0};
     for (int i = 0; i < 11; i++)
         sum = sum * x + inverse[i];
     return sum;
@@ -46,11 +46,11 @@ LR_INLINE double small_exp(double x)
 
 /* A piece of the ray on one piece of the transfer function; x runs from -1 to 1. */
 typedef struct stretch {
-    double middle;  /* value at x = 0, from the piece's own zero */
-    double y[3];    /* value - that = y[0] x + y[1] x^2 + y[2] x^3 */
-    double a[4];    /* optical depth behind x = 0: a[0] x + .. + a[3] x^4 */
-    double depth;   /* from -1 to 1 */
-    double half;    /* length of x from 0 to 1 */
+    double middle; /* value at x = 0, from the piece's own zero */
+    double y[3];   /* value - that = y[0] x + y[1] x^2 + y[2] x^3 */
+    double a[4];   /* optical depth behind x = 0: a[0] x + .. + a[3] x^4 */
+    double depth;  /* from -1 to 1 */
+    double half;   /* length of x from 0 to 1 */
 } stretch;
 
 LR_INLINE void set_up(stretch *s, const lr_transfer_piece *p, const double c[4], double a, double b,
@@ -69,19 +69,22 @@ LR_INLINE void set_up(stretch *s, const lr_transfer_piece *p, const double c[4],
     s->depth = fmax(2.0 * (s->a[0] + s->a[2]), 0.0);
 }
 
-/* Bounds of what the rule errs, before exp(-depth/2): for y dA/dx exp(-A), exp(-A), y exp(-A). */
+/* Bounds of what the rule errs, for y dA/dx exp(-A), exp(-A) and y exp(-A). Of the series of
+ * exp(-A) those terms are exact that make polynomials up to degree 7: of the first integral one, as
+ * A is of degree 4 and y dA/dx of degree 6, of the others two. What follows them is less than A
+ * exp(A) and A^2 exp(A) / 2. */
 LR_INLINE void bound(const stretch *s, double r, double error[3])
 {
     const double y = ((fabs(s->y[2]) * r + fabs(s->y[1])) * r + fabs(s->y[0])) * r;
     const double depth =
         (((fabs(s->a[3]) * r + fabs(s->a[2])) * r + fabs(s->a[1])) * r + s->a[0]) * r;
-    const double slope = ((4.0 * fabs(s->a[3]) * r + 3.0 * fabs(s->a[2])) * r +
-                          2.0 * fabs(s->a[1])) * r + s->a[0];
+    const double slope =
+        ((4.0 * fabs(s->a[3]) * r + 3.0 * fabs(s->a[2])) * r + 2.0 * fabs(s->a[1])) * r + s->a[0];
     const double r2 = r * r, r4 = r2 * r2;
-    const double m = depth < 40.0 ? LOST * exp(depth) / (r4 * r4) : INFINITY;
+    const double m = depth < 40.0 ? LOST * depth * exp(depth) / (r4 * r4) : INFINITY;
     error[0] = m * y * slope;
-    error[1] = m * s->half;
-    error[2] = m * y * s->half;
+    error[1] = 0.5 * m * depth * s->half;
+    error[2] = error[1] * y;
 }
 
 /* Is the error of the piece within its share? That is, of colour, its opacity's, and of emission,
@@ -94,8 +97,8 @@ static bool within(const stretch *s, const lr_transfer_piece *p, double toleranc
         bound(s, radius[i], error);
         const bool color = p->one_color || p->turn * error[0] <= 0.6 * tolerance * s->depth;
         const double shines = p->shines + p->emitted * fabs(s->middle);
-        const bool emission = !p->emits || shines * error[1] + p->emitted * error[2] <=
-                                               tolerance * s->half;
+        const bool emission =
+            !p->emits || shines * error[1] + p->emitted * error[2] <= tolerance * s->half;
         if (color && emission)
             return true;
     }
@@ -202,8 +205,8 @@ static void add_monotone(lr_light_sum *sum, const lr_transfer *f, const double c
     const bool up = fb > fa;
     uint64_t piece = up ? lr_piece_of(f, fa) : lr_piece_below(f, fa);
     for (;;) {
-        const bool last = up ? piece == f->n || f->values[piece] >= fb
-                             : piece == 0 || f->values[piece - 1] <= fb;
+        const bool last =
+            up ? piece == f->n || f->values[piece] >= fb : piece == 0 || f->values[piece - 1] <= fb;
         if (last)
             break;
         const double level = f->values[up ? piece : piece - 1];

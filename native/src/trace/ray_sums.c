@@ -23,24 +23,24 @@ static const double OPAQUE = 1e-16;
 static const double ROUNDING = 0x1p-49, LEAST_CHORD = 1e-6;
 
 void lr_sums_begin(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, const double d[3],
-                    double t_min, const lr_trace_options *options)
+                   double t_min, const lr_trace_options *options)
 {
     const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
     *sums = (lr_ray_sums){.options = options,
-                        .t_min = t_min,
-                        .t_max = r->t_max,
-                        .speed = sqrt(lr_dot(d, d)),
-                        .step = options->step / sqrt(lr_dot(r->d, r->d)),
-                        .t = INFINITY,
-                        .transmittance = 1.0,
-                        .best = options->mode == LR_MODE_MINIMUM ? INFINITY : -INFINITY};
+                          .t_min = t_min,
+                          .t_max = r->t_max,
+                          .speed = sqrt(lr_dot(d, d)),
+                          .step = options->step / sqrt(lr_dot(r->d, r->d)),
+                          .t = INFINITY,
+                          .transmittance = 1.0,
+                          .best = options->mode == LR_MODE_MINIMUM ? INFINITY : -INFINITY};
     double fastest = 0.0;
     for (int a = 0; a < 3; a++)
         fastest = fmax(fastest, fabs(r->d[a]));
     for (int a = 0; a < 3; a++) {
         const double extent = v->planes[0] != NULL ? fabs(v->planes[a][n[a] + 1]) : n[a];
         sums->graze[a] = fmin(ROUNDING * (fabs(r->o[a]) + extent + 1.0) * fabs(r->inv[a]),
-                               LEAST_CHORD / fastest);
+                              LEAST_CHORD / fastest);
     }
 }
 
@@ -79,7 +79,8 @@ LR_INLINE bool way_through(const lr_ray_sums *sums, const lr_ray *r, lr_lattice 
     return part[1] > part[0];
 }
 
-static void add_light(lr_ray_sums *sums, const lr_volume *v, const lr_chord *h, const double part[2])
+static void add_light(lr_ray_sums *sums, const lr_volume *v, const lr_chord *h,
+                      const double part[2])
 {
     lr_light_sum sum = {.tolerance = sums->options->tolerance,
                         .transmittance = sums->transmittance};
@@ -194,7 +195,7 @@ static void add_mean(lr_ray_sums *sums, const lr_chord *h, const double part[2])
 /* ---- all of it ---------------------------------------------------------------- */
 
 bool lr_sums_cell(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, lr_lattice lattice,
-                   const int32_t c[3])
+                  const int32_t c[3])
 {
     lr_chord h;
     lr_cursor u;

@@ -117,8 +117,7 @@ static lr_status check_along(const lr_volume *volume, const lr_trace_options *o,
                        o->tolerance);
     if (!(o->stop_opacity > 0.0 && o->stop_opacity <= 1.0))
         return lr_fail(error, LR_E_ARGUMENT,
-                       "stop_opacity must lie above 0 and at most at 1; it is %g",
-                       o->stop_opacity);
+                       "stop_opacity must lie above 0 and at most at 1; it is %g", o->stop_opacity);
     if (o->sampling == LR_SAMPLING_EXACT)
         return LR_OK;
     if (!(o->step >= 1e-3 && o->step <= 1e3))
