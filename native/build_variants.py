@@ -36,7 +36,10 @@ TRACED = ("-O1", "-fno-omit-frame-pointer")
 
 # Has allocations fail where tests/allocation_failures.py asks for it.
 FAULTS = NATIVE.parent / "tests" / "c" / "faulty_memory.c"
-VECTOR = ("closest_triangle_avx2.c", "closest_triangle_avx512.c", "cd_packet8.c")
+VECTOR = (
+    *("closest_triangle_avx2.c", "closest_triangle_avx512.c", "cd_packet8.c"),
+    *("cell_lanes_avx2.c", "cell_lanes_avx512.c"),
+)
 WRAPPED = ("malloc", "calloc", "realloc", "aligned_alloc", "mmap", "munmap", "free")
 
 

@@ -5,6 +5,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "grid/transfer_function.h"
 
+#include "base/cpu.h"
 #include "base/error.h"
 
 enum { COLUMNS = 7, MOST_KNOTS = 1 << 16 };
@@ -145,6 +146,7 @@ lr_status lr_transfer_of_numbers(const lr_transfer *f, double scale, double offs
     if (status != LR_OK)
         return status;
     lr_transfer *g = *of_numbers;
+    g->simd = lr_cpu_simd();
     for (uint64_t i = 0; i < f->n; i++) {
         const uint64_t from = scale > 0.0 ? i : f->n - 1 - i;
         g->values[i] = lr_clamp((f->values[from] - offset) / scale, -MOST_VALUE, MOST_VALUE);

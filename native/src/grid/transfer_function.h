@@ -26,6 +26,7 @@ struct lr_transfer {
     double *values;            /* [n]: of the knots */
     lr_transfer_piece *pieces; /* [n + 1] */
     double (*knots)[7];        /* [n]: extinction, colour, emission */
+    int32_t simd;              /* lr_simd, of numbers: what light is added up by */
 };
 
 /* The same of numbers: a value is offset + scale * number. */

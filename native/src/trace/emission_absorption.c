@@ -7,8 +7,8 @@
  * whatever the number of colours; of one colour only the first kind's closed form, 1 - exp(-A), is
  * needed. They are taken by Gauss and Legendre's rule of four nodes where its error is bounded:
  * with x running from -1 to 1, a function whose power series is majorised by M(R) within R errs by
- * less than LOST M(R) / R^8, since the rule is exact up to degree 7. Polynomials are majorised by
- * the moduli of their coefficients. Where the bound is too large the piece is halved.
+ * less than LR_RULE_LOST M(R) / R^8, since the rule is exact up to degree 7. Polynomials are
+ * majorised by the moduli of their coefficients. Where the bound is too large the piece is halved.
  *
  * Source: Max, Optical models for direct volume rendering, 1995 (the integral); Williams and Max,
  * A volume density optical model, 1992 (linear pieces, in closed form).
@@ -17,32 +17,12 @@
 #include "trace/emission_absorption.h"
 
 #include "trace/cell.h"
+#include "trace/light_rule.h"
 
-enum { NODES = 4, MOST_HALVINGS = 60 };
+enum { MOST_HALVINGS = 60 };
 
 /* Deeper pieces are halved; behind OPAQUE nothing is seen. */
-static const double DEEPEST = 0.5, OPAQUE = 1e-16;
-
-static const double node[NODES] = {-0.86113631159405257522, -0.33998104358485626480,
-                                   0.33998104358485626480, 0.86113631159405257522};
-static const double weight[NODES] = {0.34785484513745385737, 0.65214515486254614263,
-                                     0.65214515486254614263, 0.34785484513745385737};
-
-/* What the rule loses of x^8, and of higher powers for R >= 4: sum over even k >= 8 of
- * R^(8-k) (integral of x^k - rule's sum). */
-static const double LOST = 0.0138;
-
-/* exp(x) for |x| <= DEEPEST, to 1e-12. */
-LR_INLINE double small_exp(double x)
-{
-    double sum = 1.0 / 39916800.0;
-    static const double inverse[] = {
-        1.0 / 3628800.0, 1.0 / 362880.0, 1.0 / 40320.0, 1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0,
-        1.0 / 24.0,      1.0 / 6.0,      0.5,           1.0,          1.0};
-    for (int i = 0; i < 11; i++)
-        sum = sum * x + inverse[i];
-    return sum;
-}
+static const double DEEPEST = LR_RULE_DEEPEST, OPAQUE = 1e-16;
 
 /* A piece of the ray on one piece of the transfer function; x runs from -1 to 1. */
 typedef struct stretch {
@@ -81,7 +61,8 @@ LR_INLINE void bound(const stretch *s, double r, double error[3])
     const double slope =
         ((4.0 * fabs(s->a[3]) * r + 3.0 * fabs(s->a[2])) * r + 2.0 * fabs(s->a[1])) * r + s->a[0];
     const double r2 = r * r, r4 = r2 * r2;
-    const double m = depth < 40.0 ? LOST * depth * exp(depth) / (r4 * r4) : INFINITY;
+    const double grows = depth <= 1.79 ? 1.0 + depth + depth * depth : exp(depth); /* >= exp */
+    const double m = depth < 40.0 ? LR_RULE_LOST * depth * grows / (r4 * r4) : INFINITY;
     error[0] = m * y * slope;
     error[1] = 0.5 * m * depth * s->half;
     error[2] = error[1] * y;
@@ -109,17 +90,17 @@ static bool within(const stretch *s, const lr_transfer_piece *p, double toleranc
 LR_INLINE void integrate(const stretch *s, double sums[3])
 {
     const double before = s->a[0] - s->a[1] + s->a[2] - s->a[3]; /* depth from x = -1 to 0 */
-    const double start = small_exp(-before);
-    double y[NODES], e[NODES], slope[NODES];
-    for (int k = 0; k < NODES; k++) {
-        const double x = node[k];
+    const double start = lr_rule_exp(-before);
+    double y[LR_RULE_NODES], e[LR_RULE_NODES], slope[LR_RULE_NODES];
+    for (int k = 0; k < LR_RULE_NODES; k++) {
+        const double x = lr_rule_node[k];
         y[k] = ((s->y[2] * x + s->y[1]) * x + s->y[0]) * x;
         const double depth = (((s->a[3] * x + s->a[2]) * x + s->a[1]) * x + s->a[0]) * x;
         slope[k] = ((4.0 * s->a[3] * x + 3.0 * s->a[2]) * x + 2.0 * s->a[1]) * x + s->a[0];
-        e[k] = weight[k] * small_exp(-depth);
+        e[k] = lr_rule_weight[k] * lr_rule_exp(-depth);
     }
     sums[0] = sums[1] = sums[2] = 0.0;
-    for (int k = 0; k < NODES; k++) {
+    for (int k = 0; k < LR_RULE_NODES; k++) {
         sums[0] += e[k] * slope[k] * y[k];
         sums[1] += e[k];
         sums[2] += e[k] * y[k];
@@ -175,7 +156,7 @@ static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const doubl
         set_up(&s, p, c, a, b, length);
         const bool closed = p->one_color && !p->emits;
         if (closed) {
-            add_light(sum, p, &s, s.depth <= DEEPEST ? small_exp(-s.depth) : exp(-s.depth), none);
+            add_light(sum, p, &s, s.depth <= DEEPEST ? lr_rule_exp(-s.depth) : exp(-s.depth), none);
         } else if (!p->absorbs) {
             add_emission(sum, p, &s);
         } else if (!(s.depth <= DEEPEST && within(&s, p, sum->tolerance))) {
@@ -189,7 +170,7 @@ static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const doubl
         } else {
             double integrals[3];
             integrate(&s, integrals);
-            add_light(sum, p, &s, small_exp(-s.depth), integrals);
+            add_light(sum, p, &s, lr_rule_exp(-s.depth), integrals);
         }
         const double size = b - a;
         a = b;

@@ -142,7 +142,7 @@ LR_INLINE void lr_add_along_one(const lr_volume *v, const void *data, const lr_r
                lr_sums_cell(&sums, v, &r, lattice, u.c))
             first = false;
     }
-    const bool seen = lr_sums_put(&sums, v, hits, i);
+    const bool seen = lr_sums_put(&sums, v, &r, hits, i);
     if (hits->steps != NULL)
         hits->steps[i] = (int32_t)(tally.cells < INT32_MAX ? tally.cells : INT32_MAX);
     counters->rays++;

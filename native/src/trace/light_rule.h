@@ -1,0 +1,40 @@
+/* Gauss and Legendre's rule of four nodes, and the exponential function that goes with it.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_TRACE_LIGHT_RULE_H
+#define LR_TRACE_LIGHT_RULE_H
+
+#include "base/base.h"
+
+enum { LR_RULE_NODES = 4 };
+
+static const double lr_rule_node[LR_RULE_NODES] = {-0.86113631159405257522, -0.33998104358485626480,
+                                                   0.33998104358485626480, 0.86113631159405257522};
+static const double lr_rule_weight[LR_RULE_NODES] = {
+    0.34785484513745385737, 0.65214515486254614263, 0.65214515486254614263, 0.34785484513745385737};
+
+/* What the rule loses of x^8, and of higher powers for R >= 4: sum over even k >= 8 of
+ * R^(8-k) (integral of x^k - rule's sum). */
+#define LR_RULE_LOST 0.0138
+
+/* The optical depth of the deepest piece that it is taken over. */
+#define LR_RULE_DEEPEST 0.5
+
+/* exp(x) for -LR_RULE_DEEPEST <= x <= LR_RULE_DEEPEST, to 1e-12. */
+LR_INLINE double lr_rule_exp(double x)
+{
+    double sum = 1.0 / 39916800.0;
+    sum = sum * x + 1.0 / 3628800.0;
+    sum = sum * x + 1.0 / 362880.0;
+    sum = sum * x + 1.0 / 40320.0;
+    sum = sum * x + 1.0 / 5040.0;
+    sum = sum * x + 1.0 / 720.0;
+    sum = sum * x + 1.0 / 120.0;
+    sum = sum * x + 1.0 / 24.0;
+    sum = sum * x + 1.0 / 6.0;
+    sum = sum * x + 0.5;
+    sum = sum * x + 1.0;
+    return sum * x + 1.0;
+}
+
+#endif
