@@ -139,7 +139,7 @@ def see(s: Source):
         if s.likely(0.3):
             more[name] = s.number(0.3)
     hits = leapray.trace(leapray.build(volume), origins, directions, **more)
-    check_hits(hits, n)
+    check(hits.t.shape == (n,) and not np.isnan(hits.t).any(), "a t that is none")
     check(not np.isnan(hits.color).any() and (hits.color >= 0).all(), "a colour that is none")
     check(((hits.opacity >= 0) & (hits.opacity <= 1)).all(), "an opacity that is none")
 

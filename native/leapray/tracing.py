@@ -307,8 +307,10 @@ def trace(
     )
     low, high = per_ray(t_min, n, "t_min"), per_ray(t_max, n, "t_max")
     starts = None if start is None else _starts(start, n)
-    t, cell = np.empty(n), np.empty((3, n), np.int32)
-    normals, field, ids = np.empty((3, n)), np.empty((3, n)), np.empty(n, np.int32)
+    surface = n if mode in MODES else 0  # rays that end at one
+    t, cell = np.empty(n), np.empty((3, surface), np.int32)
+    normals, field = np.empty((3, surface)), np.empty((3, surface))
+    ids = np.empty(surface, np.int32)
     steps = np.empty(n if count else 0, np.int32)
     sums = {name: np.empty((rows, n)) for name, rows in SUMS.get(mode, {}).items()}
     watch = watch or Watch()
@@ -318,10 +320,12 @@ def trace(
             return None if array is None else pointer(array[first:last], c_type)
 
         rays = _abi.lr_rays(*map(at, o), *map(at, d), at(low), at(high), at(starts, _abi.lr_start))
-        integers = [at(row, ctypes.c_int32) for row in cell]
-        hits = _abi.lr_hits(
-            at(t), *integers, *map(at, normals), *map(at, field), at(ids, ctypes.c_int32)
-        )
+        hits = _abi.lr_hits(t=at(t))
+        if surface:
+            integers = [at(row, ctypes.c_int32) for row in cell]
+            hits = _abi.lr_hits(
+                at(t), *integers, *map(at, normals), *map(at, field), at(ids, ctypes.c_int32)
+            )
         if count:
             hits.steps = at(steps, ctypes.c_int32)
         for name, rows in sums.items():

@@ -134,7 +134,7 @@ LR_INLINE void set_up_lanes(lr_cell_lanes *k, const lr_lanes_ray *ray, lane_stre
     }
 }
 
-/* Bound the rule's error. exp(x) <= 1 + x + x^2 for x <= 1.79. */
+/* Bound the rule's error, which is none of one colour. exp(x) <= 1 + x + x^2 for x <= 1.79. */
 LR_INLINE void judge(lr_cell_lanes *k, const lr_lanes_ray *ray, const lane_stretch *s)
 {
     const double r = 4.0, most = 1.79;
@@ -151,7 +151,7 @@ LR_INLINE void judge(lr_cell_lanes *k, const lr_lanes_ray *ray, const lane_stret
         const double error =
             LR_RULE_LOST / 65536.0 * depth * (1.0 + depth + depth * depth) * y * slope * k->turn[l];
         const double allowed = 0.6 * ray->tolerance * s->depth[l];
-        const double bounded = depth <= most ? 1.0 : 0.0;
+        const double bounded = k->turn[l] * depth <= k->turn[l] * most ? 1.0 : 0.0;
         const double shallow = s->depth[l] <= LR_RULE_DEEPEST ? bounded : 0.0;
         k->within[l] = error <= allowed ? shallow : 0.0;
     }

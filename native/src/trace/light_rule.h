@@ -18,12 +18,14 @@ static const double lr_rule_weight[LR_RULE_NODES] = {
 #define LR_RULE_LOST 0.0138
 
 /* The optical depth of the deepest piece that it is taken over. */
-#define LR_RULE_DEEPEST 0.5
+#define LR_RULE_DEEPEST 1.0
 
-/* exp(x) for -LR_RULE_DEEPEST <= x <= LR_RULE_DEEPEST, to 1e-12. */
+/* exp(x) for -LR_RULE_DEEPEST <= x <= LR_RULE_DEEPEST, to 1.3e-11. */
 LR_INLINE double lr_rule_exp(double x)
 {
-    double sum = 1.0 / 39916800.0;
+    double sum = 1.0 / 6227020800.0;
+    sum = sum * x + 1.0 / 479001600.0;
+    sum = sum * x + 1.0 / 39916800.0;
     sum = sum * x + 1.0 / 3628800.0;
     sum = sum * x + 1.0 / 362880.0;
     sum = sum * x + 1.0 / 40320.0;
