@@ -9,7 +9,11 @@
 #include "trace/cell_lanes.h"
 #include "trace/light_rule.h"
 
+#ifdef __clang__
+#define EACH_LANE _Pragma("clang loop vectorize(enable)") for (int l = 0; l < LR_CELL_LANES; l++)
+#else
 #define EACH_LANE for (int l = 0; l < LR_CELL_LANES; l++)
+#endif
 
 LR_INLINE double lesser(double a, double b)
 {
@@ -35,19 +39,21 @@ LR_INLINE void find_parts(lr_cell_lanes *k, const lr_ray *r, const lr_lanes_ray 
         if (r->s[a] == 0)
             continue;
         const double near = r->s[a] < 0, far = 1.0 - near;
+        const double o = r->o[a], inv = r->inv[a], graze = ray->graze[a];
         EACH_LANE
         {
-            const double t = (k->cell[a][l] + near - r->o[a]) * r->inv[a];
-            const double end = (k->cell[a][l] + far - r->o[a]) * r->inv[a];
-            graze_in[l] = t > in[l] ? ray->graze[a] : graze_in[l];
-            graze_out[l] = end < out[l] ? ray->graze[a] : graze_out[l];
+            const double t = (k->cell[a][l] + near - o) * inv;
+            const double end = (k->cell[a][l] + far - o) * inv;
+            graze_in[l] = t > in[l] ? graze : graze_in[l];
+            graze_out[l] = end < out[l] ? graze : graze_out[l];
             in[l] = greater(t, in[l]);
             out[l] = lesser(end, out[l]);
         }
     }
+    const double t_min = ray->t_min, t_max = ray->t_max;
     EACH_LANE
     {
-        const double low = greater(in[l], ray->t_min), high = lesser(out[l], ray->t_max);
+        const double low = greater(in[l], t_min), high = lesser(out[l], t_max);
         const double least = greater(graze_in[l], graze_out[l]);
         const double end = out[l] - in[l] > least ? high : low;
         k->t_low[l] = low;
@@ -58,6 +64,7 @@ LR_INLINE void find_parts(lr_cell_lanes *k, const lr_ray *r, const lr_lanes_ray 
 /* The trilinear field along the ray, by the field's own coefficients at the part's beginning. */
 LR_INLINE void find_cubics(lr_cell_lanes *k, const lr_ray *r)
 {
+    const double o[3] = {r->o[0], r->o[1], r->o[2]};
     double d[3];
     for (int a = 0; a < 3; a++)
         d[a] = r->s[a] != 0 ? r->d[a] : 0.0;
@@ -66,7 +73,7 @@ LR_INLINE void find_cubics(lr_cell_lanes *k, const lr_ray *r)
         const double size = k->t_high[l] - k->t_low[l];
         double p[3], e[3];
         for (int a = 0; a < 3; a++) {
-            p[a] = lr_clamp(r->o[a] + k->t_low[l] * d[a] - k->cell[a][l], 0.0, 1.0);
+            p[a] = lr_clamp(o[a] + k->t_low[l] * d[a] - k->cell[a][l], 0.0, 1.0);
             e[a] = size * d[a];
         }
         const double s0 = k->corner[0][l], x = k->corner[1][l] - s0, y = k->corner[2][l] - s0;
@@ -116,9 +123,10 @@ typedef struct lane_stretch {
 
 LR_INLINE void set_up_lanes(lr_cell_lanes *k, const lr_lanes_ray *ray, lane_stretch *s)
 {
+    const double speed = ray->speed;
     EACH_LANE
     {
-        const double half = 0.5 * (k->t_high[l] - k->t_low[l]) * ray->speed;
+        const double half = 0.5 * (k->t_high[l] - k->t_low[l]) * speed;
         const double c1 = k->c[1][l], c2 = k->c[2][l], c3 = k->c[3][l];
         k->middle[l] = k->c[0][l] + 0.5 * c1 + 0.25 * c2 + 0.125 * c3 - k->from[l];
         s->y[0][l] = (c1 + c2 + 0.75 * c3) * 0.5;
@@ -137,7 +145,7 @@ LR_INLINE void set_up_lanes(lr_cell_lanes *k, const lr_lanes_ray *ray, lane_stre
 /* Bound the rule's error, which is none of one colour. exp(x) <= 1 + x + x^2 for x <= 1.79. */
 LR_INLINE void judge(lr_cell_lanes *k, const lr_lanes_ray *ray, const lane_stretch *s)
 {
-    const double r = 4.0, most = 1.79;
+    const double r = 4.0, most = 1.79, tolerance = 0.6 * ray->tolerance;
     EACH_LANE
     {
         const double y = ((fabs(s->y[2][l]) * r + fabs(s->y[1][l])) * r + fabs(s->y[0][l])) * r;
@@ -150,10 +158,9 @@ LR_INLINE void judge(lr_cell_lanes *k, const lr_lanes_ray *ray, const lane_stret
             s->a[0][l];
         const double error =
             LR_RULE_LOST / 65536.0 * depth * (1.0 + depth + depth * depth) * y * slope * k->turn[l];
-        const double allowed = 0.6 * ray->tolerance * s->depth[l];
-        const double bounded = k->turn[l] * depth <= k->turn[l] * most ? 1.0 : 0.0;
-        const double shallow = s->depth[l] <= LR_RULE_DEEPEST ? bounded : 0.0;
-        k->within[l] = error <= allowed ? shallow : 0.0;
+        /* a product of 0 and infinity, of what is too deep, is passed over */
+        const double excess = greater(k->turn[l] * (depth - most), error - tolerance * s->depth[l]);
+        k->within[l] = greater(excess, s->depth[l] - LR_RULE_DEEPEST) <= 0.0 ? 1.0 : 0.0;
     }
 }
 
@@ -162,15 +169,17 @@ static void LR_LANES_NAME(light)(lr_cell_lanes *k, const lr_lanes_ray *ray)
     lane_stretch s;
     set_up_lanes(k, ray, &s);
     judge(k, ray, &s);
-    double start[LR_CELL_LANES], turns = 0.0;
+    double start[LR_CELL_LANES];
+    bool turns = false;
     EACH_LANE
     {
         start[l] = s.a[0][l] - s.a[1][l] + s.a[2][l] - s.a[3][l]; /* depth from x = -1 to 0 */
         k->after[l] = lr_rule_exp(-lesser(s.depth[l], LR_RULE_DEEPEST));
         k->integral[l] = 0.0;
-        turns = greater(turns, k->turn[l]);
     }
-    if (turns == 0.0)
+    for (int l = 0; l < LR_CELL_LANES; l++)
+        turns = turns || k->turn[l] != 0.0;
+    if (!turns)
         return;
     for (int i = 0; i < LR_RULE_NODES; i++) {
         const double x = lr_rule_node[i], weight = lr_rule_weight[i];
