@@ -213,7 +213,8 @@ def a_scene():
 
 
 SCENARIOS = (a_solid, a_sheet, a_pierced_ball, a_large_mesh, a_doubled_crossing, two_islands,
-             coverage, merged, sampled, fields, seen, structures, distances, images, a_scene)  # fmt: skip
+             coverage, merged, sampled, fields, seen, structures, distances, images,
+             a_scene)  # fmt: skip
 
 
 # ---- runs --------------------------------------------------------------------------------------
