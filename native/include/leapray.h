@@ -839,6 +839,8 @@ typedef struct lr_rays {
     const double *t_min;   /* NULL: 0; not below 0 where start is used */
     const double *t_max;   /* NULL: infinity */
     const lr_start *start; /* NULL: unknown */
+    const double *length;  /* of the direction, as extinction and emission count; NULL: as it is in
+                              object space */
 } lr_rays;
 
 /* One entry per ray; any pointer but t may be NULL. */
@@ -1040,6 +1042,8 @@ typedef struct lr_instance {
     const lr_clip *clips;          /* [n_clips]; light is not bent or absorbed inside what is cut */
     uint64_t n_clips;
     const lr_field_color *field_color; /* in place of the colours that the volume keeps; or NULL */
+    double volume_unit; /* of a volume with a transfer function: the length in world space that its
+                           extinction and emission are for; 0: the unit of object space */
 } lr_instance;
 
 #define LR_OWN_INDEX -2147483647
@@ -1118,7 +1122,7 @@ typedef struct lr_event {
     uint32_t media[6];   /* the instance of each, the one entered last at the end */
     uint32_t media_material[6]; /* and its material */
     uint64_t light;         /* LIGHT, FOUND: its index, n_lights for the world, UINT64_MAX for the
-                               surface itself */
+                               surface itself, UINT64_MAX - 1 for volumes before it */
     double origin[3];       /* RAY; LIGHT: where its ray to the light starts */
     double direction[3];    /* RAY: t as in lr_camera for the camera's, else unit; LIGHT: unit */
     double t;               /* RAY: where it ends at the latest; HIT, infinity on a miss; LIGHT: the

@@ -600,6 +600,7 @@ class lr_rays(ctypes.Structure):
         ("t_min", ctypes.POINTER(ctypes.c_double)),
         ("t_max", ctypes.POINTER(ctypes.c_double)),
         ("start", ctypes.POINTER(lr_start)),
+        ("length", ctypes.POINTER(ctypes.c_double)),
     )
 
 
@@ -745,6 +746,7 @@ class lr_instance(ctypes.Structure):
         ("clips", ctypes.POINTER(lr_clip)),
         ("n_clips", ctypes.c_uint64),
         ("field_color", ctypes.POINTER(lr_field_color)),
+        ("volume_unit", ctypes.c_double),
     )
 
 

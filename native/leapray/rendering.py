@@ -218,6 +218,8 @@ class Instance:
     holdout: bool = False  # the camera sees a hole in the picture
     clips: Sequence[Clip] = ()  # inside what is cut light is neither bent nor absorbed
     field_color: FieldColor | None = None  # in place of the colours that the volume keeps
+    volume_unit: float = 0.0  # of a visible volume: the length in world space that its extinction
+    # and emission are for; 0: the unit of object space
 
 
 class Record:
@@ -460,7 +462,8 @@ def _instances(instances: Sequence[Instance], clips: NDArray, colors: NDArray) -
     structures = {id(i.structure): i.structure for i in instances}
     addresses = {key: _address(structure.handle) for key, structure in structures.items()}
     table["structure"] = [addresses[id(i.structure)] for i in instances]
-    for name in ("object_index", "first_material", "n_materials", "volume_index", "error"):
+    names = ("object_index", "first_material", "n_materials", "volume_index", "error")
+    for name in (*names, "volume_unit"):
         values = [getattr(i, name) for i in instances]
         table[name] = numbers(values, table.dtype[name], f"{name} of the instances")
     table["holdout"] = [bool(i.holdout) for i in instances]

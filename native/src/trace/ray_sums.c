@@ -23,14 +23,14 @@ static const double OPAQUE = 1e-16;
  * voxels that are never taken for a graze. */
 static const double ROUNDING = 0x1p-49, LEAST_CHORD = 1e-6;
 
-void lr_sums_begin(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, const double d[3],
+void lr_sums_begin(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, double length,
                    double t_min, const lr_trace_options *options)
 {
     const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
     *sums = (lr_ray_sums){.options = options,
                           .ray = {.t_min = t_min,
                                   .t_max = r->t_max,
-                                  .speed = sqrt(lr_dot(d, d)),
+                                  .speed = length,
                                   .tolerance = options->tolerance},
                           .step = options->step / sqrt(lr_dot(r->d, r->d)),
                           .t = INFINITY,

@@ -25,8 +25,9 @@ typedef struct lr_ray_sums {
     uint64_t piece; /* of the transfer function, by which the last cell was seen */
 } lr_ray_sums;
 
-/* r: set up, entered or not; t_min: where the ray begins. */
-void lr_sums_begin(lr_ray_sums *sums, const lr_volume *volume, const lr_ray *r, const double d[3],
+/* r: set up, entered or not; length: of its direction, as extinction counts; t_min: where the ray
+ * begins. */
+void lr_sums_begin(lr_ray_sums *sums, const lr_volume *volume, const lr_ray *r, double length,
                    double t_min, const lr_trace_options *options);
 
 /* Add visible cell c, or let it wait; false: nothing behind it can count. */

@@ -17,6 +17,7 @@
 #include "render/integrator/path_record.h"
 #include "render/integrator/scatter.h"
 #include "render/integrator/shading_point.h"
+#include "render/integrator/volume_light.h"
 #include "render/lights/environment.h"
 #include "render/lights/light.h"
 
@@ -100,11 +101,12 @@ static void keep_free(const lr_hit_queue *hits, lr_ray_queue *rays, lr_shadow_qu
     }
 }
 
-/* Continue the rays through the transparent surfaces that they have hit: reads the hits; writes
- * the shadow rays' contributions and media, and the rays that continue. */
+/* Continue the rays through the transparent surfaces that they have hit: reads the hits and what
+ * volumes absorb before them; writes the shadow rays' contributions and media, and the rays that
+ * continue. */
 static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
-                          const lr_hit_queue *hits, lr_ray_queue *rays,
-                          lr_shadow_queue *shadow_rays, lr_record *record)
+                          const lr_hit_queue *hits, const lr_volume_light *light,
+                          lr_ray_queue *rays, lr_shadow_queue *shadow_rays, lr_record *record)
 {
     const uint32_t n = rays->n;
     rays->n = 0;
@@ -116,6 +118,8 @@ static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
         const double d[3] = {rays->ray.dx[i], rays->ray.dy[i], rays->ray.dz[i]};
         if (scene->has_media)
             lr_medium_stack_absorb(scene, media, hits->t[i], shadow_ray->contribution);
+        for (int a = 0; a < 3 && scene->n_participants > 0; a++)
+            shadow_ray->contribution[a] *= light->transmittance[i];
         if (!hit || is_black(shadow_ray->contribution))
             continue;
         lr_shading_point s;
@@ -149,13 +153,17 @@ static lr_status trace_shadow_rays(const lr_context *context, lr_shadow_queue *s
     lr_status status = lr_intersect_closest(context, &options, rays, hits, &wave->memory);
     if (status == LR_OK)
         keep_free(hits, rays, shadow_rays, record);
+    const bool passes = scene->has_clear || scene->has_media || scene->n_participants > 0;
     options.among = LR_AMONG_CLEAR;
     options.any = false;
-    while (status == LR_OK && (scene->has_clear || scene->has_media) && rays->n > 0) {
+    while (status == LR_OK && passes && rays->n > 0) {
         status = lr_intersect_closest(context, &options, rays, hits, &wave->memory);
+        if (status == LR_OK && scene->n_participants > 0)
+            status = lr_find_volume_light(context, 0, rays, hits->t, &wave->memory.batch,
+                                          &wave->volume_light);
         if (status == LR_OK)
-            pass_surfaces(scene, (uint32_t)context->tile->transparent_bounces, hits, rays,
-                          shadow_rays, record);
+            pass_surfaces(scene, (uint32_t)context->tile->transparent_bounces, hits,
+                          &wave->volume_light, rays, shadow_rays, record);
     }
     for (uint32_t k = 0; k < shadow_rays->n && status == LR_OK; k++) {
         const lr_path *path = shadow_rays->rays[k].shading_point->path;

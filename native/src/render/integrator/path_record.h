@@ -10,7 +10,9 @@
 #include "render/integrator/queues.h"
 #include "render/integrator/sampled_light.h"
 
-#define LR_OWN_EMISSION UINT64_MAX /* in place of the index of a light */
+/* In place of the index of a light: */
+#define LR_OWN_EMISSION    UINT64_MAX       /* the surface that is hit */
+#define LR_VOLUME_EMISSION (UINT64_MAX - 1) /* volumes before it */
 
 /* The path's next ray, which follows that of its parent; NULL: the camera's. kind: lr_ray_kind. */
 void lr_record_ray(const lr_path *path, const lr_path *parent, int kind, lr_record *record);

@@ -15,6 +15,7 @@
 #include "render/integrator/path_record.h"
 #include "render/integrator/scatter.h"
 #include "render/integrator/shading_point.h"
+#include "render/integrator/volume_light.h"
 #include "render/lights/environment.h"
 #include "render/lights/light.h"
 
@@ -48,37 +49,64 @@ static double mis_weight_of_hit(const lr_scene *scene, const lr_path *path, uint
 
 /* Add the light if the path, scattered at o, meets it before its end: reads the path; writes its
  * pixel's sums. */
-static void find_light(const lr_scene *scene, const lr_path *path, uint64_t light_index,
-                       const double o[3], const double d[3], double length, lr_film *film)
+static lr_status find_light(const lr_context *context, const lr_path *path, uint64_t light_index,
+                            const double o[3], const double d[3], double length, lr_batch *batch,
+                            lr_film *film)
 {
+    const lr_scene *scene = context->scene;
     const lr_light *light = &scene->lights[light_index];
-    double t, color[3], pdf, throughput[3];
+    double t, color[3], pdf, throughput[3], transmittance;
     if ((light->visibility & path->visibility) == 0 ||
         !lr_light_hit(light, o, d, path->travelled + length, &t, color, &pdf) ||
         t < path->travelled)
-        return;
+        return LR_OK;
+    const lr_status status = lr_find_transmittance(context, o, d, path->travelled, t,
+                                                   path->visibility, batch, &transmittance);
+    if (status != LR_OK)
+        return status;
     memcpy(throughput, path->throughput, sizeof throughput);
     lr_medium_stack_absorb(scene, &path->media, t - path->travelled, throughput);
+    for (int a = 0; a < 3; a++)
+        throughput[a] *= transmittance;
     add(path, light_index, color, throughput, mis_weight_of_hit(scene, path, light_index, o, pdf),
         film);
     for (int a = 0; a < 3 && path->seen; a++)
         film->pixels[path->pixel].emission[a] += throughput[a] * color[a];
+    return LR_OK;
 }
 
 /* Add lights with extent that the path meets before its end: reads the path; writes its pixel's
- * sums. */
-static void find_lights(const lr_scene *scene, const lr_path *path, const double d[3],
-                        double length, lr_film *film)
+ * sums. Uses the batch. */
+static lr_status find_lights(const lr_context *context, const lr_path *path, const double d[3],
+                             double length, lr_batch *batch, lr_film *film)
 {
-    const lr_light_tree *light_tree = &scene->light_tree;
+    const lr_light_tree *light_tree = &context->scene->light_tree;
+    lr_status status = LR_OK;
     const double t_max = path->travelled + length;
     lr_light_walk walk;
     double o[3];
     scattered_at(path, d, o);
     lr_light_tree_start(light_tree, &walk);
     for (uint64_t light_index;
+         status == LR_OK &&
          (light_index = lr_light_tree_next(light_tree, &walk, o, d, t_max)) != LR_LIGHT_NONE;)
-        find_light(scene, path, light_index, o, d, length, film);
+        status = find_light(context, path, light_index, o, d, length, batch, film);
+    return status;
+}
+
+/* Add what volumes emit along the path's ray, and let them absorb what comes from behind them:
+ * writes its throughput and its pixel's sums. */
+static void pass_volumes(const lr_volume_light *light, uint32_t i, lr_path *path, lr_film *film)
+{
+    const double *color = light->color[i];
+    if (light->n_met[i] == 0)
+        return;
+    add(path, LR_VOLUME_EMISSION, color, path->throughput, 1, film);
+    for (int a = 0; a < 3; a++) {
+        if (path->seen)
+            film->pixels[path->pixel].emission[a] += path->throughput[a] * color[a];
+        path->throughput[a] *= light->transmittance[i];
+    }
 }
 
 /* Add the world for a path that misses: reads it; writes its pixel's sums. */
@@ -152,16 +180,18 @@ static bool hold_out(lr_shading_point *s, lr_film *film)
     return !(left > 0);
 }
 
-/* Process the wave's hits of lights, world and surfaces: reads rays and hits; writes the
- * absorption into the paths' throughputs, the pixels' sums, and shading points. Some are
- * missing where stopped. */
-static void process_hits(const lr_context *context, bool any, const lr_ray_queue *rays,
-                         const lr_hit_queue *hits, lr_path *paths, lr_shading_queue *shading_points,
-                         lr_film *film)
+/* Process the wave's hits of lights, world and surfaces: reads rays, hits and the light of volumes;
+ * writes the absorption into the paths' throughputs, the pixels' sums, and shading points. Uses the
+ * batch. Some are missing where stopped. */
+static lr_status process_hits(const lr_context *context, bool any, lr_wave *wave, lr_path *paths,
+                              lr_shading_queue *shading_points, lr_film *film)
 {
     const lr_scene *scene = context->scene;
+    const lr_ray_queue *rays = &wave->rays;
+    const lr_hit_queue *hits = &wave->hits;
+    lr_status status = LR_OK;
     shading_points->n = 0;
-    for (uint32_t i = 0; i < rays->n && !lr_stopped(context->watch); i++) {
+    for (uint32_t i = 0; i < rays->n && status == LR_OK && !lr_stopped(context->watch); i++) {
         lr_path *path = &paths[rays->owner[i]];
         const bool hit = hits->instance[i] != LR_NOWHERE;
         const double unit = sqrt(lr_dot(path->direction, path->direction));
@@ -169,7 +199,9 @@ static void process_hits(const lr_context *context, bool any, const lr_ray_queue
         const double d[3] = {path->direction[0] / unit, path->direction[1] / unit,
                              path->direction[2] / unit};
         if (scene->has_lights)
-            find_lights(scene, path, d, length, film);
+            status = find_lights(context, path, d, length, &wave->memory.batch, film);
+        if (scene->n_participants > 0)
+            pass_volumes(&wave->volume_light, i, path, film);
         if (path->media.n > 0)
             lr_medium_stack_absorb(scene, &path->media, length, path->throughput);
         if (!hit) {
@@ -187,6 +219,7 @@ static void process_hits(const lr_context *context, bool any, const lr_ray_queue
                 add_emission(s, film);
         }
     }
+    return status;
 }
 
 /* The passes of primary rays: reads the shading points; writes passes and sums. Uses the
@@ -221,12 +254,17 @@ static lr_status trace_batch(const lr_context *context, bool any, bool camera, b
         return status;
     if (geometry)
         lr_write_steps(queues->now.paths, &wave->rays, &wave->hits, film);
-    process_hits(context, any, &wave->rays, &wave->hits, queues->now.paths, shading_points, film);
-    for (uint32_t k = 0; k < shading_points->n; k++) {
+    if (context->scene->n_participants > 0)
+        status = lr_find_volume_light(context, options.t_min, &wave->rays, wave->hits.t,
+                                      &wave->memory.batch, &wave->volume_light);
+    if (status == LR_OK)
+        status = process_hits(context, any, wave, queues->now.paths, shading_points, film);
+    for (uint32_t k = 0; k < shading_points->n && status == LR_OK; k++) {
         lr_shading_point *s = &shading_points->points[k];
         lr_scatter_choose(context, s, &queues->next.free_slots[s->path->pixel]);
     }
-    status = write_primary_passes(context, geometry, shading_points, wave, film);
+    if (status == LR_OK)
+        status = write_primary_passes(context, geometry, shading_points, wave, film);
     if (status == LR_OK)
         status = lr_light_shading_points(context, shading_points, &queues->shadow_rays, wave, film);
     for (uint32_t k = 0; k < shading_points->n && status == LR_OK; k++)
@@ -242,7 +280,8 @@ static lr_status trace_queue(const lr_context *context, bool camera, bool geomet
     lr_status status = LR_OK;
     for (int last = 0; last < 2; last++) {
         const bool any = last != 0 && !scene->has_clear && !scene->has_media && !scene->emits &&
-                         !scene->has_lights && context->tile->record == NULL;
+                         !scene->has_lights && scene->n_participants == 0 &&
+                         context->tile->record == NULL;
         for (uint32_t pixel = 0; pixel < film->n_pixels && status == LR_OK;) {
             fill_batch(&queues->now, film->n_pixels, last != 0, &pixel, &queues->wave.rays);
             if (queues->wave.rays.n > 0)

@@ -17,7 +17,7 @@ static lr_rays_buffer take_rays(lr_arena *arena, uint64_t n)
 
 static lr_hits take_hits(lr_arena *arena, uint64_t n)
 {
-    lr_hits hit;
+    lr_hits hit = {0};
     hit.t = lr_arena_take_doubles(arena, n);
     hit.ci = lr_arena_take(arena, n, sizeof *hit.ci);
     hit.cj = lr_arena_take(arena, n, sizeof *hit.cj);
@@ -57,9 +57,20 @@ static void take_wave(lr_arena *arena, uint64_t n, uint32_t height, lr_wave *wav
     m->batch.ray = take_rays(arena, n);
     m->batch.t_min = lr_arena_take_doubles(arena, n);
     m->batch.t_max = lr_arena_take_doubles(arena, n);
+    m->batch.length = lr_arena_take_doubles(arena, n);
     m->batch.t_passed = lr_arena_take_doubles(arena, n);
     m->batch.start = lr_arena_take(arena, n, sizeof *m->batch.start);
     m->batch.hit = take_hits(arena, n);
+    m->batch.hit.red = lr_arena_take_doubles(arena, n);
+    m->batch.hit.green = lr_arena_take_doubles(arena, n);
+    m->batch.hit.blue = lr_arena_take_doubles(arena, n);
+    m->batch.hit.transmittance = lr_arena_take_doubles(arena, n);
+    m->batch.capacity = (uint32_t)n;
+    lr_volume_light *light = &wave->volume_light;
+    light->color = lr_arena_take(arena, n, sizeof *light->color);
+    light->transmittance = lr_arena_take_doubles(arena, n);
+    light->n_met = lr_arena_take(arena, n, sizeof *light->n_met);
+    light->ray_of = lr_arena_take(arena, n, sizeof *light->ray_of);
 }
 
 static lr_path_queue take_paths(lr_arena *arena, uint64_t n_pixels, uint32_t slots)

@@ -71,8 +71,10 @@ typedef struct lr_hit_queue {
 
 /* The rays of one instance in its object space. */
 typedef struct lr_batch {
+    uint32_t capacity;
     lr_rays_buffer ray;
     double *t_min, *t_max;
+    double *length;   /* of its direction, as extinction counts */
     double *t_passed; /* where it starts on the wave's ray, in an instance that is cut */
     lr_start *start;
     lr_hits hit;
@@ -92,10 +94,19 @@ typedef struct lr_intersect_memory {
     lr_batch batch;
 } lr_intersect_memory;
 
+/* What participating instances add to each ray before its end, and leave of what lies behind. */
+typedef struct lr_volume_light {
+    double (*color)[3];
+    double *transmittance;
+    uint32_t *n_met;  /* instances of which there is something along it */
+    uint32_t *ray_of; /* of those in the batch */
+} lr_volume_light;
+
 typedef struct lr_wave {
     lr_ray_queue rays;
     lr_hit_queue hits;
     lr_intersect_memory memory;
+    lr_volume_light volume_light;
 } lr_wave;
 
 /* A shading point. */

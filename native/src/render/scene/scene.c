@@ -48,6 +48,16 @@ static lr_status check_instance(const lr_scene_desc *desc, uint64_t i, lr_error 
     if (instance->structure == NULL)
         return lr_fail(error, LR_E_ARGUMENT, "instance %llu has no structure",
                        (unsigned long long)i);
+    if (lr_structure_volume(instance->structure)->transfer != NULL &&
+        (instance->n_clips > 0 || instance->holdout != 0))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "instance %llu has a transfer function, and no surface that could be cut "
+                       "or held out",
+                       (unsigned long long)i);
+    if (!(instance->volume_unit >= 0 && instance->volume_unit < INFINITY))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the volume unit of instance %llu must be finite and not negative, it is %g",
+                       (unsigned long long)i, instance->volume_unit);
     if (instance->clips == NULL && instance->n_clips > 0)
         return lr_fail(error, LR_E_ARGUMENT, "the clips of instance %llu are NULL but not empty",
                        (unsigned long long)i);
@@ -145,6 +155,7 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
         .n_materials = instance->n_materials,
         .volume_index = instance->volume_index,
         .error = instance->error,
+        .volume_unit = instance->volume_unit,
         .holdout = instance->holdout != 0,
     };
     if (!lr_affine_invert(instance->world_from_object, placed->object_from_world))
@@ -187,6 +198,20 @@ static lr_status place_fields(const lr_scene_desc *desc, lr_scene *scene, lr_err
     return status;
 }
 
+/* Take instances without a surface out of the hierarchy, as participants. */
+static void part(lr_scene *scene, lr_box *boxes)
+{
+    const lr_box empty = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (uint32_t i = 0; i < scene->n_instances; i++) {
+        const bool visible = boxes[i].lo[0] <= boxes[i].hi[0];
+        if (lr_structure_volume(scene->instances[i].structure)->transfer == NULL)
+            continue;
+        if (visible)
+            scene->participants[scene->n_participants++] = (lr_participant){i, boxes[i]};
+        boxes[i] = empty;
+    }
+}
+
 /* Flags of the scene by what instances do to rays. */
 static void set_flags(lr_scene *scene)
 {
@@ -196,7 +221,10 @@ static void set_flags(lr_scene *scene)
         uint32_t flags = 0;
         for (uint32_t k = 0; k < placed->n_materials; k++)
             flags |= scene->materials[scene->slots[placed->first_material + k]].flags;
-        const bool solid = lr_structure_volume(placed->structure)->desc.kind != LR_KIND_SHEET;
+        const lr_volume *volume = lr_structure_volume(placed->structure);
+        const bool solid = volume->desc.kind != LR_KIND_SHEET && volume->transfer == NULL;
+        if (volume->transfer != NULL)
+            flags = 0;
         placed->clear = (flags & LR_MATERIAL_CLEAR) != 0;
         placed->enterable = solid && (flags & media) != 0 && placed->n_clips == 0;
         scene->has_clear |= placed->clear;
@@ -218,6 +246,8 @@ static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error 
         status = place(&desc->instances[i], i, &scene->instances[i], &boxes[i], error);
     if (status == LR_OK)
         status = place_fields(desc, scene, error);
+    if (status == LR_OK)
+        part(scene, boxes);
     if (status == LR_OK)
         status = lr_hierarchy_build(boxes, (uint32_t)desc->n_instances, &scene->hierarchy, error);
     if (status == LR_OK)
@@ -250,6 +280,7 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     scene->film_transparent = desc->film_transparent != 0;
     scene->lone_media = desc->lone_media != 0;
     scene->instances = copy(NULL, desc->n_instances, sizeof *scene->instances);
+    scene->participants = copy(NULL, desc->n_instances, sizeof *scene->participants);
     scene->lights = copy(desc->lights, desc->n_lights, sizeof *scene->lights);
     scene->materials = copy(NULL, desc->n_materials, sizeof *scene->materials);
     scene->lobes = copy(NULL, desc->n_materials * LR_LOBES_MAX, sizeof *scene->lobes);
@@ -257,7 +288,8 @@ static lr_status fill(const lr_scene_desc *desc, lr_scene *scene, lr_error *erro
     if (desc->slot_objects != NULL)
         scene->slot_objects = copy(desc->slot_objects, desc->n_slots, sizeof *scene->slot_objects);
     if ((desc->slot_objects != NULL && !scene->slot_objects) || !scene->instances ||
-        !scene->lights || !scene->materials || !scene->lobes || !scene->slots)
+        !scene->participants || !scene->lights || !scene->materials || !scene->lobes ||
+        !scene->slots)
         return lr_fail_memory(error, desc->n_instances * sizeof *scene->instances, "the scene");
     for (uint64_t i = 0; i < desc->n_lights; i++) {
         double *d = scene->lights[i].direction;
@@ -302,6 +334,7 @@ void lr_scene_free(lr_scene *scene)
     lr_light_tree_free(&scene->light_tree);
     free(scene->hierarchy.nodes);
     free(scene->instances);
+    free(scene->participants);
     free(scene->clips);
     free(scene->lights);
     free(scene->materials);

@@ -19,7 +19,8 @@ typedef struct lr_placed {
     int32_t object_index;
     uint32_t first_material, n_materials;
     int32_t volume_index;
-    double error;   /* of its surface, in world space */
+    double error; /* of its surface, in world space */
+    double volume_unit;
     bool clear;     /* lets some light straight through */
     bool enterable; /* a solid that bends or absorbs light */
     bool holdout;
@@ -28,10 +29,18 @@ typedef struct lr_placed {
     lr_placed_color color;
 } lr_placed;
 
+/* An instance without a surface: its volume emits and absorbs light along rays. */
+typedef struct lr_participant {
+    uint32_t instance;
+    lr_box box; /* in world space, of what is visible */
+} lr_participant;
+
 struct lr_scene {
     lr_camera camera;
     lr_placed *instances;
     uint32_t n_instances;
+    lr_participant *participants;
+    uint32_t n_participants;
     lr_placed_clip *clips; /* of all instances */
     lr_light *lights;      /* directions of unit length */
     uint64_t n_lights;
