@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import astuple, dataclass, field
 from typing import Any
 
@@ -92,6 +93,16 @@ class Labels:
 
 
 @dataclass(frozen=True)
+class Look:
+    """What a field looks like that is seen without a surface: functions of its values (n,)."""
+
+    extinction: Callable[[NDArray[np.float64]], NDArray[np.float64]]  # to (n, 3), per unit of
+    emission: Callable[[NDArray[np.float64]], NDArray[np.float64]]  # length, as this
+    key: bytes = b""  # what they do
+    per_world_unit: bool = False  # else objects that are scaled stay as dense as they look
+
+
+@dataclass(frozen=True)
 class Field:
     """A scalar field whose surfaces at some thresholds are rendered; instances share it.
 
@@ -110,6 +121,7 @@ class Field:
     clip: Clip | None = None
     read_nbytes: int = 0  # of the grid that the render's memory budget pays for
     labels: Labels | None = None  # in place of surfaces at thresholds
+    look: Look | None = None  # likewise: what light meets inside
 
 
 @dataclass(frozen=True, kw_only=True)

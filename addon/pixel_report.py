@@ -30,7 +30,7 @@ from .plan.plan import Plan
 
 CELLS_LISTED = 20  # of one ray
 NONE = 2**32 - 1  # no instance, no triangle
-OWN_EMISSION = 2**64 - 1  # in place of a light's index
+OWN_EMISSION, VOLUME_EMISSION = 2**64 - 1, 2**64 - 2  # in place of a light's index
 KINDS = tuple(members(lr_ray_kind))
 SECTIONS = 32  # of the ends between which a visited cell is sought, in one step
 
@@ -130,6 +130,8 @@ class _Reader:
     def _light_name(self, light: int) -> str:
         if light == OWN_EMISSION:
             return "the surface itself"
+        if light == VOLUME_EMISSION:
+            return "volumes on the way"
         lights = self.plan.lights
         return lights[int(light)].name if light < len(lights) else "World"
 

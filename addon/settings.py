@@ -87,6 +87,12 @@ SHOWN_CHOICES = (
     Choice("auto", "Automatic", "Labels where the data are such, else thresholds"),
     Choice("threshold", "Thresholds", "The surfaces where values pass thresholds"),
     Choice("labels", "Labels", "Whole numbers name bodies, 0 none; each may have a material"),
+    Choice(
+        "volume",
+        "Volume",
+        "What the volume shader of the first material makes of the values: it absorbs and emits "
+        "light, without a surface",
+    ),
 )
 # The half width in whole voxels that every filter takes.
 WIDEST = math.floor(min(filter_info(name, "f32").widest for name in FILTERS))

@@ -23,6 +23,7 @@ mirrors   a hall between two mirrors
 metal     metals from polished to dull
 glass     glass: solid, hollow, frosted, tinted, within glass
 head      a scan beside the file: bone under skin that shows it
+xray      the same scan without a surface, as X-rays see it
 labels    the label map of that scan, cut open
 gyroid    a field that geometry nodes make, among meshes
 cloud     a fog of OpenVDB as a surface, above hills
@@ -73,7 +74,7 @@ from lit_scenes import (  # noqa: E402
     make_still,
     make_textured,
 )
-from volume_scenes import make_cloud, make_gyroid, make_head, make_labels  # noqa: E402
+from volume_scenes import make_cloud, make_gyroid, make_head, make_labels, make_xray  # noqa: E402
 
 import addon  # noqa: E402
 
@@ -466,6 +467,7 @@ MAKERS = {
     "metal": make_metal,
     "glass": make_glass,
     "head": make_head,
+    "xray": make_xray,
     "labels": make_labels,
     "gyroid": make_gyroid,
     "cloud": make_cloud,

@@ -58,6 +58,35 @@ def make_head() -> None:
     camera((-3.6, -6.6, 2.6), (0, 0, 1.2), lens=85)
 
 
+def make_xray() -> None:
+    """The scan before a white world, which it dims the more the denser it is."""
+    new_scene((1.0, 1.0, 1.0), 720, 720)
+    head_phantom.write(HERE / SCAN, SAMPLES)
+    volume = bpy.data.volumes.new("Head")
+    volume.leapray.file, volume.leapray.shown = f"//{SCAN}", "volume"
+    volume.materials.append(film("Film"))
+    link(volume, "Head", turn=(0, 0, 180), scale=0.01)
+    camera((-2.4, -8.4, 0.9), (0, 0, 0), lens=100)
+
+
+def film(name: str) -> bpy.types.Material:
+    """Absorbs as X-rays are: nothing in air, the more the larger the CT value."""
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    tree = made.node_tree
+    tree.nodes.clear()
+    kinds = "Attribute", "MapRange", "VolumeAbsorption", "OutputMaterial"
+    value, dense, absorb, leave = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
+    value.attribute_name = "value"
+    for end, number in (("From Min", -1000.0), ("From Max", 1500.0), ("To Max", 0.04)):
+        dense.inputs[end].default_value = number
+    absorb.inputs["Color"].default_value = (0, 0, 0, 1)
+    tree.links.new(value.outputs["Fac"], dense.inputs["Value"])
+    tree.links.new(dense.outputs[0], absorb.inputs["Density"])
+    tree.links.new(absorb.outputs[0], leave.inputs["Volume"])
+    return made
+
+
 def make_labels() -> None:
     new_scene((0.20, 0.22, 0.26), 720, 720)
     head_phantom.write(HERE / TISSUES, SAMPLES, labelled=True)

@@ -189,7 +189,7 @@ def images():
     far = np.zeros((40, 40, 40), np.uint8)
     far[3:9, 3:9, 3:9] = 255
     volume = leapray.Volume(far)
-    for entry in leapray.image_variants():
+    for entry in leapray.image_methods():
         prepared = leapray.prepare(volume, entry)
         if entry.lights:
             prepared.set_light(0, leapray.Light("point", (1, 1, 1), (50, 50, 50)))

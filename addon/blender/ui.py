@@ -358,7 +358,9 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         column.separator()
         values = volume_data.known(volume)
         column.prop(own, "shown")
-        if _asks_for_labels(own, values):
+        if own.shown == "volume":
+            column.prop(own, "smoothing")
+        elif _asks_for_labels(own, values):
             column.prop(own, "label_colors")
             column.prop(own, "label_index")
             column.prop(own, "smoothing")

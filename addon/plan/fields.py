@@ -22,7 +22,7 @@ from leapray.scalar_grid import Leaves, ScalarGrid
 
 from .. import arrays, model
 from ..store import memory_cache
-from . import clips, field_filters, label_solids, objects, other_grids
+from . import clips, field_filters, label_solids, looks, objects, other_grids
 from .levels import MB
 from .planned import Plan
 
@@ -216,6 +216,8 @@ class Fields:
         field, found, left = self.scene.fields[n], [], room
         if field.labels is not None:
             return self._solids(n, factor, room), []
+        if field.look is not None:
+            return self._seen(n, name, factor, room)
         known: list[leapray.Isosurfaces] = []
         warnings: list[str] = []
         for number, threshold in enumerate(field.thresholds):
@@ -252,6 +254,32 @@ class Fields:
         if n in self.cutters and len(found) > 1:
             self.wholes[n] = self._whole(field, factor, left)
         return found
+
+    def _seen(self, n: int, name: str, factor: int, room: float) -> tuple[list[Surface], list[str]]:
+        """What is visible of a field by its look; OutOfMemory where it does not fit."""
+        field = self.scene.fields[n]
+        assert field.look is not None
+        key = "seen", *self._key(field, factor)
+        samples = self.cache.get(key)
+        if samples is None:
+            began = time.perf_counter()
+            self.cache.trim(int(room - _foreseen(field.grid, factor)))
+            grid = field_filters.filtered(field, 0.0, factor, room, self.threads, self.watch)
+            samples = leapray.FieldSamples(
+                grid, threads=self.threads, watch=self.watch, max_nbytes=max(int(room), 1)
+            )
+            self.seconds["voxelize"] += time.perf_counter() - began
+        self.cache.put(key, samples, samples.nbytes)
+        if not samples.low <= samples.high:
+            return [], [f"{name!r} shows nothing, for its data hold no value."]
+        transfer, grey = looks.transfer(field.look, samples.low, samples.high)
+        if not transfer.visible:
+            return [], [f"{name!r} shows nothing, for nothing of its values is opaque or emits."]
+        warnings = [] if grey else [f"{name!r} absorbs all colors alike: the mean of its own."]
+        made = functools.partial(samples.at, transfer, threads=self.threads, watch=self.watch)
+        own = *key, field.look.key
+        structure = self._structure(own, made, room, samples.nbytes)
+        return [Surface(n, 0, structure, factor, structure.volume.info.nbytes)], warnings
 
     def _whole(self, field: model.Field, factor: int, room: float) -> leapray.Volume:
         key = "labels", *self._key(field, factor), label_solids.key(field, None, factor)
@@ -425,6 +453,7 @@ class Fields:
         else:
             slot, n = min(surface.number, len(instance.materials) - 1), 1
             color = self._color(instance, surface, slot)
+        look = self.scene.fields[surface.field].look
         return leapray.Instance(
             surface.structure,
             **objects.told_of(instance),
@@ -434,6 +463,7 @@ class Fields:
             error=surface.error * objects.scale(instance.world_from_object),
             clips=clipped,
             field_color=color,
+            volume_unit=looks.unit(look, instance.world_from_object) if look else 0.0,
         )
 
     def _cut_row(self, n: int) -> dict[str, object]:
@@ -447,7 +477,9 @@ class Fields:
 
     def _row(self, surface: Surface) -> dict[str, object]:
         field, exact = self.scene.fields[surface.field], surface.factor == 1
-        if field.labels is not None:
+        if field.look is not None:
+            told: dict[str, object] = {"kind": "volume", "why": "a volume shader"}
+        elif field.labels is not None:
             n = len(field.labels.bodies[surface.number])
             told = {"kind": "labels", "why": f"{n} label{'s' * (n != 1)}", "labels": n}
         else:

@@ -28,7 +28,7 @@ _numbers: dict[str, tuple[int, ...]] = {}  # by contents
 
 def are_shown(grid: ScalarGrid, own: Isosurfaces) -> bool:
     """Whether a volume's data are to be rendered as labels."""
-    return own.shown == "labels" or (own.shown != "threshold" and grid.kind == "labels")
+    return own.shown == "labels" or (own.shown == "auto" and grid.kind == "labels")
 
 
 def read(

@@ -269,6 +269,13 @@ class _Objects:
         if found is None:
             return
         self._note_unread(instance, ob)
+        if self.fields[found].look is not None:
+            if placed["holdout"]:
+                self.notes.unsupported("Holdout of volumes without a surface is", ob.name)
+                placed["holdout"] = False
+            bare = (self._material(None),)
+            self.field_instances.append(model.FieldInstance(field=found, materials=bare, **placed))
+            return
         slots = self._volume_slots(ob, lasting.original)
         worn = tuple(self._on_surface(at) for at in slots)
         told: dict[str, Any] = {"field": found, "materials": worn}
@@ -365,7 +372,8 @@ class _Objects:
         original: the datablock that its object has in the file, a volume or what nodes made
         the volume of.
         """
-        key = ob.data.as_pointer(), original.as_pointer()
+        worn = ob.material_slots[0].material if len(ob.material_slots) else None
+        key = ob.data.as_pointer(), original.as_pointer(), worn and worn.as_pointer()
         if key not in self._field_at:
             try:
                 field = volumes.read_field(ob, original, self._depsgraph, self.notes, self._caller)

@@ -30,7 +30,7 @@ from ...process import POLL
 from ...settings import Isosurfaces
 from ...store.grid_cache import Grids
 from .. import properties
-from . import clips, labels, sequences
+from . import clips, labels, looks, sequences
 from .textures import Texture
 
 T = TypeVar("T")
@@ -71,6 +71,21 @@ def read_field(ob, original, depsgraph, notes, caller: Caller = Caller()) -> mod
         "read_nbytes": grid.nbytes,
         "clip": clips.read_clip(ob, own, depsgraph, notes),
     }
+    if own.shown == "volume":
+        if told.pop("clip") is not None:
+            notes.unsupported("A cut through a volume that has no surface is", ob.name)
+        materials = [slot.material for slot in ob.material_slots] or list(ob.data.materials)
+        look = looks.read_look(materials[0] if materials else None, grid.name, notes)
+        if isinstance(original, bpy.types.Volume):
+            look = replace(look, per_world_unit=original.render.space == "WORLD")
+        return model.Field(
+            grid=grid,
+            contents=contents,
+            thresholds=(),
+            smoothing=own.smoothing,
+            look=look,
+            **told,
+        )
     if labels.are_shown(grid, own):
         heard = partial(listening, caller=caller, what=f"labels of {grid.name}")
         grid, found_labels = labels.read(grid, contents, ob.name, own, notes, heard)

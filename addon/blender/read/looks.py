@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What volumes look like: the volume shaders of a material, as what they make of a field's values.
+
+Extinction and emission of Principled Volume, Volume Absorption, Volume Scatter, Volume Coefficients
+and Emission, as Cycles has them. Their sockets may depend on the field through any nodes that work
+on one value: an Attribute node of its name, or Volume Info. Light that is scattered is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from leapray import LeapRayError, Step, compile_program
+from leapray.programs import INPUTS
+
+from ... import model
+from .links import Values, average
+from .nodes import Folder, Place, Unfolded, output_of, own_value, title
+from .shaders import Walk, flattened
+
+Part = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # values (n,) to (n, 3)
+
+OWN = "value", "density"  # what any field may be called
+CHANNEL = INPUTS[0]  # through which programs get a value
+# Values at which it is asked whether a volume scatters at all.
+SOME = np.concatenate([sign * np.geomspace(1e-4, 1e5, 91) for sign in (-1, 1)] + [np.zeros(1)])
+
+
+def read_look(material, grid: str, notes) -> model.Look:
+    """The look of a field whose grid has that name. Raises LeapRayError where there is none."""
+    name = material.name if material is not None else "None"
+    output = output_of(material) if material is not None else None
+    if output is None:
+        raise LeapRayError(f"its material {name!r} has no volume shader")
+    return _Reader(material.name, grid, notes).read(output)
+
+
+class _Reader(Walk):
+    """The look that one material gives to fields of one name."""
+
+    def __init__(self, name: str, grid: str, notes) -> None:
+        super().__init__(name, notes)
+        self.grid = grid
+        self.extinction: list[Part] = []
+        self.emission: list[Part] = []
+        self.keys: list[bytes] = []
+
+    def read(self, output: Place) -> model.Look:
+        socket = output.node.inputs.get("Volume")
+        found = [] if socket is None else flattened(Place(socket), self.source, self._factor)
+        if not found:
+            raise LeapRayError(f"its material {self.name!r} has no volume shader")
+        for out, weight in found:
+            kind = out.node.bl_idname
+            if kind in _SHADERS:
+                _SHADERS[kind](self, out, cast(float, weight))
+            else:
+                self.strange[title(out.node)] = None
+        self.tell()
+        return model.Look(_sum(self.extinction), _sum(self.emission), b"|".join(self.keys))
+
+    def _factor(self, out: Place) -> float:
+        try:
+            return float(Folder().value(out.input("Fac")))
+        except Unfolded as error:
+            self.strange[str(error)] = None
+            return float(own_value(out.input("Fac")))
+
+    # -- shaders
+
+    def _principled(self, out: Place, weight: float) -> None:
+        density = self._density(out)
+        scattered, absorbed = self._part(out, "Color"), self._part(out, "Absorption Color")
+        if self._text(out, "Color Attribute"):
+            self.strange["Color Attribute"] = None
+
+        def extinction(v: NDArray) -> NDArray:
+            color = np.maximum(scattered(v), 0.0)
+            lost = np.maximum(1 - color, 0) * np.maximum(1 - np.sqrt(np.maximum(absorbed(v), 0)), 0)
+            return weight * density(v) * (color + lost)
+
+        self._scatters(scattered, density)
+        self.extinction.append(extinction)
+        power, glow = self._part(out, "Emission Strength"), self._part(out, "Emission Color")
+        self.emission.append(lambda v: weight * np.maximum(power(v), 0) * np.maximum(glow(v), 0))
+        self._blackbody(out)
+
+    def _blackbody(self, out: Place) -> None:
+        socket = out.node.inputs["Blackbody Intensity"]
+        if socket.is_linked or socket.default_value > 0:
+            self.strange["Blackbody Intensity"] = None
+
+    def _density(self, out: Place) -> Part:
+        """Of a Principled Volume: that of its socket times its attribute."""
+        density, name = self._part(out, "Density"), self._text(out, "Density Attribute")
+        if name in (self.grid, *OWN):
+            return lambda v: np.maximum(density(v) * v[:, None], 0)
+        if name:
+            self.strange[f"Density Attribute {name!r}"] = None
+        return lambda v: np.maximum(density(v), 0)
+
+    def _absorption(self, out: Place, weight: float) -> None:
+        color, density = self._part(out, "Color"), self._part(out, "Density")
+        self.extinction.append(
+            lambda v: weight * np.maximum(density(v), 0) * np.maximum(1 - color(v), 0)
+        )
+
+    def _scatter(self, out: Place, weight: float) -> None:
+        color, density = self._part(out, "Color"), self._part(out, "Density")
+        self._scatters(color, density)
+        self.extinction.append(
+            lambda v: weight * np.maximum(density(v), 0) * np.maximum(color(v), 0)
+        )
+
+    def _coefficients(self, out: Place, weight: float) -> None:
+        lost = [self._part(out, f"{name} Coefficients") for name in ("Absorption", "Scatter")]
+        self._scatters(lost[1], lambda v: np.ones((len(v), 1)))
+        self.extinction += [
+            lambda v, part=part: weight * np.maximum(part(v), 0)  # type: ignore[misc]
+            for part in lost
+        ]
+        glow = self._part(out, "Emission Coefficients")
+        self.emission.append(lambda v: weight * np.maximum(glow(v), 0))
+
+    def _emission(self, out: Place, weight: float) -> None:
+        color, power = self._part(out, "Color"), self._part(out, "Strength")
+        self.emission.append(lambda v: weight * np.maximum(power(v), 0) * np.maximum(color(v), 0))
+
+    def _scatters(self, color: Part, density: Part) -> None:
+        if (color(SOME) * density(SOME) > 0).any():
+            self.notes.unsupported("Light that volumes scatter, and so lose, is", self.name)
+
+    # -- sockets
+
+    def _text(self, out: Place, name: str) -> str:
+        socket = out.node.inputs.get(name)
+        return "" if socket is None else str(socket.default_value)
+
+    def _part(self, out: Place, name: str) -> Part:
+        """What a socket has of values, as (n, 3)."""
+        place = out.input(name)
+        try:
+            values = Folder(self._of_field).values(place)
+        except Unfolded as error:
+            self.strange[str(error)] = None
+            values = tuple(np.ravel(own_value(place)).tolist()[:3])
+            values = values if len(values) == 3 else values[0]
+        return self._function(values)
+
+    def _function(self, values: Values) -> Part:
+        triple = values if isinstance(values, tuple) else (values,) * 3
+        if not any(isinstance(each, Step) for each in triple):
+            numbers = np.array(triple, np.float64)
+            self.keys.append(numbers.tobytes())
+            return lambda v: np.broadcast_to(numbers, (len(v), 3))
+        try:
+            program = compile_program(cast(tuple, triple))
+        except LeapRayError as error:
+            self.strange[f"so many nodes ({error})"] = None
+            return lambda v: np.zeros((len(v), 3))
+        self.keys.append(program.key)
+
+        def run(v: NDArray) -> NDArray:
+            inputs = np.ones((len(v), 4), np.float32)
+            inputs[:, :3] = v[:, None]
+            return program.run(inputs).astype(np.float64)
+
+        return run
+
+    def _of_field(self, out: Place) -> Values:
+        """The output of a node that tells of the field."""
+        node, kind = out.node, out.node.bl_idname
+        grey = (CHANNEL,) * 3
+        if kind == "ShaderNodeVolumeInfo" and out.socket.name == "Density":
+            return CHANNEL
+        if kind == "ShaderNodeAttribute" and node.attribute_type == "GEOMETRY":
+            if node.attribute_name in (self.grid, *OWN):
+                return average(grey) if out.socket.type == "VALUE" else grey
+            raise Unfolded(f"{title(node)} ({node.attribute_name})")
+        raise Unfolded(title(node))
+
+
+def _sum(parts: list[Part]) -> Part:
+    def run(v: NDArray[np.float64]) -> NDArray[np.float64]:
+        return sum((part(v) for part in parts), np.zeros((len(v), 3)))
+
+    return run
+
+
+_SHADERS = {
+    "ShaderNodeVolumePrincipled": _Reader._principled,
+    "ShaderNodeVolumeAbsorption": _Reader._absorption,
+    "ShaderNodeVolumeScatter": _Reader._scatter,
+    "ShaderNodeVolumeCoefficients": _Reader._coefficients,
+    "ShaderNodeEmission": _Reader._emission,
+}

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Looks of fields as transfer functions: few knots, between which all is linear (no bpy)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+import leapray
+
+from .. import model
+
+SAMPLES = 4097  # at which a look is asked
+ACCURACY = 1e-4  # what leaving out knots may change, as a share of the largest
+GREY = 0.02  # channels of extinction that differ by less are not told
+
+
+def transfer(look: model.Look, low: float, high: float) -> tuple[leapray.TransferFunction, bool]:
+    """The transfer function of a look over values from low to high, and whether its extinction is
+    the same for all colours; else it is their mean.
+
+    Raises LeapRayError where a number of it is none.
+    """
+    values = np.linspace(low, high, SAMPLES) if high > low else np.array([low])
+    extinction, emission = look.extinction(values), look.emission(values)
+    if not (np.isfinite(extinction).all() and np.isfinite(emission).all()):
+        raise leapray.LeapRayError("its look has a value that is no number (NaN or infinite)")
+    mean = extinction.mean(1)
+    grey = bool((np.ptp(extinction, axis=1) <= GREY * mean.max(initial=0.0)).all())
+    kept = knots(values, np.column_stack([mean, emission]))
+    made = leapray.TransferFunction(values[kept], mean[kept], (0.0, 0.0, 0.0), emission[kept])
+    return made, grey
+
+
+def unit(look: model.Look, world_from_object: NDArray[np.float64]) -> float:
+    """The length in the world that extinction and emission are for, as in Cycles."""
+    if look.per_world_unit:
+        return 1.0
+    return float(np.linalg.norm(np.asarray(world_from_object)[:3, :3].sum(1)) / np.sqrt(3))
+
+
+def knots(x: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Which of the points (n,) are needed for lines between them to give columns (n, k).
+
+    Source: Douglas and Peucker 1973.
+    """
+    scale = np.maximum(np.abs(columns).max(0), np.finfo(float).tiny)
+    columns = columns / scale
+    kept = {0, len(x) - 1}
+    ranges = [(0, len(x) - 1)]
+    while ranges:
+        first, last = ranges.pop()
+        if last - first < 2:
+            continue
+        share = ((x[first : last + 1] - x[first]) / (x[last] - x[first]))[:, None]
+        line = (1 - share) * columns[first] + share * columns[last]
+        off = np.abs(columns[first : last + 1] - line).max(1)
+        worst = int(off.argmax())
+        if off[worst] > ACCURACY:
+            kept.add(first + worst)
+            ranges += [(first, first + worst), (first + worst, last)]
+    return np.array(sorted(kept))

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Volumes without a surface, by their volume shaders: beside Cycles, and what is said of them."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+import vdb_files
+from blender_scenes import diffuse, light, mesh, nodes_of, plane, put, read
+from engines import bare, blocks, both, render, warnings
+
+from addon import pipeline
+from addon.plan import looks
+
+
+def shaded(kind, **inputs):
+    """A material whose volume is one shader of that kind."""
+    made = bpy.data.materials.new(kind)
+    tree = nodes_of(made)
+    tree.nodes.clear()
+    shader, output = tree.nodes.new(f"ShaderNode{kind}"), tree.nodes.new("ShaderNodeOutputMaterial")
+    for name, value in inputs.items():
+        shader.inputs[name.replace("_", " ")].default_value = value
+    tree.links.new(shader.outputs[0], output.inputs["Volume"])
+    return made
+
+
+def driven(material, socket):
+    """Let a socket of the material's shader be the density."""
+    tree = material.node_tree
+    told = tree.nodes.new("ShaderNodeAttribute")
+    told.attribute_name = "density"
+    shader = next(node for node in tree.nodes if node.outputs[0].type == "SHADER")
+    tree.links.new(told.outputs["Fac"], shader.inputs[socket])
+    return material
+
+
+def ramped(material, socket, stops, low=0.0, high=2.0):
+    """Let a socket of the material's shader depend on the density by a colour ramp."""
+    tree = material.node_tree
+    kinds = ("Attribute", "MapRange", "ValToRGB")
+    told, mapped, ramp = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
+    told.attribute_name = "density"
+    mapped.inputs["From Min"].default_value, mapped.inputs["From Max"].default_value = low, high
+    elements = ramp.color_ramp.elements
+    while len(elements) < len(stops):
+        elements.new(0.5)
+    for element, (at, color) in zip(elements, stops, strict=True):
+        element.position, element.color = at, (*color, 1)
+    shader = next(node for node in tree.nodes if node.outputs[0].type == "SHADER")
+    tree.links.new(told.outputs["Fac"], mapped.inputs["Value"])
+    tree.links.new(mapped.outputs["Result"], ramp.inputs["Fac"])
+    tree.links.new(ramp.outputs["Color"], shader.inputs[socket])
+    return material
+
+
+def smoke(material, folder, **attributes):
+    """A ball of fog of radius 1, seen by its volume shader."""
+    volume = bpy.data.volumes.new("Fog")
+    volume.filepath = vdb_files.write(folder / "fog.vdb", vdb_files.fog())
+    volume.leapray.shown = "volume"
+    volume.render.step_size = 0.01
+    if material:
+        volume.materials.append(material)
+    return put("Fog", volume, **attributes)
+
+
+def before_white(size=24):
+    """A scene whose world is grey, seen from four metres."""
+    scene = bare(size, size)
+    scene.camera.location.z = 4.0
+    background = nodes_of(scene.world).nodes["Background"]
+    background.inputs["Color"].default_value = (0.3, 0.5, 0.7, 1)
+    return scene
+
+
+def folded(passes):
+    """Means of blocks, and of a block and its mirror images, which show the same."""
+    mean = blocks(passes["Combined"], 4)
+    mean = mean + mean[::-1]
+    return (mean + mean[:, ::-1]) / 4
+
+
+BLACK = (0, 0, 0, 1)
+MATERIALS = {
+    "absorption": lambda: driven(shaded("VolumeAbsorption", Color=BLACK), "Density"),
+    "principled": lambda: shaded("VolumePrincipled", Color=BLACK, Density=0.8),
+    "emission": lambda: driven(shaded("Emission", Color=(1, 0.5, 0.2, 1)), "Strength"),
+    "both": lambda: ramped(
+        shaded("VolumePrincipled", Color=BLACK, Density=1.0, Emission_Strength=2.0),
+        "Emission Color",
+        [(0.1, (0, 0, 0)), (0.5, (1.0, 0.1, 0.0)), (0.6, (0.0, 0.2, 1.0)), (0.9, (1, 1, 1))],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_volumes_absorb_and_emit_as_in_cycles(name, tmp_path):
+    scene = before_white()
+    smoke(MATERIALS[name](), tmp_path, scale=(1.0, 1.0, 0.7))
+    theirs, ours = both(scene, samples=256)
+    a, b = folded(theirs), folded(ours)
+    assert not warnings()
+    assert a[..., :3].std() > 0.02
+    assert np.abs(a - b)[..., :3].max() < 0.02 * max(a.max(), 1)
+
+
+def test_surfaces_stand_in_front_within_and_behind(tmp_path):
+    scene = before_white()
+    smoke(MATERIALS["both"](), tmp_path)
+    red = diffuse("Red", (1, 0, 0))
+    for name, made, at in (
+        ("Floor", plane(size=3.0), (0, 0, -1.2)),
+        ("Cube", mesh(size=0.8), (0, 0, 0.1)),
+        ("Lid", plane(size=0.3), (0, 0, 1.3)),
+    ):
+        put(name, made, location=at).data.materials.append(red)
+    put("Sun", light("SUN", energy=3.0))
+    theirs, ours = both(scene, samples=256)
+    a, b = folded(theirs), folded(ours)
+    assert np.abs(a - b)[..., :3].max() < 0.02 * a.max()
+
+
+def test_thresholds_are_not_asked_and_rows_tell_what_is_shown(tmp_path):
+    before_white()
+    smoke(MATERIALS["absorption"](), tmp_path)
+    report = pipeline.render(read(16, 16)).report
+    (row,) = report["volumes"]
+    assert (row["kind"], row["why"]) == ("volume", "a volume shader")
+    assert row["nbytes"] > 0
+
+
+@pytest.mark.parametrize(
+    ("material", "sentence"),
+    [
+        (None, "Skipped 'Fog': its material 'None' has no volume shader"),
+        (
+            lambda: driven(shaded("VolumeScatter"), "Density"),
+            "Light that volumes scatter, and so lose, is not supported yet: 'VolumeScatter'",
+        ),
+        (
+            lambda: shaded("VolumeAbsorption", Density=0.0),
+            "'Fog' shows nothing, for nothing of its values is opaque or emits.",
+        ),
+        (
+            lambda: driven(shaded("VolumeAbsorption", Color=(1, 0, 0, 1)), "Density"),
+            "'Fog' absorbs all colors alike: the mean of its own.",
+        ),
+        (
+            lambda: shaded("VolumeAbsorption", Color=BLACK, Density=1.0),
+            "'Fog' is skipped: the background is visible by this transfer function: the volume "
+            "would fill all of space.",
+        ),
+        (
+            lambda: driven(
+                shaded("VolumePrincipled", Color=BLACK, Density_Attribute="flame"), "Density"
+            ),
+            "Not understood, so the sockets' own values stand in: Density Attribute 'flame' in "
+            "'VolumePrincipled'",
+        ),
+    ],
+)
+def test_what_is_not_shown_as_in_cycles_is_named(material, sentence, tmp_path):
+    scene = before_white(8)
+    smoke(material and material(), tmp_path)
+    put("Floor", plane()).data.materials.append(diffuse("White"))
+    render(scene, "LEAPRAY", 1)
+    assert warnings() == [sentence]
+
+
+def test_holdouts_and_cuts_of_what_has_no_surface_are_named(tmp_path):
+    scene = before_white(8)
+    ob = smoke(MATERIALS["absorption"](), tmp_path)
+    ob.is_holdout = True
+    ob.data.leapray.clip_object = put("Box", mesh())
+    render(scene, "LEAPRAY", 1)
+    told = " ".join(warnings())
+    assert "A cut through a volume that has no surface is not supported yet: 'Fog'" in told
+    assert "Holdout of volumes without a surface is not supported yet: 'Fog'" in told
+
+
+def test_few_knots_give_what_many_values_do():
+    x = np.linspace(-1, 3, looks.SAMPLES)
+    columns = np.column_stack([np.clip(x, 0, 1), np.sin(3 * x), np.where(x > 1.3, 2.0, 0.0)])
+    kept = looks.knots(x, columns)
+    assert len(kept) < 500
+    lines = np.column_stack([np.interp(x, x[kept], c[kept]) for c in columns.T])
+    assert np.abs(lines - columns).max() <= 2 * looks.ACCURACY * np.abs(columns).max()
