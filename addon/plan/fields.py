@@ -259,7 +259,7 @@ class Fields:
         """What is visible of a field by its look; OutOfMemory where it does not fit."""
         field = self.scene.fields[n]
         assert field.look is not None
-        key = "seen", *self._key(field, factor)
+        key = self._seen_key(field, factor)
         samples = self.cache.get(key)
         if samples is None:
             began = time.perf_counter()
@@ -293,6 +293,7 @@ class Fields:
     def _drop_samples(self, n: int, factor: int) -> None:
         """Of a lattice that is too fine."""
         field = self.scene.fields[n]
+        self.cache.drop(self._seen_key(field, factor))
         for threshold in field.thresholds:
             self.cache.drop(self._samples_key(field, threshold, factor))
 
@@ -326,6 +327,10 @@ class Fields:
 
     def _samples_key(self, field: model.Field, threshold: float, factor: int) -> tuple:
         return SAMPLES, *self._key(field, factor), threshold if field.least else None
+
+    def _seen_key(self, field: model.Field, factor: int) -> tuple:
+        """Of the samples that looks of a field share."""
+        return SAMPLES, "seen", *self._key(field, factor)
 
     def _key(self, field: model.Field, factor: int) -> tuple[str, str]:
         told = field.above, field.capped, field.smoothing, field.interpolation, field.least, factor

@@ -11,6 +11,7 @@ import leapray
 from leapray import Camera, Light, Lobe, Material, World
 
 THICK, SIGMA = 2.0, 0.7
+DARK = (0.0, 0.0, 0.0)
 RED, BLUE = np.array([0.8, 0.2, 0.1]), np.array([0.1, 0.3, 0.9])
 WHITE = Material([Lobe("diffuse", (1.0, 1.0, 1.0))])
 MIRROR = Material([Lobe("glossy", (1.0, 1.0, 1.0))])
@@ -80,6 +81,21 @@ def test_a_unit_of_the_world_may_be_what_extinction_is_for(unit):
     assert np.abs(got[:, :3] - (RED * (1 - left) + glow)).max() < 2e-6
 
 
+def test_the_last_ray_of_a_path_still_meets_what_glows():
+    glow = one(cloud(sigma=0.0, emission=(1.0, 1.0, 1.0)), visible_camera=False)
+    more = dict(samples=256, max_bounces=4)
+    last, deep = (
+        render([wall(-1.5), glow], diffuse_bounces=n, **more)[:, :3].mean() for n in (0, 1)
+    )
+    assert last > 0.2
+    assert abs(deep - last) < 0.01
+
+
+def test_nothing_is_seen_through_what_is_as_dense_as_a_wall():
+    got = render([wall(-3), one(cloud(sigma=1e6))], world=(1, 1, 1), diffuse_bounces=4)
+    assert np.abs(got[:, :3] - RED).max() < 1e-6
+
+
 @pytest.mark.parametrize("z", [-4.0, -0.4, 0.6, 4.0])
 def test_surfaces_lie_before_within_and_behind(z):
     depth = np.clip(THICK / 2 - z, 0, THICK)
@@ -103,23 +119,23 @@ def test_alpha_is_what_is_absorbed():
 def test_shadows_are_as_deep_as_the_volume_is_thick():
     sun = Light("sun", (np.pi, np.pi, np.pi), direction=(0, 0, 1))
     dark = dict(visible_camera=False)
-    got = render([wall(-3), one(cloud(), **dark)], lights=[sun])
+    got = render([wall(-3), one(cloud(DARK), **dark)], lights=[sun])
     assert np.abs(got[:, :3] - fades(THICK)).max() < 1e-6
-    unseen = one(cloud(), visible_camera=False, visible_shadow=False)
+    unseen = one(cloud(DARK), visible_camera=False, visible_shadow=False)
     assert np.abs(render([wall(-3), unseen], lights=[sun])[:, :3] - 1).max() < 1e-6
 
 
 def test_shadows_through_glassy_surfaces_and_volumes_multiply():
     sun = Light("sun", (np.pi, np.pi, np.pi), direction=(0, 0, 1))
     pane = wall(0.0, 1, visible_camera=False)  # two faces, each lets half through
-    got = render([wall(-3), pane, one(cloud(), visible_camera=False)], [WHITE, VEIL], [sun])
+    got = render([wall(-3), pane, one(cloud(DARK), visible_camera=False)], [WHITE, VEIL], [sun])
     assert np.abs(got[:, :3] - 0.25 * fades(THICK)).max() < 1e-6
 
 
 def test_a_point_light_within_is_dimmed_by_the_part_before_it():
     light = Light("point", (np.pi, np.pi, np.pi), position=(0, 0, 0))
     got = render(
-        [wall(-3), one(cloud(), visible_camera=False)], lights=[light], cam=camera(width=1e-3)
+        [wall(-3), one(cloud(DARK), visible_camera=False)], lights=[light], cam=camera(width=1e-3)
     )
     assert np.abs(got[:, :3] - fades(THICK / 2) / 9).max() < 1e-6
 

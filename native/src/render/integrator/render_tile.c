@@ -188,7 +188,8 @@ lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_pa
     const lr_context context = {
         .scene = scene,
         .tile = tile,
-        .last_contributes = scene->world_emits || scene->emits || scene->has_lights,
+        .last_contributes =
+            scene->world_emits || scene->emits || scene->has_lights || scene->n_participants > 0,
         .counters = counters,
         .watch = watch,
         .error = error,
