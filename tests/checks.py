@@ -54,7 +54,8 @@ def pytest(variant: str, words: list[str]) -> int:
 def whole(quick: str) -> int:
     """All tests: in several processes at first, then alone what measures time or shows windows."""
     processes = str(min(os.cpu_count() or 1, 4))
-    beside = ["-n", processes, "--dist", "loadfile", "-m", f"not alone{quick}"]
+    by_file = ["--dist", "loadfile", "--no-loadscope-reorder"]
+    beside = ["-n", processes, *by_file, "-m", f"not alone{quick}"]
     codes = [
         subprocess.run([sys.executable, "-m", "pytest", *options], check=False).returncode
         for options in (beside, ["-m", f"alone{quick}"])

@@ -25,6 +25,14 @@ def pytest_addoption(parser):
     )
 
 
+# Files of minutes with few tests: where they come first, processes end about together.
+LONG = "test_allocations.py", "test_build.py"
+
+
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: item.path.name not in LONG)  # the order stays otherwise
+
+
 @pytest.fixture
 def made(monkeypatch):
     """The numbers of triangles of what was voxelized since it was last cleared."""

@@ -139,8 +139,8 @@ SAMPLES = sorted((build.ROOT / "blend_samples").glob("*.blend"))
 @pytest.mark.parametrize("sample", SAMPLES, ids=lambda path: path.stem)
 def test_every_sample_renders(installed, sample, tmp_path):
     inside = installed.inside(installed.bring(sample))
-    for scan in sample.parent.glob("*.nii.gz"):
-        installed.bring(scan)
+    for data in (*sample.parent.glob("*.nii.gz"), *sample.parent.glob("*.vdb")):
+        installed.bring(data)
     small = (
         "import bpy; scene = bpy.context.scene; scene.render.resolution_percentage = 15;"
         "scene.leapray.samples = 4; scene.leapray.pixel_error = 1"
