@@ -9,15 +9,10 @@
 
 #include <immintrin.h>
 
+#include "base/target.h"
 #include "grid/triangle_cells.h"
 
-#ifdef __clang__
-#pragma clang attribute push(__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl"))),        \
-                             apply_to = function)
-#else
-#pragma GCC push_options
-#pragma GCC target("avx512f,avx512bw,avx512dq,avx512vl")
-#endif
+LR_TARGET_AVX512
 
 /* ---- bricks and cells ---------------------------------------------------- */
 
@@ -174,10 +169,6 @@ LR_INLINE __mmask8 lr_lanes_doubted(const lr_volume *v, const __m256i c[3], __mm
                                        _mm512_set1_epi64(1));
 }
 
-#ifdef __clang__
-#pragma clang attribute pop
-#else
-#pragma GCC pop_options
-#endif
+LR_TARGET_END
 
 #endif

@@ -4,45 +4,25 @@
 #include "imaging/stored_voxels.h"
 
 #include "base/error.h"
+#include "base/octahedron.h"
 #include "trace/hit_record.h"
 
 enum { NO_NORMAL = 0xffff }; /* a code that no normal has: see to_code */
 
 /* ---- normals -------------------------------------------------------------- */
 
-static double octant_sign(double x)
-{
-    return x < 0.0 ? -1.0 : 1.0;
-}
-
-/* The unit vector on the octahedron, its lower half turned outward; -127..127 each. */
+/* On the octahedron, -127..127 each. */
 static uint16_t to_code(const double n[3])
 {
-    const double sum = fabs(n[0]) + fabs(n[1]) + fabs(n[2]);
-    double x = n[0] / sum, y = n[1] / sum;
-    if (n[2] < 0.0) {
-        const double across = (1.0 - fabs(y)) * octant_sign(x);
-        y = (1.0 - fabs(x)) * octant_sign(y);
-        x = across;
-    }
-    const int i = (int)lround(127.0 * x), j = (int)lround(127.0 * y);
-    return (uint16_t)((i + 127) << 8 | (j + 127));
+    double uv[2] = {0.0, 0.0};
+    lr_octahedron_map(n, uv);
+    return (uint16_t)((lround(127.0 * uv[0]) + 127) << 8 | (lround(127.0 * uv[1]) + 127));
 }
 
 static void from_code(uint16_t code, double n[3])
 {
-    double x = ((code >> 8) - 127) / 127.0, y = ((code & 0xff) - 127) / 127.0;
-    n[2] = 1.0 - fabs(x) - fabs(y);
-    if (n[2] < 0.0) {
-        const double across = (1.0 - fabs(y)) * octant_sign(x);
-        y = (1.0 - fabs(x)) * octant_sign(y);
-        x = across;
-    }
-    n[0] = x;
-    n[1] = y;
-    const double length = sqrt(lr_dot(n, n));
-    for (int a = 0; a < 3; a++)
-        n[a] /= length;
+    const double uv[2] = {((code >> 8) - 127) / 127.0, ((code & 0xff) - 127) / 127.0};
+    lr_octahedron_direction(uv, n);
 }
 
 void lr_stored_normal(const lr_stored_voxels *s, uint32_t number, double normal[3])

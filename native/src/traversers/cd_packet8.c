@@ -9,6 +9,7 @@
  * Source: Aila and Laine 2009 (persistent threads) for lanes that are refilled.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "base/target.h"
 #include "traversers/cd_packet8.h"
 
 #include <immintrin.h>
@@ -18,12 +19,7 @@
 #include "trace/hit_record.h"
 #include "trace/triangle_cell.h"
 
-#ifdef __clang__
-#pragma clang attribute push(__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl"))),        \
-                             apply_to = function)
-#else
-#pragma GCC target("avx512f,avx512bw,avx512dq,avx512vl")
-#endif
+LR_TARGET_AVX512
 
 enum {
     LANES = 8,
@@ -452,6 +448,4 @@ void lr_cd_trace_packet8(const lr_volume *v, const lr_cd_distances *f, const lr_
         counters->rays += end - first;
 }
 
-#ifdef __clang__
-#pragma clang attribute pop
-#endif
+LR_TARGET_END

@@ -6,12 +6,11 @@
  *
  * A normal takes 2 x 16 bits of the octahedron's map: 0.003 degrees at most.
  *
- * Source: Cigolle, Donow, Evangelakos et al. 2014 (octahedral unit vectors).
- *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_GRID_ATTRIBUTES_TRIANGLE_ATTRIBUTES_H
 #define LR_GRID_ATTRIBUTES_TRIANGLE_ATTRIBUTES_H
 
+#include "base/octahedron.h"
 #include "grid/brick_grid.h"
 
 #define LR_OCTA_STEPS 65534.0 /* codes 1..65535 of a coordinate, so that 0 is free */
@@ -74,34 +73,19 @@ void lr_volume_rename(lr_volume *volume, const uint32_t *face_of);
 /* n need not be unit; 0 of nothing. */
 LR_INLINE uint32_t lr_normal_encode(const double n[3])
 {
-    double sum = fabs(n[0]) + fabs(n[1]) + fabs(n[2]);
-    if (!(sum > 0.0 && isfinite(sum)))
+    double uv[2];
+    if (!lr_octahedron_map(n, uv))
         return 0;
-    double u = n[0] / sum, v = n[1] / sum;
-    if (n[2] < 0.0) {
-        double folded = copysign(1.0 - fabs(v), n[0]);
-        v = copysign(1.0 - fabs(u), n[1]);
-        u = folded;
-    }
-    return ((uint32_t)(0.5 * (u + 1.0) * LR_OCTA_STEPS + 0.5) + 1) |
-           ((uint32_t)(0.5 * (v + 1.0) * LR_OCTA_STEPS + 0.5) + 1) << 16;
+    return ((uint32_t)(0.5 * (uv[0] + 1.0) * LR_OCTA_STEPS + 0.5) + 1) |
+           ((uint32_t)(0.5 * (uv[1] + 1.0) * LR_OCTA_STEPS + 0.5) + 1) << 16;
 }
 
 /* The code must not be 0. */
 LR_INLINE void lr_normal_decode(uint32_t code, double n[3])
 {
-    double u = ((code & 0xffff) - 1) / (0.5 * LR_OCTA_STEPS) - 1.0;
-    double v = ((code >> 16) - 1) / (0.5 * LR_OCTA_STEPS) - 1.0;
-    double w = 1.0 - fabs(u) - fabs(v);
-    if (w < 0.0) {
-        double folded = copysign(1.0 - fabs(v), u);
-        v = copysign(1.0 - fabs(u), v);
-        u = folded;
-    }
-    double length = sqrt(u * u + v * v + w * w);
-    n[0] = u / length;
-    n[1] = v / length;
-    n[2] = w / length;
+    const double uv[2] = {((code & 0xffff) - 1) / (0.5 * LR_OCTA_STEPS) - 1.0,
+                          ((code >> 16) - 1) / (0.5 * LR_OCTA_STEPS) - 1.0};
+    lr_octahedron_direction(uv, n);
 }
 
 #endif
