@@ -30,21 +30,6 @@ static double threshold_of(const lr_samples *s, double stored)
     return t;
 }
 
-static void describe(const lr_samples *s, double threshold, lr_volume_desc *d)
-{
-    const bool whole = lr_sample_types[s->map.sample_type].whole;
-    *d = (lr_volume_desc){.nx = s->desc.nx,
-                          .ny = s->desc.ny,
-                          .nz = s->desc.nz,
-                          .sample_type = s->map.sample_type,
-                          .kind = s->desc.open != 0 ? LR_KIND_SHEET : LR_KIND_SOLID,
-                          .interpolation = s->desc.interpolation,
-                          .threshold = whole ? threshold_of(s, threshold) : threshold,
-                          .outside = whole ? 0.0 : s->map.outside,
-                          .inside = whole ? 1.0 : s->map.inside};
-    memcpy(d->object_from_index, s->desc.object_from_index, sizeof d->object_from_index);
-}
-
 lr_status lr_isosurface_begin(lr_samples *s, double threshold, lr_volume **volume, lr_error *error)
 {
     lr_status status = lr_samples_check_state(s, true, error);
@@ -54,16 +39,27 @@ lr_status lr_isosurface_begin(lr_samples *s, double threshold, lr_volume **volum
                          s->map.inside, threshold);
     if (status != LR_OK)
         return status;
-    lr_volume_desc desc;
-    describe(s, threshold, &desc);
-    return lr_isosurface_share(s, &desc, volume, error);
+    const bool whole = lr_sample_types[s->map.sample_type].whole;
+    return lr_isosurface_share(s, s->desc.open != 0 ? LR_KIND_SHEET : LR_KIND_SOLID,
+                               whole ? threshold_of(s, threshold) : threshold, volume, error);
 }
 
-lr_status lr_isosurface_share(lr_samples *s, const lr_volume_desc *desc, lr_volume **volume,
+lr_status lr_isosurface_share(lr_samples *s, int32_t kind, double threshold, lr_volume **volume,
                               lr_error *error)
 {
+    const bool whole = lr_sample_types[s->map.sample_type].whole;
+    lr_volume_desc desc = {.nx = s->desc.nx,
+                           .ny = s->desc.ny,
+                           .nz = s->desc.nz,
+                           .sample_type = s->map.sample_type,
+                           .kind = kind,
+                           .interpolation = s->desc.interpolation,
+                           .threshold = threshold,
+                           .outside = whole ? 0.0 : s->map.outside,
+                           .inside = whole ? 1.0 : s->map.inside};
     lr_volume *v;
-    const lr_status status = lr_volume_begin(desc, &v, error);
+    memcpy(desc.object_from_index, s->desc.object_from_index, sizeof desc.object_from_index);
+    const lr_status status = lr_volume_begin(&desc, &v, error);
     if (status != LR_OK)
         return status;
     free(v->samples);

@@ -7,8 +7,9 @@
 #include "grid/brick_grid.h"
 #include "grid/samples.h"
 
-/* A volume with the table of samples and no cells yet, to be classified part by part. */
-lr_status lr_isosurface_share(lr_samples *samples, const lr_volume_desc *desc, lr_volume **volume,
-                              lr_error *error);
+/* A volume with the table of samples and no cells yet, to be classified part by part. threshold: an
+ * occupancy. */
+lr_status lr_isosurface_share(lr_samples *samples, int32_t kind, double threshold,
+                              lr_volume **volume, lr_error *error);
 
 #endif

@@ -158,52 +158,44 @@ lr_status lr_transfer_of_numbers(const lr_transfer *f, double scale, double offs
 
 /* ---- ranges of values ------------------------------------------------------ */
 
-/* The part of low..high in piece i, the values of its knots included. */
-static void part_of(const lr_transfer *f, uint64_t i, double low, double high, double part[2])
-{
-    part[0] = i > 0 ? fmax(low, f->values[i - 1]) : low;
-    part[1] = i < f->n ? fmin(high, f->values[i]) : high;
-}
-
 /* A line at a value; from a knot on the constants beyond the ends, whatever the value. */
 static double line_at(const double line[2], double from, double value)
 {
     return line[1] != 0.0 ? fmax(lr_linear(line, value - from), 0.0) : line[0];
 }
 
+/* Raise the greatest extinction and emission to those of low..high in piece i, the values of its
+ * knots included. */
+static void raise_to_piece(const lr_transfer *f, uint64_t i, double low, double high,
+                           double *extinction, double *emission)
+{
+    const lr_transfer_piece *p = &f->pieces[i];
+    if (!p->absorbs && !p->emits)
+        return;
+    const double part[2] = {i > 0 ? fmax(low, f->values[i - 1]) : low,
+                            i < f->n ? fmin(high, f->values[i]) : high};
+    for (int e = 0; e < 2; e++) {
+        *extinction = fmax(*extinction, line_at(p->extinction, p->from, part[e]));
+        for (int k = 0; k < 3 && p->emits; k++)
+            *emission = fmax(*emission, line_at(p->emission[k], p->from, part[e]));
+    }
+}
+
 bool lr_transfer_sees(const lr_transfer *f, double low, double high)
 {
-    for (uint64_t i = lr_piece_below(f, low), last = lr_piece_of(f, high); i <= last; i++) {
-        const lr_transfer_piece *p = &f->pieces[i];
-        if (!p->absorbs && !p->emits)
-            continue;
-        double part[2], most = 0.0;
-        part_of(f, i, low, high, part);
-        for (int e = 0; e < 2; e++) {
-            most = fmax(most, line_at(p->extinction, p->from, part[e]));
-            for (int k = 0; k < 3 && p->emits; k++)
-                most = fmax(most, line_at(p->emission[k], p->from, part[e]));
-        }
-        if (most > 0.0)
-            return true;
-    }
-    return false;
+    double extinction = 0.0, emission = 0.0;
+    for (uint64_t i = lr_piece_below(f, low), last = lr_piece_of(f, high);
+         i <= last && extinction == 0.0 && emission == 0.0; i++)
+        raise_to_piece(f, i, low, high, &extinction, &emission);
+    return extinction > 0.0 || emission > 0.0;
 }
 
 static void greatest(const lr_transfer *f, double low, double high, double *extinction,
                      double *emission)
 {
     *extinction = *emission = 0.0;
-    for (uint64_t i = lr_piece_below(f, low), last = lr_piece_of(f, high); i <= last; i++) {
-        const lr_transfer_piece *p = &f->pieces[i];
-        double part[2];
-        part_of(f, i, low, high, part);
-        for (int e = 0; e < 2; e++) {
-            *extinction = fmax(*extinction, line_at(p->extinction, p->from, part[e]));
-            for (int k = 0; k < 3; k++)
-                *emission = fmax(*emission, line_at(p->emission[k], p->from, part[e]));
-        }
-    }
+    for (uint64_t i = lr_piece_below(f, low), last = lr_piece_of(f, high); i <= last; i++)
+        raise_to_piece(f, i, low, high, extinction, emission);
 }
 
 lr_status lr_transfer_greatest(const lr_transfer *f, const double *low, const double *high,

@@ -36,30 +36,29 @@ lr_status lr_transfer_of_numbers(const lr_transfer *transfer, double scale, doub
 /* Is anything of the values low..high visible? */
 bool lr_transfer_sees(const lr_transfer *transfer, double low, double high);
 
-/* How many knots lie at or below a value: the number of its piece. */
-LR_INLINE uint64_t lr_piece_of(const lr_transfer *f, double value)
+/* How many knots lie below a value; with `on_it`, or at it. */
+LR_INLINE uint64_t lr_knots_below(const lr_transfer *f, double value, bool on_it)
 {
     uint64_t low = 0, high = f->n;
     while (low < high) {
         const uint64_t middle = (low + high) / 2;
-        const bool below = f->values[middle] <= value;
+        const bool below = on_it ? f->values[middle] <= value : f->values[middle] < value;
         low = below ? middle + 1 : low;
         high = below ? high : middle;
     }
     return low;
 }
 
-/* How many lie below it: the number of the piece that a value comes down into. */
+/* The number of a value's piece. */
+LR_INLINE uint64_t lr_piece_of(const lr_transfer *f, double value)
+{
+    return lr_knots_below(f, value, true);
+}
+
+/* The number of the piece that a value comes down into. */
 LR_INLINE uint64_t lr_piece_below(const lr_transfer *f, double value)
 {
-    uint64_t low = 0, high = f->n;
-    while (low < high) {
-        const uint64_t middle = (low + high) / 2;
-        const bool below = f->values[middle] < value;
-        low = below ? middle + 1 : low;
-        high = below ? high : middle;
-    }
-    return low;
+    return lr_knots_below(f, value, false);
 }
 
 LR_INLINE double lr_linear(const double line[2], double from)

@@ -6,21 +6,6 @@
 #include "grid/isosurface.h"
 #include "grid/transfer_function.h"
 
-static void describe(const lr_samples *s, lr_volume_desc *d)
-{
-    const bool whole = lr_sample_types[s->map.sample_type].whole;
-    *d = (lr_volume_desc){.nx = s->desc.nx,
-                          .ny = s->desc.ny,
-                          .nz = s->desc.nz,
-                          .sample_type = s->map.sample_type,
-                          .kind = LR_KIND_SOLID,
-                          .interpolation = s->desc.interpolation,
-                          .threshold = whole ? 1.0 : s->map.inside,
-                          .outside = whole ? 0.0 : s->map.outside,
-                          .inside = whole ? 1.0 : s->map.inside};
-    memcpy(d->object_from_index, s->desc.object_from_index, sizeof d->object_from_index);
-}
-
 static lr_status check(const lr_samples *s, const lr_transfer *numbers, int32_t bounded,
                        lr_error *error)
 {
@@ -44,27 +29,26 @@ lr_status lr_visible_begin(lr_samples *s, const lr_transfer *transfer, double sc
 {
     lr_transfer *numbers;
     lr_volume *v;
-    lr_volume_desc desc;
     lr_status status = lr_samples_check_state(s, true, error);
     if (status == LR_OK)
         status = lr_transfer_of_numbers(transfer, scale, offset, &numbers, error);
     if (status != LR_OK)
         return status;
-    describe(s, &desc);
+    const bool whole = lr_sample_types[s->map.sample_type].whole;
     status = check(s, numbers, bounded, error);
     if (status == LR_OK)
-        status = lr_isosurface_share(s, &desc, &v, error);
+        status = lr_isosurface_share(s, LR_KIND_SOLID, whole ? 1.0 : s->map.inside, &v, error);
     if (status != LR_OK) {
         lr_transfer_free(numbers);
         return status;
     }
     v->transfer = numbers;
-    if (v->everywhere || lr_transfer_sees(numbers, v->inside, v->inside))
-        memset(v->cells[LR_BRICK_ONE], 0xff, sizeof *v->cells);
     v->value_scale = scale;
     v->value_offset = offset;
     v->bounded = bounded != 0;
     v->everywhere = everywhere != 0;
+    if (v->everywhere || lr_transfer_sees(numbers, v->inside, v->inside))
+        memset(v->cells[LR_BRICK_ONE], 0xff, sizeof *v->cells);
     *volume = v;
     return LR_OK;
 }

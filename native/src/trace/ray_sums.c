@@ -236,14 +236,12 @@ static void classify_corners(const lr_transfer *f, const double corner[8], doubl
     }
 }
 
-static void add_samples(lr_ray_sums *sums, const lr_volume *v, const lr_chord *h,
-                        const double part[2])
+static void add_samples(lr_ray_sums *sums, const lr_volume *v, const lr_chord *h)
 {
     const bool before = sums->options->sampling == LR_SAMPLING_PRE;
     const double size = h->t_out - h->t_in, length = sums->step * sums->ray.speed;
     const double low = fmax(h->t_in, sums->ray.t_min), high = fmin(h->t_out, sums->ray.t_max);
     double lights[LIGHTS][8];
-    (void)part;
     if (before)
         classify_corners(v->transfer, h->corner, length, lights);
     double k = ceil(low / sums->step);
@@ -341,7 +339,7 @@ bool lr_sums_cell(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, lr_lat
     } else if (sums->options->sampling == LR_SAMPLING_EXACT) {
         add_cubic(sums, v, h.c, part, (h.t_out - h.t_in) * sums->ray.speed);
     } else {
-        add_samples(sums, v, &h, part);
+        add_samples(sums, v, &h);
     }
     note_beginning(sums, h.t_in + part[0] * (h.t_out - h.t_in));
     return goes_on(sums);

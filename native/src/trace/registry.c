@@ -100,6 +100,15 @@ static lr_status check_cubic(const lr_trace_options *o, lr_error *error)
     return LR_OK;
 }
 
+/* Steps of so many voxels, of the uniform hit test and of samples along the ray. */
+static lr_status check_step(const lr_trace_options *o, lr_error *error)
+{
+    if (!(o->step >= 1e-3 && o->step <= 1e3))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "step must lie between 0.001 and 1000 voxels; it is %g", o->step);
+    return LR_OK;
+}
+
 /* What the modes from LR_MODE_VOLUME on take. */
 static lr_status check_along(const lr_volume *volume, const lr_trace_options *o, lr_error *error)
 {
@@ -120,14 +129,12 @@ static lr_status check_along(const lr_volume *volume, const lr_trace_options *o,
                        "stop_opacity must lie above 0 and at most at 1; it is %g", o->stop_opacity);
     if (o->sampling == LR_SAMPLING_EXACT)
         return LR_OK;
-    if (!(o->step >= 1e-3 && o->step <= 1e3))
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "step must lie between 0.001 and 1000 voxels; it is %g", o->step);
-    if (volume->planes[0] != NULL)
+    status = check_step(o, error);
+    if (status == LR_OK && volume->planes[0] != NULL)
         return lr_fail(error, LR_E_ARGUMENT,
                        "samples lie steps of so many voxels apart, and those of a rectilinear "
                        "volume have no one size");
-    return LR_OK;
+    return status;
 }
 
 static lr_status check_options(const lr_volume *volume, const lr_trace_options *o, lr_error *error)
@@ -153,9 +160,9 @@ static lr_status check_options(const lr_volume *volume, const lr_trace_options *
         return lr_fail(error, LR_E_ARGUMENT,
                        "the uniform hit test brackets across cells, where the field has no one "
                        "cubic: its root finder must be bisect or linear");
-    if (!(o->step >= 1e-3 && o->step <= 1e3))
-        return lr_fail(error, LR_E_ARGUMENT,
-                       "step must lie between 0.001 and 1000 voxels; it is %g", o->step);
+    status = check_step(o, error);
+    if (status != LR_OK)
+        return status;
     if (volume->planes[0] != NULL)
         return lr_fail(error, LR_E_ARGUMENT,
                        "the uniform hit test takes steps of so many voxels, and those of a "
