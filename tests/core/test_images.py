@@ -31,18 +31,24 @@ def noise(shape, share, seed=0):
     return (np.random.default_rng(seed).random(shape) < share).astype(np.uint8) * 255
 
 
+def views_of_a_phantom(entry, n, side, count, pixels, seed):
+    """Images that are held against traced rays, parallel and in perspective in turns."""
+    rng = np.random.default_rng(seed)
+    volume = leapray.Volume(phantom.phantom(side, n))
+    prepared = leapray.prepare(volume, entry)
+    for k in range(count):
+        look = views.perspective if entry.perspective and k % 2 else views.parallel
+        camera = look(rng, volume, pixels)
+        image = leapray.render_image(entry, prepared, camera, pixels, pixels)
+        assert views.wrong(image, views.traced(volume, camera, pixels, pixels)) == 0
+        yield image
+
+
 @pytest.mark.parametrize("entry", EXACT, ids=spec_of)
 @pytest.mark.parametrize("n", [1, 3, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_exact_have_the_bits_of_traced_rays(entry, n):
     """More views are in the slow test below."""
-    rng = np.random.default_rng(n)
-    volume = leapray.Volume(phantom.phantom(32, n))
-    prepared = leapray.prepare(volume, entry)
-    for k in range(6):
-        look = views.perspective if entry.perspective and k % 2 else views.parallel
-        camera = look(rng, volume, 40)
-        image = leapray.render_image(entry, prepared, camera, 40, 40)
-        assert views.wrong(image, views.traced(volume, camera, 40, 40)) == 0
+    for image in views_of_a_phantom(entry, n, 32, 6, 40, n):
         assert 0.02 < image.hit.mean() < 0.98
 
 
@@ -50,14 +56,7 @@ def test_the_exact_have_the_bits_of_traced_rays(entry, n):
 @pytest.mark.parametrize("entry", EXACT, ids=spec_of)
 @pytest.mark.parametrize("n", range(1, 11))
 def test_the_exact_have_the_bits_of_traced_rays_in_50_views_of_ten_phantoms(entry, n):
-    rng = np.random.default_rng((3, n))
-    volume = leapray.Volume(phantom.phantom(64, n))
-    prepared = leapray.prepare(volume, entry)
-    for k in range(50):
-        look = views.perspective if entry.perspective and k % 2 else views.parallel
-        camera = look(rng, volume, 50)
-        image = leapray.render_image(entry, prepared, camera, 50, 50)
-        assert views.wrong(image, views.traced(volume, camera, 50, 50)) == 0
+    assert len(list(views_of_a_phantom(entry, n, 64, 50, 50, (3, n)))) == 50
 
 
 @pytest.mark.parametrize("entry", EXACT, ids=spec_of)
@@ -258,6 +257,10 @@ def test_wrong_arguments_are_answered_by_a_sentence(entry, ones):
     rectilinear = leapray.Volume(np.ones((4, 4, 4), np.uint8), planes=[np.array([0, 1, 3, 7])] * 3)
     with pytest.raises(leapray.LeapRayError, match="this volume is rectilinear"):
         leapray.prepare(rectilinear, entry)
+    grid = leapray.ScalarGrid("fog", np.ones((4, 4, 4), np.float32), np.eye(4))
+    look = leapray.TransferFunction([0.0, 2.0], [1.0, 1.0])
+    with pytest.raises(leapray.LeapRayError, match="transfer function in the place of a surface"):
+        leapray.prepare(leapray.visible_volume(grid, look), entry)
     other = next(one for one in leapray.image_variants() if one.spec != entry.spec)
     with pytest.raises(leapray.LeapRayError, match="is not for"):
         leapray.render_image(entry, leapray.prepare(ones, other), plain(), 10, 10)

@@ -13,7 +13,8 @@
 
 typedef struct lr_film_map {
     bool perspective;
-    double base[3];   /* of storage space */
+    double base[3];    /* of storage space */
+    double side[3][3]; /* the three vectors, of t, x and y: rays, but not to the bit */
     double row[3][3]; /* of a point minus base: t, then x and y, of which perspective has t times */
     double error[3];  /* bounds of the error of each, for points of the volume and all rays */
 } lr_film_map;
@@ -46,20 +47,20 @@ LR_INLINE double lr_extent_of(const lr_volume *v, const lr_camera *camera, const
 LR_INLINE bool lr_film_map_setup(lr_film_map *m, const lr_volume *v, const lr_camera *camera,
                                  const lr_image *image)
 {
-    double base[3], side[3][3], length[3];
+    double base[3], length[3];
     m->perspective = camera->projection == LR_PERSPECTIVE;
     for (int a = 0; a < 3; a++)
         base[a] = camera->eye[a] + (m->perspective ? 0.0 : camera->corner[a]);
     lr_map_point(v->storage_from_object, base, m->base);
     lr_map_vector(v->storage_from_object, m->perspective ? camera->corner : camera->forward,
-                  side[0]);
-    lr_map_vector(v->storage_from_object, camera->dx, side[1]);
-    lr_map_vector(v->storage_from_object, camera->dy, side[2]);
+                  m->side[0]);
+    lr_map_vector(v->storage_from_object, camera->dx, m->side[1]);
+    lr_map_vector(v->storage_from_object, camera->dy, m->side[2]);
     for (int i = 0; i < 3; i++) {
-        length[i] = sqrt(lr_dot(side[i], side[i]));
-        lr_cross_product(side[(i + 1) % 3], side[(i + 2) % 3], m->row[i]);
+        length[i] = sqrt(lr_dot(m->side[i], m->side[i]));
+        lr_cross_product(m->side[(i + 1) % 3], m->side[(i + 2) % 3], m->row[i]);
     }
-    const double det = lr_dot(side[0], m->row[0]);
+    const double det = lr_dot(m->side[0], m->row[0]);
     /* Each factor is a triple product by det; all its roundings are below 2^-49 of the product of
      * lengths, and those of rays, their planes and the maps of points likewise. */
     const double extent = lr_extent_of(v, camera, image);

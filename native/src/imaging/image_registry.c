@@ -75,6 +75,11 @@ lr_status lr_prepare(const lr_volume *volume, int32_t method, const int32_t *cho
         return lr_fail(error, LR_E_ARGUMENT,
                        "first object cells are those of the trilinear field, and this volume is "
                        "cubic");
+    if (volume->transfer != NULL)
+        return lr_fail(
+            error, LR_E_ARGUMENT,
+            "the volume has a transfer function in the place of a surface, and no object "
+            "cells");
     lr_prepared *p = calloc(1, sizeof *p);
     if (p == NULL)
         return lr_fail_memory(error, sizeof *p, "what an image method needs");

@@ -34,12 +34,6 @@ typedef struct leaping {
     lr_radii *radii;
 } leaping;
 
-/* A camera's rays in storage space, for distances between them: not to the bit. */
-typedef struct rays {
-    bool perspective;
-    double base[3], side[3][3]; /* as in film_map.h */
-} rays;
-
 /* The part of a line that is known to be empty: from t0 to t1, for so many voxels around. */
 typedef struct tube {
     double o[3], d[3], square; /* of d */
@@ -51,8 +45,7 @@ typedef struct tube {
 typedef struct job {
     const leaping *made;
     const lr_view *view;
-    rays then;          /* the frame before */
-    lr_film_map film;   /* of it */
+    lr_film_map then;   /* of the frame before */
     bool starts_inside; /* may a ray start in the lattice? */
     lr_ray parallel;    /* the ray that all others are but for their origin */
     lr_pace pace;       /* of it; its slack is enough for all rays */
@@ -85,19 +78,6 @@ lr_status lr_leaping_prepare(const lr_volume *v, const int32_t *choices, const l
 
 /* ---- tubes of the frame before --------------------------------------------- */
 
-static void map_rays(rays *m, const lr_volume *v, const lr_camera *camera)
-{
-    double base[3];
-    m->perspective = camera->projection == LR_PERSPECTIVE;
-    for (int a = 0; a < 3; a++)
-        base[a] = camera->eye[a] + (m->perspective ? 0.0 : camera->corner[a]);
-    lr_map_point(v->storage_from_object, base, m->base);
-    lr_map_vector(v->storage_from_object, m->perspective ? camera->corner : camera->forward,
-                  m->side[0]);
-    lr_map_vector(v->storage_from_object, camera->dx, m->side[1]);
-    lr_map_vector(v->storage_from_object, camera->dy, m->side[2]);
-}
-
 /* The tube of a pixel of the frame before; false where it has none. */
 static bool tube_of(const job *j, int32_t x, int32_t y, tube *t)
 {
@@ -121,10 +101,10 @@ static bool tube_of(const job *j, int32_t x, int32_t y, tube *t)
 static void pixel_before(const job *j, const double p[3], int32_t pixel[2])
 {
     const lr_frame_before *before = j->view->before;
-    const double t = j->film.perspective ? lr_film_factor(&j->film, 0, p) : 1.0;
+    const double t = j->then.perspective ? lr_film_factor(&j->then, 0, p) : 1.0;
     for (int i = 0; i < 2; i++) {
         const double most = (i == 0 ? before->width : before->height) - 1.0;
-        pixel[i] = (int32_t)lr_clamp(floor(lr_film_factor(&j->film, i + 1, p) / t), 0.0, most);
+        pixel[i] = (int32_t)lr_clamp(floor(lr_film_factor(&j->then, i + 1, p) / t), 0.0, most);
     }
 }
 
@@ -359,10 +339,8 @@ lr_status lr_leaping_render(const void *data, const lr_view *view, lr_counters *
 {
     const lr_image *image = view->image;
     job j = {.made = data, .view = view, .starts_inside = may_start_inside(view)};
-    if (view->before != NULL) {
-        map_rays(&j.then, view->volume, &view->before->camera);
-        lr_film_map_setup(&j.film, view->volume, &view->before->camera, image);
-    }
+    if (view->before != NULL)
+        lr_film_map_setup(&j.then, view->volume, &view->before->camera, image);
     lr_pixel_ray(view, 0, 0, &j.parallel);
     j.pace.per_voxel = 1.0 / sqrt(lr_dot(j.parallel.d, j.parallel.d));
     j.pace.slack = lr_extent_of(view->volume, view->camera, image) * 0x1p-49;
