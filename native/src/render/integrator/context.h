@@ -16,4 +16,11 @@ typedef struct lr_context {
     lr_error *error;       /* why they failed */
 } lr_context;
 
+/* The watch of one of a stage's many calls: it hears that they are to stop, and has no progress to
+ * tell. */
+LR_INLINE lr_watch lr_stop_of(const lr_context *context)
+{
+    return (lr_watch){.stop = context->watch != NULL ? context->watch->stop : NULL};
+}
+
 #endif

@@ -159,7 +159,7 @@ static lr_status trace_shadow_rays(const lr_context *context, lr_shadow_queue *s
     while (status == LR_OK && passes && rays->n > 0) {
         status = lr_intersect_closest(context, &options, rays, hits, &wave->memory);
         if (status == LR_OK && scene->n_participants > 0)
-            status = lr_find_volume_light(context, 0, rays, hits->t, &wave->memory.batch,
+            status = lr_find_volume_light(context, 0, false, rays, hits->t, &wave->memory.batch,
                                           &wave->volume_light);
         if (status == LR_OK)
             pass_surfaces(scene, (uint32_t)context->tile->transparent_bounces, hits,

@@ -134,22 +134,14 @@ static lr_status trace_batch(const lr_context *context, const lr_intersect_optio
                              uint32_t instance, bool leaves, bool only_t, uint32_t n,
                              const lr_batch *batch)
 {
-    const lr_rays rays = {
-        .ox = batch->ray.ox,
-        .oy = batch->ray.oy,
-        .oz = batch->ray.oz,
-        .dx = batch->ray.dx,
-        .dy = batch->ray.dy,
-        .dz = batch->ray.dz,
-        .t_min = options->t_min != 0 ? batch->t_min : NULL,
-        .t_max = batch->t_max,
-        .start = leaves ? batch->start : NULL,
-    };
+    lr_rays rays = lr_rays_of(batch);
+    rays.t_min = options->t_min != 0 ? batch->t_min : NULL;
+    rays.start = leaves ? batch->start : NULL;
     const lr_hits distances = {.t = batch->hit.t};
     lr_hits all = batch->hit;
     if (!options->steps)
         all.steps = NULL;
-    const lr_watch stop = {.stop = context->watch != NULL ? context->watch->stop : NULL};
+    const lr_watch stop = lr_stop_of(context);
     return lr_trace(context->scene->instances[instance].structure, &rays, n, &context->tile->trace,
                     only_t ? &distances : &all, context->counters, &stop, context->error);
 }

@@ -255,7 +255,7 @@ static lr_status trace_batch(const lr_context *context, bool any, bool camera, b
     if (geometry)
         lr_write_steps(queues->now.paths, &wave->rays, &wave->hits, film);
     if (context->scene->n_participants > 0)
-        status = lr_find_volume_light(context, options.t_min, &wave->rays, wave->hits.t,
+        status = lr_find_volume_light(context, options.t_min, true, &wave->rays, wave->hits.t,
                                       &wave->memory.batch, &wave->volume_light);
     if (status == LR_OK)
         status = process_hits(context, any, wave, queues->now.paths, shading_points, film);

@@ -80,6 +80,19 @@ typedef struct lr_batch {
     lr_hits hit;
 } lr_batch;
 
+/* A batch for lr_trace, all of each ray from t = 0 to its end. */
+LR_INLINE lr_rays lr_rays_of(const lr_batch *batch)
+{
+    const lr_rays_buffer *ray = &batch->ray;
+    return (lr_rays){.ox = ray->ox,
+                     .oy = ray->oy,
+                     .oz = ray->oz,
+                     .dx = ray->dx,
+                     .dy = ray->dy,
+                     .dz = ray->dz,
+                     .t_max = batch->t_max};
+}
+
 /* Ray and instance that are to be traced. */
 typedef struct lr_pair {
     uint32_t ray, instance;

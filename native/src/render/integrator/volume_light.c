@@ -52,17 +52,9 @@ static void put(const lr_placed *placed, const double o[3], const double d[3], d
 /* Sum up along the n rays of a filled batch: reads its rays; writes its hits. */
 static lr_status sum_up(const lr_context *context, uint32_t instance, uint32_t n, lr_batch *batch)
 {
-    const lr_rays rays = {
-        .ox = batch->ray.ox,
-        .oy = batch->ray.oy,
-        .oz = batch->ray.oz,
-        .dx = batch->ray.dx,
-        .dy = batch->ray.dy,
-        .dz = batch->ray.dz,
-        .t_min = batch->t_min,
-        .t_max = batch->t_max,
-        .length = batch->length,
-    };
+    lr_rays rays = lr_rays_of(batch);
+    rays.t_min = batch->t_min;
+    rays.length = batch->length;
     const lr_hits sums = {
         .t = batch->hit.t,
         .red = batch->hit.red,
@@ -70,7 +62,7 @@ static lr_status sum_up(const lr_context *context, uint32_t instance, uint32_t n
         .blue = batch->hit.blue,
         .transmittance = batch->hit.transmittance,
     };
-    const lr_watch stop = {.stop = context->watch != NULL ? context->watch->stop : NULL};
+    const lr_watch stop = lr_stop_of(context);
     lr_trace_options options = context->tile->trace;
     options.mode = LR_MODE_VOLUME;
     return lr_trace(context->scene->instances[instance].structure, &rays, n, &options, &sums, NULL,
@@ -198,8 +190,9 @@ static crossing crossing_of(const lr_scene *scene, double t_min, const lr_ray_qu
     return c;
 }
 
-lr_status lr_find_volume_light(const lr_context *context, double t_min, const lr_ray_queue *rays,
-                               const double *ends, lr_batch *batch, lr_volume_light *light)
+lr_status lr_find_volume_light(const lr_context *context, double t_min, bool colors,
+                               const lr_ray_queue *rays, const double *ends, lr_batch *batch,
+                               lr_volume_light *light)
 {
     const lr_scene *scene = context->scene;
     for (uint32_t i = 0; i < rays->n; i++) {
@@ -221,7 +214,7 @@ lr_status lr_find_volume_light(const lr_context *context, double t_min, const lr
             light->n_met[i]++;
         }
     }
-    for (uint32_t i = 0; i < rays->n; i++) {
+    for (uint32_t i = 0; i < rays->n && colors; i++) {
         if (light->n_met[i] < 2)
             continue;
         const crossing c = crossing_of(scene, t_min, rays, i, ends[i]);
