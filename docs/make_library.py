@@ -72,7 +72,7 @@ TOPICS = {
         "A traverser is the method that takes a ray to the next cell that can hold surface. "
         "[methods/](methods/README.md) describes each. A structure is what the traverser needs "
         "beside the volume.",
-        "traversers traverser variants Traverser Option build Structure",
+        "traversers traverser variants Traverser Entry Option build Structure",
     ),
     "Tracing": (
         "Rays are P = origin + t direction in object space. All rays of a call are traced with "
@@ -246,7 +246,9 @@ def entry(name: str) -> str:
     if inspect.isclass(thing) and issubclass(thing, Exception):
         parts.append(code(f"class {name}({thing.__bases__[0].__name__})"))
     elif inspect.isclass(thing) and hasattr(thing, "__dataclass_fields__"):
-        parts.append(code(f"class {name}:\n{textwrap.indent(fields(thing), '    ')}"))
+        above = thing.__bases__[0].__name__
+        bases = "" if above == "object" else f"({above})"
+        parts.append(code(f"class {name}{bases}:\n{textwrap.indent(fields(thing), '    ')}"))
     else:
         parts.append(code(signature(name, thing)))
     parts.append(f"{text_of(thing)}\n")

@@ -21,7 +21,7 @@ from .imaging import (
 )
 from .isosurfaces import Isosurfaces, isosurface
 from .label_volume import label_numbers, labels
-from .options import Option
+from .options import Entry, Option
 from .programs import (
     INPUTS,
     Program,
@@ -95,6 +95,7 @@ __all__ = [
     "Attributes",
     "Camera",
     "Clip",
+    "Entry",
     "FieldColor",
     "FieldSamples",
     "Histogram",

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import ctypes
-import itertools
 import weakref
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +13,7 @@ from numpy.typing import NDArray
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import empty, pointer
-from .options import (
-    Option,
-    about_choices,
-    defaults,
-    keeps_exact,
-    numbers_of_choices,
-    parse_choices,
-    parse_options,
-    spec_of,
-)
+from .options import Entry, all_choices, choice_numbers, find, read_entry
 from .rendering import Camera, Light, camera_struct
 from .threads import check_threads, cores, run_parts
 from .tracing import add_counters
@@ -31,27 +21,16 @@ from .volume import Volume
 
 
 @dataclass(frozen=True)
-class ImageMethod:
-    """A line of the core's registry of whole-image methods, with its options chosen."""
+class ImageMethod(Entry):
+    """A line of the core's registry of whole-image methods, with its options chosen.
 
-    index: int
-    name: str  # as in files and on the command line
-    label: str  # as in menus
-    source: str
-    about: str  # how it works with the options chosen, or what it may miss
-    exact: bool  # cells and depths are those of `trace` with mode="binary"
-    perspective: bool  # takes perspective cameras, too
-    surfaces: bool  # shows first object cells
-    lights: bool  # shades by lights and gives normals; others shade by depth
-    frames: bool  # is faster with the frame before
-    options: tuple[Option, ...] = ()
-    chosen: tuple[str, ...] = ()  # per option
-    template: str = ""  # about, with the words of every choice, as the registry has it
+    exact: cells and depths are those of `trace` with mode="binary".
+    """
 
-    @property
-    def spec(self) -> str:
-        """How to ask for it: "name" or "name:option=choice,..." for what is not the default."""
-        return spec_of(self.name, self.options, self.chosen)
+    perspective: bool = False  # takes perspective cameras, too
+    surfaces: bool = False  # shows first object cells
+    lights: bool = False  # shades by lights and gives normals; others shade by depth
+    frames: bool = False  # is faster with the frame before
 
 
 def image_methods() -> list[ImageMethod]:
@@ -59,16 +38,24 @@ def image_methods() -> list[ImageMethod]:
 
     Raises LeapRayError only where core and package do not belong together.
     """
-    return [_choose(entry, defaults(entry.options)) for entry in _registry()]
+    found = []
+    for index in range(lib.lr_image_method_count()):
+        line, error = _abi.lr_image_method(), _abi.lr_error()
+        check(lib.lr_image_method_get(index, ctypes.byref(line), ctypes.byref(error)), error)
+        flags = {
+            "exact": bool(line.flags & _abi.LR_IMAGE_EXACT),
+            "perspective": bool(line.flags & _abi.LR_IMAGE_PERSPECTIVE),
+            "surfaces": bool(line.flags & _abi.LR_IMAGE_SURFACES),
+            "lights": bool(line.flags & _abi.LR_IMAGE_LIGHTS),
+            "frames": bool(line.flags & _abi.LR_IMAGE_FRAMES),
+        }
+        found.append(read_entry(ImageMethod, index, line, **flags))
+    return found
 
 
 def image_variants() -> list[ImageMethod]:
     """All whole-image methods with every combination of their options."""
-    return [
-        _choose(entry, chosen)
-        for entry in image_methods()
-        for chosen in itertools.product(*(option.choices for option in entry.options))
-    ]
+    return all_choices(image_methods())
 
 
 def image_method(spec: str) -> ImageMethod:
@@ -76,51 +63,7 @@ def image_method(spec: str) -> ImageMethod:
 
     Raises LeapRayError that lists what there is.
     """
-    name, _, asked = str(spec).partition(":")
-    known = image_methods()
-    entry = next((one for one in known if one.name == name), None)
-    if entry is None:
-        raise LeapRayError(
-            f"unknown image method {name!r}; there are {', '.join(one.name for one in known)}"
-        )
-    chosen = parse_choices(f"image method {entry.name}", entry.options, asked)
-    return _choose(_registry()[entry.index], chosen)
-
-
-def _registry() -> list[ImageMethod]:
-    found = []
-    for index in range(lib.lr_image_method_count()):
-        entry, error = _abi.lr_image_method(), _abi.lr_error()
-        check(lib.lr_image_method_get(index, ctypes.byref(entry), ctypes.byref(error)), error)
-        name, label, source, about, options = (
-            getattr(entry, key).decode() for key in ("name", "label", "source", "about", "options")
-        )
-        found.append(
-            ImageMethod(
-                index,
-                name,
-                label,
-                source,
-                about,
-                exact=bool(entry.flags & _abi.LR_IMAGE_EXACT),
-                perspective=bool(entry.flags & _abi.LR_IMAGE_PERSPECTIVE),
-                surfaces=bool(entry.flags & _abi.LR_IMAGE_SURFACES),
-                lights=bool(entry.flags & _abi.LR_IMAGE_LIGHTS),
-                frames=bool(entry.flags & _abi.LR_IMAGE_FRAMES),
-                options=parse_options(options),
-                template=about,
-            )
-        )
-    return found
-
-
-def _choose(entry: ImageMethod, chosen: tuple[str, ...]) -> ImageMethod:
-    return replace(
-        entry,
-        chosen=chosen,
-        exact=entry.exact and keeps_exact(entry.options, chosen),
-        about=about_choices(entry.template, entry.options, chosen),
-    )
+    return find("image method", str(spec), image_methods())
 
 
 # ---- preparation -----------------------------------------------------------------
@@ -213,8 +156,7 @@ def prepare(volume: Volume, method: str | ImageMethod, *, watch: Watch | None = 
             f"of type {type(volume).__name__}"
         )
     entry = method if isinstance(method, ImageMethod) else image_method(method)
-    numbers = numbers_of_choices(entry.options, entry.chosen)
-    choices = (ctypes.c_int32 * max(len(numbers), 1))(*numbers)
+    choices = choice_numbers(entry)
     handle = ctypes.POINTER(_abi.lr_prepared)()
     call(lib.lr_prepare, volume.handle, entry.index, choices, watch=watch, outputs=(handle,))
     return Prepared(volume, entry, handle)

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import ctypes
-import itertools
 import weakref
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,16 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import NORMALS, choice, columns, members, numbers, per_ray, pointer, record
-from .options import (
-    Option,
-    about_choices,
-    defaults,
-    keeps_exact,
-    numbers_of_choices,
-    parse_choices,
-    parse_options,
-    spec_of,
-)
+from .options import Entry, all_choices, choice_numbers, find, read_entry
 from .threads import check_threads, cores, run_parts, run_steps
 from .volume import Volume
 
@@ -46,25 +36,14 @@ MEMBERS = {"color": ("red", "green", "blue")}  # of lr_hits
 
 
 @dataclass(frozen=True)
-class Traverser:
-    """A line of the core's registry, with its options chosen."""
+class Traverser(Entry):
+    """A line of the core's registry, with its options chosen.
 
-    index: int
-    name: str  # as in files and on the command line
-    label: str  # as in menus
-    source: str
-    about: str  # how it works with the options chosen, or what it may miss
-    exact: bool  # agrees with the integer oracle but for ties
-    default: bool
-    rectilinear: bool  # takes rectilinear volumes
-    options: tuple[Option, ...] = ()
-    chosen: tuple[str, ...] = ()  # per option
-    template: str = ""  # about, with the words of every choice, as the registry has it
+    exact: it agrees with the integer oracle but for ties.
+    """
 
-    @property
-    def spec(self) -> str:
-        """How to ask for it: "name" or "name:option=choice,..." for what is not the default."""
-        return spec_of(self.name, self.options, self.chosen)
+    default: bool = False
+    rectilinear: bool = False  # takes rectilinear volumes
 
 
 def traversers() -> list[Traverser]:
@@ -74,45 +53,20 @@ def traversers() -> list[Traverser]:
     """
     found = []
     for index in range(lib.lr_traverser_count()):
-        entry, error = _abi.lr_traverser(), _abi.lr_error()
-        check(lib.lr_traverser_get(index, ctypes.byref(entry), ctypes.byref(error)), error)
-        name, label, source, about = (
-            getattr(entry, key).decode() for key in ("name", "label", "source", "about")
-        )
-        options = parse_options(entry.options.decode())
-        found.append(
-            Traverser(
-                index,
-                name,
-                label,
-                source,
-                about,
-                exact=bool(entry.flags & _abi.LR_TRAVERSER_EXACT),
-                default=bool(entry.flags & _abi.LR_TRAVERSER_DEFAULT),
-                rectilinear=bool(entry.flags & _abi.LR_TRAVERSER_RECTILINEAR),
-                options=options,
-                template=about,
-            )
-        )
-    return [_choose(entry, defaults(entry.options)) for entry in found]
+        line, error = _abi.lr_traverser(), _abi.lr_error()
+        check(lib.lr_traverser_get(index, ctypes.byref(line), ctypes.byref(error)), error)
+        flags = {
+            "exact": bool(line.flags & _abi.LR_TRAVERSER_EXACT),
+            "default": bool(line.flags & _abi.LR_TRAVERSER_DEFAULT),
+            "rectilinear": bool(line.flags & _abi.LR_TRAVERSER_RECTILINEAR),
+        }
+        found.append(read_entry(Traverser, index, line, **flags))
+    return found
 
 
 def variants() -> list[Traverser]:
     """All traversers with every combination of their options."""
-    return [
-        _choose(entry, chosen)
-        for entry in traversers()
-        for chosen in itertools.product(*(option.choices for option in entry.options))
-    ]
-
-
-def _choose(entry: Traverser, chosen: tuple[str, ...]) -> Traverser:
-    return replace(
-        entry,
-        chosen=chosen,
-        exact=entry.exact and keeps_exact(entry.options, chosen),
-        about=about_choices(entry.template, entry.options, chosen),
-    )
+    return all_choices(traversers())
 
 
 def traverser(spec: str | None = None) -> Traverser:
@@ -120,14 +74,10 @@ def traverser(spec: str | None = None) -> Traverser:
 
     Raises LeapRayError that lists what there is.
     """
-    name, _, asked = (spec or "").partition(":")
     known = traversers()
-    entry = next((one for one in known if one.name == name or (not name and one.default)), None)
-    if entry is None:
-        raise LeapRayError(
-            f"unknown traverser {name!r}; there are {', '.join(one.name for one in known)}"
-        )
-    return _choose(entry, parse_choices(f"traverser {entry.name}", entry.options, asked))
+    name, _, asked = (spec or "").partition(":")
+    name = name or next(one.name for one in known if one.default)
+    return find("traverser", f"{name}:{asked}", known)
 
 
 class Structure:
@@ -167,8 +117,7 @@ def build(
             f"this is of type {type(volume).__name__}"
         )
     entry = spec if isinstance(spec, Traverser) else traverser(spec)
-    numbers = numbers_of_choices(entry.options, entry.chosen)
-    choices = (ctypes.c_int32 * max(len(numbers), 1))(*numbers)
+    choices = choice_numbers(entry)
     handle = ctypes.POINTER(_abi.lr_structure)()
     call(
         lib.lr_structure_build,
