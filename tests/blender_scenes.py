@@ -89,19 +89,27 @@ def diffuse(name, color=(1, 1, 1)):
     return made
 
 
+def ramp_of(tree, attribute, socket="Fac", low=0.0, high=3.0):
+    """A new colour ramp, which an attribute's values from low to high go through."""
+    told, mapped, ramp = (
+        tree.nodes.new(f"ShaderNode{kind}") for kind in ("Attribute", "MapRange", "ValToRGB")
+    )
+    told.attribute_name = attribute
+    mapped.inputs["From Min"].default_value, mapped.inputs["From Max"].default_value = low, high
+    tree.links.new(told.outputs[socket], mapped.inputs["Value"])
+    tree.links.new(mapped.outputs["Result"], ramp.inputs["Fac"])
+    return ramp
+
+
 def colored(name, attribute="density", socket="Fac", low=0.0, high=3.0, **settings):
     """A material that shines by a ramp from red at low to green at high of an attribute."""
     made = bpy.data.materials.new(name)
     tree = nodes_of(made)
     tree.nodes.clear()
-    kinds = "Attribute", "MapRange", "ValToRGB", "Emission", "OutputMaterial"
-    told, mapped, ramp, bsdf, output = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
-    told.attribute_name = attribute
-    mapped.inputs["From Min"].default_value, mapped.inputs["From Max"].default_value = low, high
+    ramp = ramp_of(tree, attribute, socket, low, high)
+    bsdf, output = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("Emission", "OutputMaterial"))
     ramp.color_ramp.elements[0].color = (1, 0, 0, 1)
     ramp.color_ramp.elements[1].color = (0, 1, 0, 1)
-    tree.links.new(told.outputs[socket], mapped.inputs["Value"])
-    tree.links.new(mapped.outputs["Result"], ramp.inputs["Fac"])
     tree.links.new(ramp.outputs["Color"], bsdf.inputs["Color"])
     tree.links.new(bsdf.outputs[0], output.inputs["Surface"])
     return made

@@ -12,6 +12,7 @@ import functools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from .planned import Plan
 
 MESH_SHARE = 1 / 4  # of the memory that is left for meshes, where there are some
 SAMPLES = "samples"  # what the cache calls those that surfaces share
+Stored = TypeVar("Stored", leapray.Isosurfaces, leapray.FieldSamples)
 
 
 @dataclass(frozen=True)
@@ -260,16 +262,7 @@ class Fields:
         field = self.scene.fields[n]
         assert field.look is not None
         key = self._seen_key(field, factor)
-        samples = self.cache.get(key)
-        if samples is None:
-            began = time.perf_counter()
-            self.cache.trim(int(room - _foreseen(field.grid, factor)))
-            grid = field_filters.filtered(field, 0.0, factor, room, self.threads, self.watch)
-            samples = leapray.FieldSamples(
-                grid, threads=self.threads, watch=self.watch, max_nbytes=max(int(room), 1)
-            )
-            self.seconds["voxelize"] += time.perf_counter() - began
-        self.cache.put(key, samples, samples.nbytes)
+        samples = self._stored(key, field, 0.0, factor, room, leapray.FieldSamples)
         if not samples.low <= samples.high:
             return [], [f"{name!r} shows nothing, for its data hold no value."]
         transfer, grey = looks.transfer(field.look, samples.low, samples.high)
@@ -309,15 +302,30 @@ class Fields:
         Where small parts are left out, each threshold has its own.
         """
         key = self._samples_key(field, threshold, factor)
+        made = functools.partial(
+            leapray.Isosurfaces,
+            above=field.above,
+            capped=field.capped,
+            interpolation=field.interpolation,
+        )
+        return self._stored(key, field, threshold, factor, room, made)
+
+    def _stored(
+        self,
+        key: tuple,
+        field: model.Field,
+        threshold: float,
+        factor: int,
+        room: float,
+        made: Callable[..., Stored],
+    ) -> Stored:
+        """The samples of a field, from the cache or as made stores them."""
         samples = self.cache.get(key)
         if samples is None:
             began = time.perf_counter()
             self.cache.trim(int(room - _foreseen(field.grid, factor)))
-            samples = leapray.Isosurfaces(
+            samples = made(
                 field_filters.filtered(field, threshold, factor, room, self.threads, self.watch),
-                above=field.above,
-                capped=field.capped,
-                interpolation=field.interpolation,
                 threads=self.threads,
                 watch=self.watch,
                 max_nbytes=max(int(room), 1),

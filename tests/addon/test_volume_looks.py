@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pytest
 import vdb_files
-from blender_scenes import diffuse, light, mesh, nodes_of, plane, put, read
+from blender_scenes import diffuse, light, mesh, nodes_of, plane, put, ramp_of, read
 from engines import bare, blocks, both, render, warnings
 
 from addon import pipeline
@@ -26,32 +26,27 @@ def shaded(kind, **inputs):
     return made
 
 
+def shader_of(material):
+    return next(n for n in material.node_tree.nodes if n.outputs and n.outputs[0].type == "SHADER")
+
+
 def driven(material, socket):
     """Let a socket of the material's shader be the density."""
-    tree = material.node_tree
-    told = tree.nodes.new("ShaderNodeAttribute")
+    told = material.node_tree.nodes.new("ShaderNodeAttribute")
     told.attribute_name = "density"
-    shader = next(node for node in tree.nodes if node.outputs[0].type == "SHADER")
-    tree.links.new(told.outputs["Fac"], shader.inputs[socket])
+    material.node_tree.links.new(told.outputs["Fac"], shader_of(material).inputs[socket])
     return material
 
 
-def ramped(material, socket, stops, low=0.0, high=2.0):
+def ramped(material, socket, stops):
     """Let a socket of the material's shader depend on the density by a colour ramp."""
-    tree = material.node_tree
-    kinds = ("Attribute", "MapRange", "ValToRGB")
-    told, mapped, ramp = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
-    told.attribute_name = "density"
-    mapped.inputs["From Min"].default_value, mapped.inputs["From Max"].default_value = low, high
+    ramp = ramp_of(material.node_tree, "density", high=2.0)
     elements = ramp.color_ramp.elements
     while len(elements) < len(stops):
         elements.new(0.5)
     for element, (at, color) in zip(elements, stops, strict=True):
         element.position, element.color = at, (*color, 1)
-    shader = next(node for node in tree.nodes if node.outputs[0].type == "SHADER")
-    tree.links.new(told.outputs["Fac"], mapped.inputs["Value"])
-    tree.links.new(mapped.outputs["Result"], ramp.inputs["Fac"])
-    tree.links.new(ramp.outputs["Color"], shader.inputs[socket])
+    material.node_tree.links.new(ramp.outputs["Color"], shader_of(material).inputs[socket])
     return material
 
 
@@ -120,6 +115,17 @@ def test_surfaces_stand_in_front_within_and_behind(tmp_path):
     theirs, ours = both(scene, samples=256)
     a, b = folded(theirs), folded(ours)
     assert np.abs(a - b)[..., :3].max() < 0.02 * a.max()
+
+
+def test_objects_that_share_data_have_looks_of_their_own(tmp_path):
+    before_white()
+    first = smoke(MATERIALS["absorption"](), tmp_path)
+    second = put("Other", first.data)
+    second.material_slots[0].link = "OBJECT"
+    second.material_slots[0].material = MATERIALS["emission"]()
+    assert len({each.look.key for each in read(16, 16).fields}) == 2
+    first.data.leapray.shown = "threshold"
+    assert len(read(16, 16).fields) == 1
 
 
 def test_thresholds_are_not_asked_and_rows_tell_what_is_shown(tmp_path):

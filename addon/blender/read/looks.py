@@ -20,7 +20,7 @@ from leapray.programs import INPUTS
 from ... import model
 from .links import Values, average
 from .nodes import Folder, Place, Unfolded, output_of, own_value, title
-from .shaders import Walk, flattened
+from .shaders import Constants
 
 Part = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # values (n,) to (n, 3)
 
@@ -39,7 +39,7 @@ def read_look(material, grid: str, notes) -> model.Look:
     return _Reader(material.name, grid, notes).read(output)
 
 
-class _Reader(Walk):
+class _Reader(Constants):
     """The look that one material gives to fields of one name."""
 
     def __init__(self, name: str, grid: str, notes) -> None:
@@ -50,25 +50,17 @@ class _Reader(Walk):
         self.keys: list[bytes] = []
 
     def read(self, output: Place) -> model.Look:
-        socket = output.node.inputs.get("Volume")
-        found = [] if socket is None else flattened(Place(socket), self.source, self._factor)
+        found = self.flattened(output.node.inputs.get("Volume"))
         if not found:
             raise LeapRayError(f"its material {self.name!r} has no volume shader")
         for out, weight in found:
             kind = out.node.bl_idname
             if kind in _SHADERS:
-                _SHADERS[kind](self, out, cast(float, weight))
+                _SHADERS[kind](self, out, weight)
             else:
                 self.strange[title(out.node)] = None
         self.tell()
         return model.Look(_sum(self.extinction), _sum(self.emission), b"|".join(self.keys))
-
-    def _factor(self, out: Place) -> float:
-        try:
-            return float(Folder().value(out.input("Fac")))
-        except Unfolded as error:
-            self.strange[str(error)] = None
-            return float(own_value(out.input("Fac")))
 
     # -- shaders
 

@@ -23,7 +23,7 @@ from leapray._abi import LR_LOBES_MAX
 from ... import model
 from .links import Triple, Values, tree_of
 from .nodes import Folder, Place, Unfolded, output_of, own_value, title
-from .shaders import Walk, flattened
+from .shaders import Constants
 from .textures import Leaves, Texture
 
 GREY = (0.8, 0.8, 0.8)  # what Blender gives to an empty slot
@@ -74,7 +74,7 @@ def plain(name: str, color, index: int = 0) -> model.Material:
     return model.Material(name, lobes=(model.Lobe("diffuse", color=color),), index=index)
 
 
-class _Reader(Walk):
+class _Reader(Constants):
     """The lobes of one material."""
 
     def __init__(self, material, notes, images: dict) -> None:
@@ -91,11 +91,11 @@ class _Reader(Walk):
         displaced = inputs.get("Displacement")
         if displaced and self.source(Place(displaced)):
             self.notes.unsupported("Displacement is", self.material.name)
-        volumes = self._flattened(inputs.get("Volume"))
+        volumes = self.flattened(inputs.get("Volume"))
         absorption = np.zeros(3)
         for out, weight in volumes:
             absorption += weight * self._absorption(out)
-        surfaces = self._flattened(inputs.get("Surface"))
+        surfaces = self.flattened(inputs.get("Surface"))
         for out, weight in surfaces:
             self._shader(out, weight)
         if volumes and not surfaces:
@@ -117,13 +117,6 @@ class _Reader(Walk):
             index=self.material.pass_index,
         )
         return made, self.texture
-
-    def _flattened(self, socket) -> list[tuple[Place, float]]:
-        """The shaders that an output node's input adds up, and their weights."""
-        if socket is None:
-            return []
-        found = flattened(Place(socket), self.source, lambda out: self._number(out, "Fac"))
-        return cast(list[tuple[Place, float]], found)
 
     # -- shaders
 
@@ -177,7 +170,7 @@ class _Reader(Walk):
             kind,
             weight,
             roughness=self._roughness(out),
-            ior=_within(self._number(out, "IOR"), 1e-5, np.inf),
+            ior=_within(self.number(out, "IOR"), 1e-5, np.inf),
             multiscatter=_multiscatter(out),
             **self._color(out, "Color"),
         )
@@ -186,7 +179,7 @@ class _Reader(Walk):
         self._add("transparent", weight, **self._color(out, "Color"))
 
     def _emission(self, out: Place, weight: float) -> None:
-        power = self._number(out, "Strength")
+        power = self.number(out, "Strength")
         if not power <= 0:
             self._glow(weight, power, self._color(out, "Color"))
 
@@ -209,8 +202,8 @@ class _Reader(Walk):
         )
 
     def _principled(self, out: Place, weight: float) -> None:
-        alpha = _within(self._number(out, "Alpha"), 0.0, 1.0)
-        power = _within(self._number(out, "Emission Strength"), 0.0, np.inf)
+        alpha = _within(self.number(out, "Alpha"), 0.0, 1.0)
+        power = _within(self.number(out, "Emission Strength"), 0.0, np.inf)
         glow = self._color(out, "Emission Color") if power else {"color": BLACK}
         base = self._color(out, "Base Color")
         if glow.get("textured"):
@@ -219,20 +212,20 @@ class _Reader(Walk):
         self._add(
             "principled",
             weight,
-            metallic=_within(self._number(out, "Metallic"), 0.0, 1.0),
+            metallic=_within(self.number(out, "Metallic"), 0.0, 1.0),
             roughness=self._roughness(out),
-            ior=_within(self._number(out, "IOR"), 1e-5, np.inf),
+            ior=_within(self.number(out, "IOR"), 1e-5, np.inf),
             multiscatter=_multiscatter(out),
             specular=self._specular(out),
             specular_tint=self._constant(out, "Specular Tint"),
-            transmission=_within(self._number(out, "Transmission Weight"), 0.0, 1.0),
+            transmission=_within(self.number(out, "Transmission Weight"), 0.0, 1.0),
             alpha=alpha,
             emission=tuple(power * channel for channel in glow["color"]),
             **base,
         )
 
     def _specular(self, out: Place) -> float:
-        level = self._number(out, "Specular IOR Level")
+        level = self.number(out, "Specular IOR Level")
         if level > 1.0:
             self.strange["Specular IOR Level above 1"] = None
         return _within(level, 0.0, 1.0)
@@ -244,28 +237,17 @@ class _Reader(Walk):
         kind = out.node.bl_idname
         if kind == "ShaderNodeVolumeAbsorption":
             color = np.clip(self._constant(out, "Color"), 0.0, 1.0)
-            return _within(self._number(out, "Density"), 0.0, np.inf) * (1.0 - color)
+            return _within(self.number(out, "Density"), 0.0, np.inf) * (1.0 - color)
         self.strange[title(out.node)] = None
         return np.zeros(3)
 
     # -- values
 
-    def _value(self, out: Place, name: str) -> NDArray[np.float64]:
-        place = out.input(name)
-        try:
-            return Folder().value(place)
-        except Unfolded as error:
-            self.strange[str(error)] = None
-            return own_value(place)
-
-    def _number(self, out: Place, name: str) -> float:
-        return float(self._value(out, name))
-
     def _constant(self, out: Place, name: str) -> tuple[float, float, float]:
-        return tuple(np.maximum(self._value(out, name), 0.0).tolist())
+        return tuple(np.maximum(self.value(out, name), 0.0).tolist())
 
     def _roughness(self, out: Place) -> float:
-        return _within(self._number(out, "Roughness"), 0.0, 1.0)
+        return _within(self.number(out, "Roughness"), 0.0, 1.0)
 
     def _color(self, out: Place, name: str) -> dict[str, Any]:
         """color and textured of a lobe."""

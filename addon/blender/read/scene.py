@@ -372,11 +372,16 @@ class _Objects:
         original: the datablock that its object has in the file, a volume or what nodes made
         the volume of.
         """
-        worn = ob.material_slots[0].material if len(ob.material_slots) else None
+        worn = None
+        if volumes.wanted(original, self._depsgraph).shown == "volume":
+            slots = ob.material_slots
+            worn = self._override or (slots[0].material if len(slots) else None)
         key = ob.data.as_pointer(), original.as_pointer(), worn and worn.as_pointer()
         if key not in self._field_at:
             try:
-                field = volumes.read_field(ob, original, self._depsgraph, self.notes, self._caller)
+                field = volumes.read_field(
+                    ob, original, worn, self._depsgraph, self.notes, self._caller
+                )
             except Stopped:
                 raise
             except LeapRayError as error:

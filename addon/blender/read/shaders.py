@@ -4,11 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from leapray import Step, Value, operate
 
 from .node_values import clamp
-from .nodes import Place, Unfolded, source
+from .nodes import Folder, Place, Unfolded, own_value, source
 
 SIDES = ("Shader", "Shader_001")
 MIX, ADD = "ShaderNodeMixShader", "ShaderNodeAddShader"
@@ -33,6 +37,29 @@ class Walk:
         except Unfolded as error:
             self.strange[str(error)] = None
             return None
+
+
+class Constants(Walk):
+    """A walk in which weights, and what else is asked by name, depend on no texture."""
+
+    def value(self, out: Place, name: str) -> NDArray[np.float64]:
+        """Of the input of that name; the socket's own where it depends on a texture."""
+        place = out.input(name)
+        try:
+            return Folder().value(place)
+        except Unfolded as error:
+            self.strange[str(error)] = None
+            return own_value(place)
+
+    def number(self, out: Place, name: str) -> float:
+        return float(self.value(out, name))
+
+    def flattened(self, socket) -> list[tuple[Place, float]]:
+        """The shaders that an output node's input adds up, and their weights."""
+        if socket is None:
+            return []
+        found = flattened(Place(socket), self.source, lambda out: self.number(out, "Fac"))
+        return cast(list[tuple[Place, float]], found)
 
 
 def flattened(

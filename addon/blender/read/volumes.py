@@ -52,10 +52,13 @@ class Caller:
     progress: Callable[[float, str], None] = lambda share, what: None
 
 
-def read_field(ob, original, depsgraph, notes, caller: Caller = Caller()) -> model.Field | None:
+def read_field(
+    ob, original, material, depsgraph, notes, caller: Caller = Caller()
+) -> model.Field | None:
     """The field of an evaluated volume object; None where a sequence shows nothing in this frame.
 
-    original: the datablock of its object in the file. notes are told of what is in doubt. Raises
+    original: the datablock of its object in the file. material: of its first slot, which says what
+    a field without a surface looks like. notes are told of what is in doubt. Raises
     LeapRayError with the reason that makes the volume useless, Stopped soon after the caller said
     so.
     """
@@ -74,8 +77,7 @@ def read_field(ob, original, depsgraph, notes, caller: Caller = Caller()) -> mod
     if own.shown == "volume":
         if told.pop("clip") is not None:
             notes.unsupported("A cut through a volume that has no surface is", ob.name)
-        materials = [slot.material for slot in ob.material_slots] or list(ob.data.materials)
-        look = looks.read_look(materials[0] if materials else None, grid.name, notes)
+        look = looks.read_look(material, grid.name, notes)
         if isinstance(original, bpy.types.Volume):
             look = replace(look, per_world_unit=original.render.space == "WORLD")
         return model.Field(
