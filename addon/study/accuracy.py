@@ -23,7 +23,7 @@ import leapray
 from leapray.arrays import SAMPLE_TYPES
 
 from ..arrays import unit
-from . import charts, embree, methods, page, shapes
+from . import charts, embree, entries, page, shapes
 from .folder import study_folder, write_figures
 from .options import chosen, number, numbers
 
@@ -162,7 +162,7 @@ def default(size: int) -> Setting:
 def settings(size: int, crossed: bool) -> list[Setting]:
     """One factor at a time around the default, and all but the traverser crossed if asked."""
     base = default(size)
-    pairs = methods.hit_tests()
+    pairs = entries.hit_tests()
     found = [base]
     found += [replace(base, traverser=entry.spec) for entry in leapray.variants()]
     found += [replace(base, hit_test=test, root=root) for test, root in pairs]
@@ -384,7 +384,7 @@ def write_page(folder: Path, told: dict, points: list[Point]) -> None:
 
 
 def told_setting(s: Setting) -> str:
-    label = methods.label(leapray.traverser(s.traverser))
+    label = entries.label(leapray.traverser(s.traverser))
     return f"{label}; {s.hit_test}, {s.root}, {s.normal}, {s.dtype}, {s.size}³"
 
 
@@ -419,7 +419,7 @@ def sentences(points: list[Point]) -> list[str]:
             )
     walks = [p for s, p in found.items() if replace(s, traverser=base.traverser) == base]
     walks.sort(key=lambda p: -p.mrays)
-    fast, slow = (methods.label(leapray.traverser(p.setting.traverser)) for p in
+    fast, slow = (entries.label(leapray.traverser(p.setting.traverser)) for p in
                   (walks[0], walks[-1]))  # fmt: skip
     said.append(
         f"Of the traversers {fast} is fastest there, {walks[0].mrays / walks[-1].mrays:.1f} times "

@@ -51,8 +51,9 @@ def main(args: argparse.Namespace) -> int:
         told["scene"] = str(args.scene)
         report.write(folder, told)
         files.write_json(folder / "report.json", told)
-        for frame in folder.glob("*.exr"):
-            frame.unlink()
+        for pattern in ("*.exr", "*.vdb"):
+            for each in folder.glob(pattern):
+                each.unlink()
     for line in report.summary(told):
         print(line)
     print(f"{output / 'report.html'}, and its figures in {output / 'report.json'}", flush=True)
@@ -75,7 +76,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     """Render and measure everything; pictures and charts go to the folder."""
     import bpy
 
-    from . import frames, kept
+    from . import cycles_volumes, frames, kept
 
     def option(name: str, default):
         value = getattr(args, name, None)
@@ -95,6 +96,7 @@ def compare(scene, args: argparse.Namespace, chosen: list, folder: Path) -> Json
     notes = frames.prepare(
         scene, plain=plain, diffuse_bounces=getattr(args, "diffuse_bounces", None)
     )
+    notes += cycles_volumes.give(scene, folder)
     subject = frames.examine(scene, notes)
     own_world = scene.world
     frames.blacken_world(scene)

@@ -19,7 +19,7 @@ from scipy import ndimage
 import leapray
 
 from . import page
-from .methods import seconds
+from .entries import seconds
 from .phantom import phantom
 
 SEED = 256

@@ -29,7 +29,7 @@ from leapray.arrays import ONES
 from leapray.threads import cores
 
 from ..arrays import unit
-from . import charts, methods, oracle, page, reference, shapes, skips
+from . import charts, entries, oracle, page, reference, shapes, skips
 from .clouds import cloud
 from .compiled import library, pointer
 from .folder import study_folder, write_figures
@@ -145,7 +145,7 @@ def first_cells(count: int, size: int) -> list[Claim]:
     say("the fog is judged")
     found = zip((SMALL, f"{size}³", "fog"), (small, large, fog), strict=True)
     return [
-        Claim(name, entry.spec, methods.label(entry), **vars(tally))
+        Claim(name, entry.spec, entries.label(entry), **vars(tally))
         for name, tallies in found
         for entry, tally in zip(exact, tallies, strict=True)
     ]
@@ -284,7 +284,7 @@ def closed(solid: Solid, views: int, image: int) -> Closed:
     def rows_of(job: tuple[NDArray, int]) -> NDArray[np.int64]:
         forward, first = job
         o, d = film(forward, solid.radius, image, first, min(first + ROWS, image))
-        early, late = entries(solid, o, d, margin)
+        early, late = entrances(solid, o, d, margin)
         must = np.flatnonzero(np.isfinite(late))
         t = leapray.trace(structure, o[must], d[must], count=False).t
         gone = ~np.isfinite(t)
@@ -309,7 +309,7 @@ def film(forward: NDArray, radius: float, image: int, first: int, last: int):
     return origins, np.broadcast_to(forward, origins.shape).copy()
 
 
-def entries(solid: Solid, origins: NDArray, directions: NDArray, margin: float):
+def entrances(solid: Solid, origins: NDArray, directions: NDArray, margin: float):
     """t (n,) where rays enter the solid grown by margin, and shrunk by it; else infinity."""
     early, late = np.empty(len(origins)), np.empty(len(origins))
     library("solids").solid_entries(

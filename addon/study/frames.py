@@ -79,13 +79,10 @@ def prepare(
     plain: materials become diffuse, and light goes from the light to the surface to the camera.
     Else Cycles gets the limits of bounces that the scene has for LeapRay. Pixels have a box
     filter, and every object has a pass index of its own; instances share their object's.
-    volumes: volume objects stay, whose surfaces only LeapRay renders.
+    volumes: so do surfaces of volume objects, which only LeapRay renders.
     """
-    notes = []
+    notes = [] if volumes else hide_surfaces(scene)
     layer = bpy.context.view_layer
-    if not volumes and layer.use_volumes and any(ob.type == "VOLUME" for ob in scene.objects):
-        layer.use_volumes = False
-        notes.append("volume objects were left out, which Cycles renders as clouds")
     if plain:
         notes += [f"{name} became a diffuse material of its base colour" for name in make_diffuse()]
     elif diffuse_bounces is not None:
@@ -136,6 +133,18 @@ def limit_bounces(scene: bpy.types.Scene, most: int | None) -> None:
     scene.cycles.volume_bounces = 0
 
 
+def hide_surfaces(scene: bpy.types.Scene) -> list[str]:
+    """Leave out volume objects of which LeapRay shows surfaces; returns what to say of them."""
+    notes = []
+    for thing in scene.objects:
+        if thing.type != "VOLUME" or thing.hide_render:
+            continue
+        if thing.data.leapray.shown != "volume":
+            thing.hide_render = True
+            notes.append(f"{thing.name} was left out, which Cycles renders as a cloud")
+    return notes
+
+
 @contextlib.contextmanager
 def sharp(scene: bpy.types.Scene) -> Iterator[None]:
     """Meanwhile light does not bounce, and suns, points and spots have no extent."""
@@ -171,11 +180,11 @@ def refracting(material: bpy.types.Material) -> bool:
 
 
 def make_diffuse() -> list[str]:
-    """Replace materials by diffuse ones of their base colour; returns the names of what changed."""
+    """Replace surfaces by diffuse ones of their base colour; returns the names of what changed."""
     changed = []
     for material in bpy.data.materials:
         color, plain = base_color(material)
-        if plain:
+        if plain or is_volume(material):
             continue
         changed.append(material.name)
         be_diffuse(material, color)
@@ -190,6 +199,14 @@ def be_diffuse(material: bpy.types.Material, color: tuple[float, ...]) -> None:
     bsdf.inputs["Color"].default_value = color
     output = tree.nodes.new("ShaderNodeOutputMaterial")
     tree.links.new(bsdf.outputs["BSDF"], output.inputs["Surface"])
+
+
+def is_volume(material: bpy.types.Material) -> bool:
+    """Whether it has a volume and no surface."""
+    tree = tree_of(material)
+    output = tree and (tree.get_output_node("CYCLES") or tree.get_output_node("ALL"))
+    linked = {name for name in ("Surface", "Volume") if output and output.inputs[name].is_linked}
+    return linked == {"Volume"}
 
 
 def base_color(material: bpy.types.Material) -> tuple[tuple[float, ...], bool]:

@@ -23,8 +23,8 @@ import leapray
 from leapray.formats.vdb import openvdb_module
 
 from . import charts, distances, page, scenes
+from .entries import seconds
 from .folder import study_folder, write_figures
-from .methods import seconds
 from .options import chosen, number, numbers
 
 STUDY = True

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 import leapray
 
 from . import charts, oracle, page
+from .entries import label
 from .folder import study_folder, write_figures
-from .methods import label
 from .options import chosen, number
 
 STUDY = True

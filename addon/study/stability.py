@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import charts, methods, oracle, page, reference, tunnels
+from . import charts, entries, oracle, page, reference, tunnels
 from .cases import CASES, SEED, Case, dyadic, made, wires
 from .folder import study_folder, write_figures
 from .options import chosen, number
@@ -115,7 +115,7 @@ def claim(case: str, entry, hits, pierced: int, faults: tuple[int, int, int], sh
     return Claim(
         case,
         entry.spec,
-        methods.label(entry),
+        entries.label(entry),
         entry.exact,
         len(hits.t),
         pierced,
@@ -145,7 +145,7 @@ def judge_fields(case: Case, count: int) -> list[reference.Crossing]:
             leapray.trace(structure, *placed, hit_test=hit_test, root=root).t,
             length,
         )
-        for hit_test, root in methods.hit_tests()
+        for hit_test, root in entries.hit_tests()
     ]
 
 
@@ -217,7 +217,7 @@ def pictures(cells: list[Claim], size: int) -> list[tuple[str, NDArray]]:
         depth = np.where(np.isfinite(hits.t), hits.t, 20) - 14
         image[np.isfinite(hits.t)] = np.clip(60 + 12 * depth, 40, 215)[np.isfinite(hits.t), None]
         image[verdict > 0] = (213, 30, 0)
-        title = f"{methods.label(entry)}\n{np.count_nonzero(verdict)} of {len(verdict)} at fault"
+        title = f"{entries.label(entry)}\n{np.count_nonzero(verdict)} of {len(verdict)} at fault"
         found.append((title, image.reshape(size, size, 3)))
     return found
 

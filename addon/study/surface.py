@@ -28,7 +28,7 @@ import numpy as np
 import leapray
 
 from ..arrays import unit
-from . import charts, methods, page, reference, shapes
+from . import charts, entries, page, reference, shapes
 from .folder import study_folder, write_figures
 from .options import chosen, number
 from .phantom import frame
@@ -115,7 +115,7 @@ class Cost:
 def measure(volume: leapray.Volume, image: int, rounds: int) -> list[Cost]:
     """All hit tests with the default traverser, then the cheapest of each with every traverser."""
     origins, directions = parallel_rays(image)
-    pairs = methods.hit_tests()
+    pairs = entries.hit_tests()
     chosen = [entry for entry in leapray.variants() if entry.default and entry.spec == entry.name]
     few = [next(pair for pair in pairs if pair[0] == test) for test in leapray.HIT_TESTS]
     others = [entry for entry in leapray.variants() if entry not in chosen]
@@ -145,16 +145,16 @@ def cost_of(volume, entry, pairs, origins, directions, rounds) -> list[Cost]:
         full.append((test, root, hits))
         settings: dict[str, Any] = {"hit_test": test, "root": root, "count": False}
         jobs += [partial(run, t_max=ends, **settings), partial(run, **settings)]
-    taken = np.median(methods.seconds(jobs, rounds), axis=0) / len(origins) * 1e9
+    taken = np.median(entries.seconds(jobs, rounds), axis=0) / len(origins) * 1e9
     taken = np.maximum(taken - taken[0], 0.0)
     short = {(test, root): taken[2 + 2 * k] for k, (test, root, _) in enumerate(full)}
     whole = {(test, root): taken[3 + 2 * k] for k, (test, root, _) in enumerate(full)}
-    walking = [(test, root) for test, root, _ in full if methods.walks_cells(test)]
+    walking = [(test, root) for test, root, _ in full if entries.walks_cells(test)]
     normal = max(float(np.median([whole[pair] - short[pair] for pair in walking])), 0.0)
     return [
         Cost(
             entry.spec,
-            methods.label(entry),
+            entries.label(entry),
             test,
             root,
             entry.default,
@@ -213,7 +213,7 @@ def measure_errors(volume, samples, matrix, count: int) -> list[Error]:
     )
     structure = leapray.build(volume)
     found = []
-    for test, root in methods.hit_tests():
+    for test, root in entries.hit_tests():
         runs = {
             normal: leapray.trace(
                 structure, origins, directions, hit_test=test, root=root, normal=normal
@@ -315,7 +315,7 @@ def draw(folder: Path, costs: list[Cost], errors: list[Error]) -> None:
             axis.set_xticks(range(3), names)
         axes[0, 1].set_ylim(top=1e9)
         axes[0, 1].legend(fontsize=8, ncols=2, loc="upper left")
-        base = [r for r in errors if (r.hit_test, r.root) == methods.hit_tests()[0]]
+        base = [r for r in errors if (r.hit_test, r.root) == entries.hit_tests()[0]]
         for k, normal in enumerate(leapray.NORMALS):
             values = [row.normal_99[normal] for row in base]
             axes[0, 2].plot(range(3), values, label=normal, **charts.look(k))
@@ -412,7 +412,7 @@ def sentences(costs: list[Cost], errors: list[Error]) -> list[str]:
         f"ray, of which traversal takes {best.traversal / sum_of(best):.0%}, the hit test "
         f"{best.testing / sum_of(best):.0%} and the root {best.rooting / sum_of(best):.0%}."
     ]
-    sampled = [row for row in rows if not methods.walks_cells(row.hit_test) and is_iterative(row)]
+    sampled = [row for row in rows if not entries.walks_cells(row.hit_test) and is_iterative(row)]
     if sampled:
         said.append(
             f"Equidistant samples with {sampled[0].root} take {sampled[0].relative:.2f} times as "

@@ -7,13 +7,13 @@ import sys
 from math import erf
 from pathlib import Path
 
-import light_oracle as oracle
 import numpy as np
 import pytest
 import ramps
 from numpy.testing import assert_allclose, assert_array_equal
 
 import leapray
+from addon.study import light_integrals as oracle
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "blend_samples"))
 

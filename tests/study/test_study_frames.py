@@ -12,7 +12,7 @@ pytest.importorskip("flip_evaluator")
 pytest.importorskip("matplotlib")
 
 from addon.blender import open_file  # noqa: E402
-from addon.study import compare, frames, kept  # noqa: E402
+from addon.study import compare, cycles_volumes, frames, kept  # noqa: E402
 from leapray import LeapRayError  # noqa: E402
 
 SAMPLES = Path(__file__).resolve().parents[2] / "blend_samples"
@@ -41,12 +41,41 @@ def test_cycles_sees_points_where_the_view_puts_them(name, tmp_path):
     assert shown == {"suzanne": {"Suzanne", "Floor"}, "cad": {"Bracket"}}[name]
 
 
-def test_volume_objects_are_left_out_and_told():
+def test_surfaces_of_volume_objects_are_left_out_and_told_and_clouds_stay():
     scene = opened("cad")
-    ob = bpy.data.objects.new("Cloud", bpy.data.volumes.new("Cloud"))
-    scene.collection.objects.link(ob)
-    assert "volume objects were left out, which Cycles renders as clouds" in frames.prepare(scene)
-    assert not bpy.context.view_layer.use_volumes
+    surface, cloud = (
+        bpy.data.objects.new(name, bpy.data.volumes.new(name)) for name in ("Surface", "Cloud")
+    )
+    for each in (surface, cloud):
+        scene.collection.objects.link(each)
+    cloud.data.leapray.shown = "volume"
+    notes = frames.prepare(scene)
+    assert "Surface was left out, which Cycles renders as a cloud" in notes
+    assert surface.hide_render and not cloud.hide_render
+    assert not any("Cloud" in note for note in notes)
+
+
+def test_volume_materials_stay_where_surfaces_become_diffuse():
+    opened("xray")
+    before = [node.bl_idname for node in bpy.data.materials["Film"].node_tree.nodes]
+    assert frames.is_volume(bpy.data.materials["Film"])
+    assert "Film" not in frames.make_diffuse()
+    assert [node.bl_idname for node in bpy.data.materials["Film"].node_tree.nodes] == before
+
+
+def test_cycles_sees_a_scan_that_only_leapray_reads(tmp_path):
+    """X-rays through the head: where they pass not the face of the data where the neck is cut."""
+    scene = opened("xray", 10)
+    frames.prepare(scene)
+    blank = frames.render_cycles(scene, tmp_path / "blank.exr", 1).passes["Combined"][..., 0]
+    notes = cycles_volumes.give(scene, tmp_path)
+    assert [note.partition(" through ")[0] for note in notes] == ["Cycles sees the data of Head"]
+    theirs = frames.render_cycles(scene, tmp_path / "frame.exr", 16).passes["Combined"][..., 0]
+    ours = frames.render_leapray(scene, tmp_path / "frame.exr", 16, "cd").passes["Combined"][..., 0]
+    assert blank.min() == 1 and theirs.min() < 0.2
+    above = slice(len(ours) // 5, None)
+    assert_allclose(ours[above], theirs[above], atol=0.03)
+    assert abs(ours[above].mean() / theirs[above].mean() - 1) < 2e-3
 
 
 def test_rims_of_sheets_are_seen_and_closed_meshes_have_none(tmp_path):

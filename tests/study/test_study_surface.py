@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 import leapray
-from addon.study import methods, reference, shapes, surface
+from addon.study import entries, reference, shapes, surface
 
 
 def test_marching_finds_the_sphere_where_algebra_does():
@@ -85,4 +85,4 @@ def test_a_quick_study_says_what_the_methods_promise(tmp_path):
 
 
 def test_the_core_says_which_roots_go_with_a_hit_test():
-    assert methods.walks_cells("faces") and not methods.walks_cells("uniform")
+    assert entries.walks_cells("faces") and not entries.walks_cells("uniform")

@@ -136,8 +136,9 @@ def crossings(origins, directions, size):
             t.append((planes - origins[:, a, None]) / directions[:, a, None])
     near = np.max([np.min([x[:, 0], x[:, -1]], 0) for x in t], 0)
     far = np.min([np.max([x[:, 0], x[:, -1]], 0) for x in t], 0)
-    t = np.sort(np.concatenate(t, axis=1), axis=1)
-    return np.where((t >= near[:, None]) & (t <= far[:, None]), t, np.nan)
+    sorted_t = np.sort(np.concatenate(t, axis=1), axis=1)
+    within = (sorted_t >= near[:, None]) & (sorted_t <= far[:, None])
+    return np.where(within, sorted_t, np.nan)
 
 
 def cubics(samples, origins, directions, t0, t1):

@@ -31,6 +31,16 @@ def walks_cells(hit_test: str) -> bool:
     return {root for test, root in hit_tests() if test == hit_test} == set(leapray.ROOTS)
 
 
+def default() -> leapray.Traverser:
+    """The traverser of default settings."""
+    return next(entry for entry in leapray.traversers() if entry.default)
+
+
+def first_of(source: str) -> leapray.Traverser:
+    """The first traverser whose source begins so."""
+    return next(entry for entry in leapray.traversers() if entry.source.startswith(source))
+
+
 def label(entry: leapray.Traverser) -> str:
     """A traverser's label with those options that are not the default."""
     _, _, options = entry.spec.partition(":")

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What `study volume` renders: the phantom of a head, its look, and the rays of the picture."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+import leapray
+
+from . import light_integrals
+from .scenes import SAMPLES
+
+# Hounsfield units, per millimetre: air and fat hidden, skin thin, bone dense.
+VALUES = (-600.0, -400.0, -150.0, 150.0, 300.0, 800.0)
+EXTINCTION = (0.0, 0.03, 0.0, 0.0, 0.1, 0.9)
+COLORS = (
+    (0.9, 0.6, 0.5),
+    (0.9, 0.6, 0.5),
+    (0.8, 0.5, 0.4),
+    (0.9, 0.8, 0.6),
+    (0.95, 0.9, 0.8),
+    (1.0, 1.0, 1.0),
+)
+EYE, HALF = (220.0, 260.0, 120.0), 0.36  # millimetres; tangent of half the angle of view across
+SEED = 1988
+
+
+def head(folder: Path, size: int) -> leapray.ScalarGrid:
+    """The phantom of size^3 samples. Raises LeapRayError where it is not installed."""
+    path = folder / "head.nii"
+    command = [sys.executable, str(SAMPLES / "head_phantom.py"), str(path), "--size", str(size)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise leapray.LeapRayError(f"the phantom of a head was not made: {done.stderr[-300:]}")
+    grid = leapray.read_volume(path)
+    path.unlink()
+    return grid
+
+
+@dataclass
+class Subject:
+    """The head, its look, and the rays of the picture."""
+
+    grid: leapray.ScalarGrid
+    transfer: leapray.TransferFunction
+    width: int
+    height: int
+    origins: NDArray[np.float64]  # (n, 3) of all pixels, row 0 the lowest
+    directions: NDArray[np.float64]
+    judged: NDArray[np.int64]  # pixels whose errors are taken
+    visible: leapray.Volume
+    everything: leapray.Volume  # in which no cell is left out
+    built: dict[tuple[str, bool], leapray.Structure] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, grid: leapray.ScalarGrid, width: int, judged: int) -> Subject:
+        height = max(width * 9 // 16, 1)
+        camera = looking(np.array(EYE), width, height)
+        rays = leapray.camera_rays(camera, width, height)
+        transfer = leapray.TransferFunction(VALUES, EXTINCTION, COLORS)
+        samples = leapray.FieldSamples(grid)
+        drawn = np.random.default_rng(SEED).choice(
+            width * height, min(judged, width * height), replace=False
+        )
+        visible, everything = samples.at(transfer), samples.at(transfer, everywhere=True)
+        return cls(grid, transfer, width, height, *rays, np.sort(drawn), visible, everything)
+
+    @property
+    def voxel(self) -> float:
+        """In units of the data."""
+        return float(np.linalg.norm(np.asarray(self.grid.world_from_index)[:3, 0]))
+
+    @property
+    def stored(self) -> NDArray:
+        """(nz, ny, nx) samples."""
+        return np.asarray(cast(NDArray, self.grid.samples)[:])
+
+    def reference(self) -> NDArray[np.float64]:
+        """(judged, 4) colours and transmittances in extended precision."""
+        values = self.grid.offset + self.grid.scale * self.stored.astype(np.float64)
+        ramp = light_integrals.Ramp(VALUES, EXTINCTION, COLORS)
+        rays = self.origins[self.judged], self.directions[self.judged]
+        color, left = light_integrals.light(values, *rays, ramp, self.grid.world_from_index)
+        return np.column_stack([color, left]).astype(np.float64)
+
+    def structure(self, spec: str, leaps: bool) -> leapray.Structure:
+        """Of the visible cells, or of all; kept."""
+        if (spec, leaps) not in self.built:
+            volume = self.visible if leaps else self.everything
+            self.built[spec, leaps] = leapray.build(volume, spec)
+        return self.built[spec, leaps]
+
+
+def looking(eye: NDArray[np.float64], width: int, height: int) -> leapray.Camera:
+    """From a point at the origin, z above."""
+    forward = -eye / np.linalg.norm(eye)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    dx = right * (2 * HALF / width)
+    dy = np.cross(right, forward) * (2 * HALF / width)
+    return leapray.Camera(
+        "perspective", eye, forward, forward - width / 2 * dx - height / 2 * dy, dx, dy
+    )
