@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import empty, pointer
+from .arrays import empty, numbers, pointer
 from .options import Entry, all_choices, choice_numbers, find, read_entry
 from .rendering import Camera, Light, camera_struct
 from .threads import check_threads, cores, run_parts
@@ -178,7 +178,8 @@ class Image:
     counters: dict[str, int]  # as add_counters gives them
     method: ImageMethod
     camera: Camera
-    empty: NDArray[np.float64] | None = None  # (height, width, 2) what the next frame uses,
+    empty: NDArray[np.float64] | None = None  # (height, width, 2) of all that the camera sees: what
+    # the next frame uses,
     volume: Volume | None = None  # and whose it is
 
     def __repr__(self) -> str:
@@ -227,8 +228,9 @@ def render_image(
     width: int,
     height: int,
     *,
+    window: tuple[int, int, int, int] | None = None,
     before: Image | None = None,
-    keep: bool = True,
+    keep: bool | NDArray[np.float64] = True,
     threads: int = 1,
     watch: Watch | None = None,
 ) -> Image:
@@ -236,23 +238,29 @@ def render_image(
 
     method: "name", "name:option=choice,..." or an ImageMethod. source: the volume, or what
     `prepare` made of it for this method, which saves its time. camera: in the volume's object
-    space and in pixels of an image of that width and height. t is depth along the camera's
+    space and in pixels of an image of that width and height. window: x, y, width and height of the
+    part of it that is rendered, which then is the image; None: all. t is depth along the camera's
     forward, as in `trace` with the rays of `camera_rays`. before: the frame before, of methods
-    whose `frames` is set; it changes no bit. keep: what the next frame uses. threads (0: all
-    cores) take bands of the image: of exact methods they change no bit but of `skipped`. Raises
-    LeapRayError for a camera that the method does not take, Stopped when watch was told to stop.
+    whose `frames` is set; it changes no bit. keep: what the next frame uses; of windows, which
+    keep nothing else, an array (height, width, 2) of zeros for the whole image that takes it.
+    threads (0: all cores) take bands of the image: of exact methods they change no bit but of
+    `skipped`, nor do windows. Raises LeapRayError for a camera that the method does not take,
+    Stopped when watch was told to stop.
     """
     check_threads(threads)
     entry = method if isinstance(method, ImageMethod) else image_method(method)
     if width < 1 or height < 1:
         raise LeapRayError(f"an image needs pixels; there are {width} x {height}")
+    film = height, width
+    x, y, width, height = _window(window, width, height)
     if isinstance(source, Prepared) and source.method.spec != entry.spec:
         raise LeapRayError(f"what was prepared for {source.method.spec} is not for {entry.spec}")
     seen, shape = camera_struct(camera), (height, width)
     t, cell, pixel = empty(shape, float), empty((*shape, 3), np.int32), empty(shape, np.uint8)
     shade = empty((*shape, 3), float)
     normal = empty((*shape, 3), float) if entry.lights else None
-    kept = empty((*shape, 2), float) if entry.frames and keep else None
+    whole = _kept(keep, film) if entry.frames and (window is None or keep is not True) else None
+    kept = None if whole is None else empty((*shape, 2), float)
     watch = watch or Watch()
     prepared = source if isinstance(source, Prepared) else prepare(source, entry, watch=watch)
     earlier = _before(before, prepared)
@@ -262,7 +270,7 @@ def render_image(
             return None if array is None else pointer(array[first:last], c_type)
 
         image = _abi.lr_image(
-            0, first, width, last - first, rows(t), rows(cell, ctypes.c_int32),
+            x, y + first, width, last - first, rows(t), rows(cell, ctypes.c_int32),
             rows(pixel, ctypes.c_uint8), rows(shade), rows(normal), rows(kept),
         )  # fmt: skip
         counters = _abi.lr_counters()
@@ -284,8 +292,37 @@ def render_image(
         totals = run_parts(band, height, share, threads, watch)
     hit, skipped = pixel == _abi.LR_PIXEL_HIT, pixel == _abi.LR_PIXEL_SKIPPED
     counters = add_counters(totals)
-    volume = None if kept is None else prepared.volume
-    return Image(t, cell, hit, skipped, shade, normal, counters, entry, camera, kept, volume)
+    if whole is not None:
+        whole[y : y + height, x : x + width] = kept
+    volume = None if whole is None else prepared.volume
+    return Image(t, cell, hit, skipped, shade, normal, counters, entry, camera, whole, volume)
+
+
+def _window(
+    window: tuple[int, int, int, int] | None, width: int, height: int
+) -> tuple[int, int, int, int]:
+    """A part of an image. Raises LeapRayError where it is none."""
+    if window is None:
+        return 0, 0, width, height
+    if np.shape(window) != (4,):
+        raise LeapRayError(f"a window is x, y, width and height; it has shape {np.shape(window)}")
+    x, y, w, h = numbers(window, np.int32, "window").tolist()
+    if not (x >= 0 and y >= 0 and w > 0 and h > 0 and x + w <= width and y + h <= height):
+        raise LeapRayError(
+            f"a window of {w} x {h} pixels from ({x}, {y}) is no part of {width} x {height} pixels"
+        )
+    return x, y, w, h
+
+
+def _kept(keep: bool | NDArray[np.float64], film: tuple[int, int]) -> NDArray[np.float64] | None:
+    """What takes what the next frame uses of a film; None: it is not kept."""
+    if isinstance(keep, bool):
+        return empty((*film, 2), float) if keep else None
+    if keep.shape != (*film, 2) or keep.dtype != np.float64 or not keep.flags.c_contiguous:
+        raise LeapRayError(
+            f"keep must be float64 {(*film, 2)} without gaps; it is {keep.dtype} {keep.shape}"
+        )
+    return keep
 
 
 def _before(image: Image | None, prepared: Prepared) -> _abi.lr_frame_before | None:
@@ -299,22 +336,25 @@ def _before(image: Image | None, prepared: Prepared) -> _abi.lr_frame_before | N
         )
     if image.volume is not prepared.volume:
         raise LeapRayError("the frame before is of another volume")
-    height, width = image.t.shape
+    height, width, _ = image.empty.shape
     return _abi.lr_frame_before(camera_struct(image.camera), width, height, pointer(image.empty))
 
 
 def camera_rays(
-    camera: Camera, width: int, height: int
+    camera: Camera, width: int, height: int, window: tuple[int, int, int, int] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The rays through the centres of a camera's pixels, for `trace`: the bits of `render_image`.
 
-    camera: in pixels of an image of that width and height. Returns origins and
-    directions (n, 3) of n = height * width pixels, row 0 the lowest; t_min and t_max are the
-    camera's clip_start and clip_end. Raises LeapRayError for vectors that are none.
+    camera: in pixels of an image of that width and height. window: the part that is wanted, as for
+    `render_image`. Returns origins and directions (n, 3) of its n pixels, row 0 the lowest; t_min
+    and t_max are the camera's clip_start and clip_end. Raises LeapRayError for vectors that are
+    none.
     """
+    left, below, width, height = _window(window, width, height)
     seen = camera_struct(camera)
     eye, corner, dx, dy = (np.array(getattr(seen, k)) for k in ("eye", "corner", "dx", "dy"))
-    x, y = np.arange(width)[None, :, None] + 0.5, np.arange(height)[:, None, None] + 0.5
+    x = left + np.arange(width)[None, :, None] + 0.5
+    y = below + np.arange(height)[:, None, None] + 0.5
     film = ((corner + x * dx) + y * dy).reshape(-1, 3)
     if camera.projection == "perspective":
         return np.broadcast_to(eye, film.shape).copy(), film

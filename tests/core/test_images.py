@@ -286,3 +286,33 @@ def test_the_stop_word_is_heard(entry, ones):
         leapray.prepare(ones, entry, watch=watch)
     with pytest.raises(leapray.Stopped):
         leapray.render_image(entry, prepared, plain(), 10, 10, watch=watch)
+
+
+@pytest.mark.parametrize("entry", EXACT, ids=spec_of)
+def test_windows_are_parts_of_the_whole_image(entry):
+    rng = np.random.default_rng(12)
+    volume = leapray.Volume(phantom.phantom(32, 2))
+    prepared = leapray.prepare(volume, entry)
+    camera = views.parallel(rng, volume, 60)
+    whole = leapray.render_image(entry, prepared, camera, 60, 50)
+    for x, y, w, h in ((0, 0, 60, 7), (0, 31, 60, 19), (11, 5, 30, 40), (59, 49, 1, 1)):
+        part = leapray.render_image(entry, prepared, camera, 60, 50, window=(x, y, w, h))
+        cut = np.s_[y : y + h, x : x + w]
+        for name in ("t", "cell", "hit", "shade"):
+            assert_array_equal(getattr(part, name), getattr(whole, name)[cut], name)
+        rays = leapray.camera_rays(camera, 60, 50, window=(x, y, w, h))
+        for mine, all_ in zip(rays, leapray.camera_rays(camera, 60, 50), strict=True):
+            assert_array_equal(mine, all_.reshape(50, 60, 3)[cut].reshape(-1, 3))
+    assert whole.hit[5:45, 11:41].any()
+
+
+@pytest.mark.parametrize("window", [(0, 0, 61, 1), (-1, 0, 5, 5), (0, 0, 0, 5), (50, 45, 5, 6)])
+def test_windows_beyond_the_image_are_refused(window):
+    volume = leapray.Volume(noise((8, 8, 8), 0.1))
+    camera = views.parallel(np.random.default_rng(1), volume, 60)
+    with pytest.raises(leapray.LeapRayError, match="is no part of 60 x 50 pixels"):
+        leapray.render_image(METHODS[0], volume, camera, 60, 50, window=window)
+    with pytest.raises(leapray.LeapRayError, match="is no part of 60 x 50 pixels"):
+        leapray.camera_rays(camera, 60, 50, window=window)
+    with pytest.raises(leapray.LeapRayError, match=r"x, y, width and height; it has shape \(2,\)"):
+        leapray.camera_rays(camera, 60, 50, window=window[:2])

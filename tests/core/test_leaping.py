@@ -127,6 +127,29 @@ def test_frames_may_change_their_size_and_nothing_need_be_kept():
         leapray.render_image("leaping", volume, camera, 20, 20, before=other)
 
 
+def test_strips_of_frames_keep_what_whole_frames_do():
+    volume = sliver_before_a_ball()
+    prepared = leapray.prepare(volume, "leaping")
+    before, skipped = None, 0
+    for k in range(8):
+        camera, kept = orbit(volume, 0.3 + 0.002 * k, 40), np.zeros((40, 40, 2))
+        whole = leapray.render_image("leaping", prepared, camera, 40, 40, before=before)
+        for y in (0, 10, 20, 30):
+            part = leapray.render_image(
+                "leaping", prepared, camera, 40, 40,
+                window=(0, y, 40, 10), before=before, keep=kept,
+            )  # fmt: skip
+            assert np.array_equal(part.t, whole.t[y : y + 10])
+            skipped += part.skipped.sum()
+        np.testing.assert_allclose(kept, whole.empty, rtol=1e-9, atol=1e-9)
+        before = part  # of which `empty` is that of the whole film
+    assert skipped > 100
+    alone = leapray.render_image("leaping", prepared, camera, 40, 40, window=(0, 0, 40, 5))
+    assert alone.empty is None
+    with pytest.raises(leapray.LeapRayError, match=r"float64 \(40, 40, 2\) without gaps"):
+        leapray.render_image("leaping", prepared, camera, 40, 40, keep=np.zeros((40, 2)))
+
+
 @pytest.mark.slow
 @pytest.mark.alone
 def test_48_frames_take_half_the_time_of_the_same_walk_from_scratch():
