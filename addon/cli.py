@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-import leapray
 from leapray import LeapRayError
 
 from . import arguments, pixel_report, process
 from .blender.open_file import be_registered, open_scene, render_frame, set_format
+from .descriptions import Setting
 from .settings import SETTINGS
 from .store import files
 from .store.files import check_file, check_folder, part_folder, resolved
@@ -78,13 +78,16 @@ def render(args: argparse.Namespace) -> int:
     known = args.frames or [0 if args.frame is None else args.frame]
     for target in targets(args, output, known) if not args.pixel else ():
         target.check(args)
-    if args.traverser is not None:
-        args.traverser = traverser_spec(args.traverser)
+    for key, setting in SETTINGS.items():
+        if setting.check is not None and getattr(args, key) is not None:
+            setattr(args, key, spec_of(setting, getattr(args, key)))
     if args.cache_folder:
         args.cache_folder = str(resolved(Path(args.cache_folder), args.scene))
 
     scene = open_data(args) if measured else open_scene(args.scene)
     override(scene, args)
+    if measured and scene.leapray.method != SETTINGS["method"].default:
+        scene.view_settings.view_transform = "Standard"  # greys as they are
     if args.pixel:
         return trace_pixel(args, scene, figures)
     several = args.frames is not None
@@ -236,12 +239,14 @@ def render_one(args, scene, target: Target, told: list[dict], lead: str) -> list
     return list(dict.fromkeys(warnings))
 
 
-def traverser_spec(word: str) -> str:
-    """The traverser's name with its options; LeapRayError with the nearest name for an unknown."""
+def spec_of(setting: Setting, word: str) -> str:
+    """What a setting holds for a name with options; LeapRayError with the nearest name for an
+    unknown."""
+    assert setting.check is not None
     try:
-        return leapray.traverser(word).spec
+        return setting.check(word).spec
     except LeapRayError as error:
-        names = [entry.name for entry in leapray.traversers()]
+        names = list(dict.fromkeys(each.partition(":")[0] for each in setting.names()))
         hint = arguments.nearest(word, names) if word not in names else ""
         raise LeapRayError(f"{error};{hint}" if hint else str(error)) from error
 

@@ -25,7 +25,7 @@ import leapray
 from leapray._abi import lr_counters
 from leapray.threads import cores
 
-from . import memory, model, pixel_report, tiles
+from . import film, image_method, memory, methods, model, pixel_report, projection, tiles
 from .plan import plan
 from .process import POLL
 from .settings import SETTINGS
@@ -67,20 +67,18 @@ def render(
     watch = leapray.Watch()
     threads = scene.settings.threads or cores()
     check(scene.settings)
+    method = methods.find(scene.settings.method)
+    _check_method(scene, method, pixel)
     record = None if pixel is None else leapray.Record()
-    todo = tiles.split(scene.width, scene.height, scene.settings.tile_size)
-    if pixel is not None:
-        check_pixel(pixel, scene.width, scene.height)
-        todo = [tiles.Tile(*pixel, 1, 1)]
     with ThreadPoolExecutor(threads, thread_name_prefix="leapray") as pool:
         workers = WorkerPool(pool, watch, stop, progress, meter)
-        planned = _plan(scene, Cache() if cache is None else cache, workers, threads, planner)
-        planned_at = time.perf_counter()
-        passes, counters, workspace_nbytes = _trace(
-            scene, planned, workers, threads, on_tile, todo, record
-        )
+        kept = Cache() if cache is None else cache
+        painter = _painter(scene, method, kept, workers, threads, planner, pixel, record)
+        planned, planned_at = painter.planned, time.perf_counter()
+        passes = _paint(scene, painter, workers, threads, on_tile)
+    counters = painter.told()
     ended = time.perf_counter()
-    warnings = [*scene.warnings, *planned.warnings]
+    warnings = [*scene.warnings, *planned.warnings, *painter.warnings]
     pixels_nbytes = sum(p.nbytes for p in passes.values())
     report = {
         "settings": asdict(scene.settings),
@@ -92,18 +90,21 @@ def render(
         "seconds": {
             "read": scene.seconds_read,
             **planned.seconds,
+            "prepare": planned_at - began - sum(planned.seconds.values()),
             "trace": ended - planned_at,
             "total": scene.seconds_read + ended - began,
         },
+        "method": method.spec,
         **counters,
         "bytes": {
             "volumes": planned.volume_nbytes,
             "structures": planned.structure_nbytes,
             "scratch": planned.scratch_nbytes,
+            "method": painter.nbytes,
             "peak": max(
                 meter.peak(),
                 planned.peak_nbytes,
-                planned.volume_nbytes + planned.structure_nbytes + workspace_nbytes + pixels_nbytes,
+                planned.volume_nbytes + planned.structure_nbytes + painter.nbytes + pixels_nbytes,
             ),
         },
         "volumes": planned.volumes,
@@ -130,6 +131,24 @@ def check_pixel(pixel: tuple[int, int], width: int, height: int) -> None:
             f"The picture has {width} x {height} pixels, 0,0 to {width - 1},{height - 1} from its "
             f"lower left corner; there is no pixel {pixel[0]},{pixel[1]}"
         )
+
+
+def _check_method(
+    scene: model.Scene, method: methods.Method, pixel: tuple[int, int] | None
+) -> None:
+    """Refuse, in a sentence, what the render method cannot show."""
+    if method.image is not None:
+        image_method.check(scene, method)
+    elif method.mode:
+        projection.check(scene, method)
+    if pixel is None:
+        return
+    if method.spec != methods.RAYS.spec:
+        raise leapray.LeapRayError(
+            f"What happens on a pixel's paths is told of the render method {methods.RAYS.spec}, "
+            f"and the scene's is {method.spec}"
+        )
+    check_pixel(pixel, scene.width, scene.height)
 
 
 class WorkerPool:
@@ -201,19 +220,40 @@ class WorkerPool:
             raise leapray.Stopped("The render was cancelled.")
 
 
-def _plan(
-    scene: model.Scene, cache: Cache, workers: WorkerPool, threads: int, planner
-) -> plan.Plan:
-    workers.phase = "Voxelizing"
+def _painter(
+    scene: model.Scene,
+    method: methods.Method,
+    cache: Cache,
+    workers: WorkerPool,
+    threads: int,
+    planner: type[plan.Planner],
+    pixel: tuple[int, int] | None,
+    record: leapray.Record | None,
+) -> film.Painter:
+    """Plan the scene for its render method, and make what that needs."""
+    watch = workers.watch
 
     def advance(share: float) -> None:
         workers.share = max(workers.share, PLANNED * share)
 
-    def job(put: Callable) -> None:
-        put(plan.make(scene, cache, workers.watch, threads, advance, planner))
+    def of_values(put: Callable) -> None:
+        put(projection.plan(scene, method, cache, watch, threads, advance))
 
-    (planned,) = workers.run([job])
-    return planned
+    if method.image is not None and planner is plan.Planner:
+        planner = image_method.CellPlanner
+
+    def of_surfaces(put: Callable) -> None:
+        put(plan.make(scene, cache, watch, threads, advance, planner))
+
+    workers.phase = "Voxelizing"
+    if method.mode:
+        ((planned, values),) = workers.run([of_values])
+        return projection.ProjectionPainter(scene, method, planned, values, watch)
+    (planned,) = workers.run([of_surfaces])
+    if method.image is None:
+        return RayPainter(scene, planned, watch, threads, pixel, record)
+    workers.phase = "Preparing"
+    return image_method.ImagePainter(scene, method, planned, cache, workers.run, watch, threads)
 
 
 def _world(world: model.World, watch: leapray.Watch) -> leapray.World:
@@ -232,76 +272,107 @@ def _world(world: model.World, watch: leapray.Watch) -> leapray.World:
     return dataclasses.replace(world, image=cast(Any, texture))
 
 
-def _trace(
-    scene: model.Scene,
-    planned: plan.Plan,
-    workers: WorkerPool,
-    threads: int,
-    on_tile,
-    wanted: Sequence[tiles.Tile],
-    record: leapray.Record | None,
-):
-    """The passes, the counters' totals and the bytes of all workspaces; wanted: all tiles, or one
-    pixel, which is recorded."""
-    s = scene.settings
-    # The core takes what has attributes of the same names as its own classes.
-    placed = leapray.Scene(
-        scene.camera,
-        planned.instances,
-        planned.lights,
-        cast(Sequence[leapray.Material], scene.materials),
-        planned.slots,
-        world=_world(scene.world, workers.watch),
-        film_transparent=scene.film_transparent,
-        slot_objects=planned.slot_objects,
-        mist=scene.mist,
-        nested=s.nested,
-    )
-    sampling = {name: getattr(s, name) for name in leapray.SAMPLING}
-    todo = collections.deque(wanted)
-    n_tiles = len(todo)
+class RayPainter:
+    """Paths of light through a plan's structures, by the core's scene.
+
+    pixel: the only one that is painted, which record tells of; None: all.
+    """
+
+    def __init__(
+        self,
+        scene: model.Scene,
+        planned: plan.Plan,
+        watch: leapray.Watch,
+        threads: int,
+        pixel: tuple[int, int] | None,
+        record: leapray.Record | None,
+    ) -> None:
+        s = scene.settings
+        self.scene, self.planned, self.watch, self.record = scene, planned, watch, record
+        self.tiles = tiles.split(scene.width, scene.height, s.tile_size)
+        if pixel is not None:
+            self.tiles = [tiles.Tile(*pixel, 1, 1)]
+        self.passes = [name for name in scene.passes if name in leapray.PASSES]
+        self.warnings: list[str] = []
+        # The core takes what has attributes of the same names as its own classes.
+        self.placed = leapray.Scene(
+            scene.camera,
+            planned.instances,
+            planned.lights,
+            cast(Sequence[leapray.Material], scene.materials),
+            planned.slots,
+            world=_world(scene.world, watch),
+            film_transparent=scene.film_transparent,
+            slot_objects=planned.slot_objects,
+            mist=scene.mist,
+            nested=s.nested,
+        )
+        self.counters: list[lr_counters] = []
+        self.workspaces: list[int] = []
+
+    @property
+    def nbytes(self) -> int:
+        return sum(self.workspaces)
+
+    def worker(self) -> Callable[[tiles.Tile], film.Passes]:
+        s = self.scene.settings
+        side = min(s.tile_size, max(self.scene.width, self.scene.height))
+        branches = s.branches or leapray.branches_for(s.samples)
+        workspace, counters = self.placed.workspace(side, side, branches), lr_counters()
+        self.workspaces.append(workspace.nbytes)
+        self.counters.append(counters)
+        sampling = {name: getattr(s, name) for name in leapray.SAMPLING}
+
+        def paint(tile: tiles.Tile) -> film.Passes:
+            return self.placed.render_tile(
+                *tile,
+                samples=s.samples,
+                seed=s.seed,
+                options={"hit_test": s.hit_test, "root": s.root, "normal": s.normal},
+                passes=self.passes,
+                workspace=workspace,
+                watch=self.watch,
+                counters=counters,
+                record=self.record,
+                **sampling,
+            )
+
+        return paint
+
+    def told(self) -> dict[str, Any]:
+        return leapray.add_counters(self.counters)
+
+
+def _paint(
+    scene: model.Scene, painter: film.Painter, workers: WorkerPool, threads: int, on_tile
+) -> film.Passes:
+    """The passes, of tiles that threads paint."""
+    todo = collections.deque(painter.tiles)
+    n_tiles, n_pixels = len(todo), scene.width * scene.height
     workers.phase, workers.share = f"Rendered 0/{n_tiles} Tiles", PLANNED
-    side = min(s.tile_size, max(scene.width, scene.height))
-    totals = [lr_counters() for _ in range(min(threads, len(todo)))]
-    sizes = []
 
-    def worker(counters):
-        def job(put: Callable) -> None:
-            workspace = placed.workspace(side, side, s.branches or leapray.branches_for(s.samples))
-            sizes.append(workspace.nbytes)
-            while True:
-                try:
-                    tile = todo.popleft()
-                except IndexError:
-                    return
-                parts = placed.render_tile(
-                    *tile,
-                    samples=s.samples,
-                    seed=s.seed,
-                    options={"hit_test": s.hit_test, "root": s.root, "normal": s.normal},
-                    passes=scene.passes,
-                    workspace=workspace,
-                    watch=workers.watch,
-                    counters=counters,
-                    record=record,
-                    **sampling,
-                )
-                _expose(parts, scene.film_exposure)
-                put((tile, parts))
+    def job(put: Callable) -> None:
+        paint = painter.worker()
+        while True:
+            try:
+                tile = todo.popleft()
+            except IndexError:
+                return
+            parts = paint(tile)
+            _expose(parts, scene.film_exposure)
+            put((tile, parts))
 
-        return job
-
-    passes: dict[str, np.ndarray] = {}
+    passes: film.Passes = {}
     done = 0
-    for count, (tile, parts) in enumerate(workers.run([worker(c) for c in totals]), 1):
+    for count, (tile, parts) in enumerate(workers.run([job] * min(threads, n_tiles)), 1):
         tiles.paste(passes, tile, parts, (scene.height, scene.width))
         done += tile.width * tile.height
         workers.phase = f"Rendered {count}/{n_tiles} Tiles"  # as Cycles says it: farms parse it
-        workers.share = PLANNED + (1 - PLANNED) * done / (scene.width * scene.height)
+        workers.share = PLANNED + (1 - PLANNED) * done / n_pixels
         if on_tile is not None:
             on_tile(*tile, parts)
     workers.progress(1.0, workers.phase)
-    return passes, leapray.add_counters(totals), sum(sizes)
+    return passes
 
 
 def _expose(parts: dict[str, np.ndarray], exposure: float) -> None:

@@ -20,6 +20,7 @@ from leapray._abi import LR_BOUNCES_MAX, LR_BRANCHES_MAX
 from leapray.arrays import INTERPOLATIONS, SAMPLE_TYPES, about
 from leapray.voxelization import EXACT, FILTERS, KINDS, filter_info
 
+from . import methods
 from .descriptions import WHOLE_MAX, Choice, Switch, described, setting
 
 # ---- choices -----------------------------------------------------------------
@@ -118,6 +119,14 @@ class Settings:
     The defaults are Cycles' own where it has the setting.
     """
 
+    method: str = setting(
+        methods.RAYS.spec,
+        "Render Method",
+        "What the picture shows: light by rays, first cells of surfaces, or projected values of "
+        "volume data",
+        choices=tuple(methods.choices()),
+        check=methods.find,
+    )
     samples: int = setting(
         256,
         "Samples",

@@ -39,6 +39,13 @@ def split(width: int, height: int, size: int) -> list[Tile]:
     return sorted(cut, key=from_centre)
 
 
+def strips(width: int, height: int, least: int, most: int) -> list[Tile]:
+    """Up to `most` strips as wide as the image, of at least so many rows, in the order of split."""
+    rows = max(least, -(-height // most))
+    cut = [Tile(0, y, width, min(rows, height - y)) for y in range(0, height, rows)]
+    return sorted(cut, key=lambda tile: (abs(2 * tile.y + tile.height - height), tile.y))
+
+
 def paste(
     passes: dict[str, NDArray[np.float32]],
     tile: Tile,

@@ -19,9 +19,16 @@ import generated  # noqa: E402
 
 from addon.blender.presets import PRESETS  # noqa: E402
 from addon.descriptions import Setting, described  # noqa: E402
+from addon.methods import PROJECTIONS  # noqa: E402
 from addon.settings import SETTINGS, Isosurfaces, Modelling  # noqa: E402
 
 PAGE = ROOT / "docs" / "settings.md"
+OTHER_PAGES = {
+    "method": "`rays`; the [whole-image methods](methods/images.md) with their options; the "
+    f"projections {', '.join(f'`{each.spec}`' for each in PROJECTIONS)}, of which "
+    "[volumes](volumes.md) tells",
+    "traverser": "the [traversers](methods/README.md) with their options",
+}
 UNITS = {"PIXEL": "pixels", "DISTANCE": "scene units"}
 
 HEAD = """# Settings
@@ -91,8 +98,8 @@ def choices(owner: dict[str, Setting]) -> str:
     """What each entry of the menus stands for."""
     parts = []
     for name, setting in owner.items():
-        if setting.check is not None:
-            parts.append(f"`{name}`: the [traversers](methods/README.md) with their options.\n")
+        if name in OTHER_PAGES:
+            parts.append(f"`{name}`: {OTHER_PAGES[name]}.\n")
         elif setting.choices:
             entries = [f"- `{each.name}`: {each.tooltip}" for each in setting.choices]
             parts.append("\n".join([f"`{name}`:\n", *entries, ""]))

@@ -54,6 +54,7 @@ LAYERS = {
     "addon": [
         "blender blender.read plan store",
         "arrays descriptions memory",
+        "methods",
         "settings",
         "model process",
         "store.files",
@@ -66,6 +67,8 @@ LAYERS = {
         "plan.fields plan.separation",
         "plan.plan",
         "pixel_report",
+        "film",
+        "image_method projection",
         "pipeline",
         "blender.read.colors blender.read.links blender.read.node_values blender.read.nodes",
         "blender.read.images blender.read.matrices blender.read.warnings",

@@ -11,7 +11,7 @@ import bpy
 
 import leapray
 
-from .. import pipeline
+from .. import methods, pipeline
 from ..plan import fields, other_grids
 from ..plan.levels import MB
 from ..store.memory_cache import Cache
@@ -121,6 +121,7 @@ class LeapRayEngine(bpy.types.RenderEngine):
         """The scene's settings; those of a material's preview are Blender's, so small ones."""
         chosen = properties.settings(depsgraph.scene_eval, depsgraph.view_layer_eval)
         if self.is_preview:
+            chosen = replace(chosen, method=methods.RAYS.spec)
             return replace(chosen, samples=4, pixel_error=1.0, memory_mb=128, cache_folder="")
         return chosen
 
@@ -141,9 +142,12 @@ class LeapRayEngine(bpy.types.RenderEngine):
         return x, y
 
     def _keep(self, evaluated_scene, used: bool = False) -> None:
-        """Keep volumes where the scene asks for it; else of fields alone the samples, so that
-        a threshold can move without reading them again. used: those of the last frame."""
-        if not (self.is_preview or evaluated_scene.render.use_persistent_data):
+        """Keep volumes where the scene asks for it, or its render method gains by the frame before;
+        else of fields alone the samples, so that a threshold can move without reading them again.
+        used: those of the last frame."""
+        method = methods.find(evaluated_scene.leapray.method)
+        asked = evaluated_scene.render.use_persistent_data
+        if not (self.is_preview or asked or (method.image and method.image.frames)):
             _volumes.keep(fields.SAMPLES, other_grids.SAMPLES, used=used)
 
 

@@ -57,6 +57,10 @@ PASSES = (
         *("Volume", "X", "VALUE", "use_pass_volume"),
         own="The number of the volume that is seen, in the order of the report",
     ),
+    Pass(
+        *("Value", "X", "VALUE", "use_pass_value"),
+        own="The projected value of volume data, in its unit; 0 by other render methods",
+    ),
 )
 
 

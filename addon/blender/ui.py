@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ..methods import RAYS
 from . import ui_report, volume_data
 from .presets import PRESETS
 from .ui_report import ENGINE
@@ -94,8 +95,11 @@ class RENDER_PT_leapray(_Panel, bpy.types.Panel):
 
     def draw(self, context) -> None:
         column, settings = self.columns(keyed=True), context.scene.leapray
-        column.prop(settings, "samples")
-        optional(column, settings, "noise_threshold")
+        column.prop(settings, "method")
+        sampled = column.column()
+        sampled.active = settings.method == RAYS.spec
+        sampled.prop(settings, "samples")
+        optional(sampled, settings, "noise_threshold")
         error = column.column()
         error.active = settings.resolution == 0
         error.prop(settings, "pixel_error")

@@ -39,7 +39,7 @@ def reached(scene: model.Scene, instances: Sequence[model.Placed]) -> NDArray[np
     if scatters or spreads or (any(scene.world.color) and scene.world.visible_diffuse):
         return flags.any(axis=1)
     seen, stops_light = flags.T[:2]
-    corners = _corners(scene, instances)
+    corners = box_corners(scene, instances)
     seen = seen & in_view(scene, corners)
     lit = _boxes(corners[seen])
     found = seen.copy()
@@ -80,7 +80,7 @@ def _sides(projection, forward, origin, across, up):
         yield (normal if (middle - edge) @ normal > 0 else -normal), at
 
 
-def _corners(scene: model.Scene, instances: Sequence[model.Placed]) -> NDArray[np.float64]:
+def box_corners(scene: model.Scene, instances: Sequence[model.Placed]) -> NDArray[np.float64]:
     """(n, 8, 3): the boxes of what the instances place, in world space."""
     boxes: dict[tuple, NDArray] = {}
     for instance in instances:

@@ -68,7 +68,7 @@ def test_a_setting_is_called_as_on_the_command_line():
     fresh()
     for each in own(bpy.context.scene.leapray.bl_rna):
         name = re.sub(r"\W+", "_", each.name.lower()).strip("_")
-        asked = each.identifier.replace("auto_", "automatic_")
+        asked = each.identifier.replace("auto_", "automatic_").replace("method", "render_method")
         assert name.startswith(asked), (each.identifier, each.name)
         if each.type == "ENUM":
             for item in each.enum_items:

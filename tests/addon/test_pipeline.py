@@ -169,7 +169,7 @@ def test_the_report_says_what_was_done():
     assert report["settings"]["samples"] == 2 and report["threads"] == 2
     assert report["versions"]["leapray"] == leapray.__version__ and report["cpu"]
     seconds = report["seconds"]
-    assert {"read", "voxelize", "structure", "plan", "trace", "total"} == set(seconds)
+    assert {"read", "voxelize", "structure", "plan", "prepare", "trace", "total"} == set(seconds)
     assert sum(v for k, v in seconds.items() if k != "total") <= seconds["total"]
     # one ray per pixel for the geometry, two for the picture, and those of the light
     assert report["rays"] >= 3 * WIDTH * HEIGHT and report["cells"] > report["hits"] > 0

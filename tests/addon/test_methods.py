@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Render methods in Blender and on the command line: pictures, animations, previews, refusals."""
+
+import json
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+import vdb_files
+from blender_scenes import combined, diffuse, exr, fresh, light, mesh, polygons, put
+from mathutils import Vector
+
+import leapray
+from addon import cli, methods
+from addon.blender import engine, result
+
+METHODS = leapray.image_methods()
+
+
+@pytest.fixture(autouse=True)
+def nothing_kept():
+    yield
+    engine._volumes.clear()
+
+
+@pytest.fixture
+def scene():
+    """A turned cube of one colour before a ball of fog, seen by parallel rays."""
+    made = fresh(settings={"samples": 1})
+    made.render.resolution_x, made.render.resolution_y = 48, 40
+    made.view_settings.view_transform = "Raw"
+    camera = made.camera.data
+    camera.type, camera.ortho_scale = "ORTHO", 4.0
+    cube = put("Cube", mesh(size=1.0), location=(0.6, 0, 1), rotation_euler=(0.4, 0.5, 0.6))
+    cube.data.materials.append(diffuse("Red", (0.9, 0.1, 0.1)))
+    put("Sun", light("SUN", energy=3.0), rotation_euler=(0.5, 0.3, 0.0))
+    return made
+
+
+def add_fog(folder):
+    volume = bpy.data.volumes.new("Fog")
+    volume.filepath = vdb_files.write(folder / "fog.vdb", vdb_files.fog())
+    return put("Fog", volume, location=(-0.5, 0, -1))
+
+
+@pytest.mark.parametrize("entry", METHODS, ids=lambda entry: entry.name)
+def test_each_method_gives_a_picture_in_blender(scene, entry):
+    scene.leapray.method = entry.spec
+    bpy.ops.render.render()
+    picture = combined(scene)
+    red = picture[..., 0] > 2 * picture[..., 1]
+    assert 0.03 < red.mean() < 0.2 and (picture[~red][:, :3] == 0).all()
+    (report,) = engine.reports.values()
+    assert report["method"] == entry.spec and report["bytes"]["method"] > 0 and report["rays"] > 0
+
+
+@pytest.mark.parametrize("method", methods.PROJECTIONS, ids=lambda method: method.spec)
+def test_each_projection_gives_a_picture_in_blender(scene, method, tmp_path):
+    add_fog(tmp_path)
+    scene.leapray.method = method.spec
+    bpy.context.view_layer.leapray.use_pass_value = True
+    bpy.ops.render.render()
+    picture = combined(scene)
+    assert picture[..., :3].max() > 0.4 or method.mode == "minimum"
+    (report,) = engine.reports.values()
+    assert report["method"] == method.spec and report["values"] == pytest.approx([0, 2], abs=1e-3)
+    assert "values of volume objects alone, without 'Cube'" in " ".join(report["warnings"])
+
+
+def test_the_value_pass_holds_the_projected_values(scene, tmp_path):
+    add_fog(tmp_path)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "fog.blend"))
+    out = tmp_path / "out.exr"
+    words = ["render", str(tmp_path / "fog.blend"), "--method", "maximum", "--output", str(out)]
+    assert cli.main(words) == 0
+    (pass_,) = (each for each in result.PASSES if each.name == "Value")
+    value = exr(out)[f"ViewLayer.{pass_.blender_name()}.X"]
+    assert value.max() == pytest.approx(2.0, abs=1e-5) and (value == 0).mean() > 0.3
+
+
+def test_an_animation_by_leaping_has_the_frames_of_single_renders(scene, tmp_path, monkeypatch):
+    """Also where volumes are not kept between frames otherwise."""
+    monkeypatch.chdir(tmp_path)
+    corners, faces = [], []
+    for at in (-0.6, 0.6):  # two cubes, and much that is empty in their box
+        corners += [Vector(v.co) * 0.4 + Vector((at, at, at)) for v in mesh().vertices]
+        faces += [[i + len(corners) - 8 for i in face.vertices] for face in mesh().polygons]
+    put("Pair", polygons("Pair", corners, faces), location=(-0.4, -0.4, 0))
+    for frame, x in ((1, 0.0), (4, 0.03)):
+        scene.camera.location.x = x
+        scene.camera.keyframe_insert("location", frame=frame)
+    assert not scene.render.use_persistent_data
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "turn.blend"))
+    words = ["render", "turn.blend", "--method", "leaping", "--output"]
+    assert cli.main([*words, "all#.exr", "--frames", "1-4"]) == 0
+    shares = [json.loads(Path(f"all{n}.json").read_text())["skipped_share"] for n in range(1, 5)]
+    assert shares[0] == 0 and min(shares[1:]) > 0.02
+    for n in range(1, 5):
+        engine._volumes.clear()
+        assert cli.main([*words, "one#.exr", "--frame", str(n)]) == 0
+        alone = exr(Path(f"one{n}.exr"))
+        for name, pixels in exr(Path(f"all{n}.exr")).items():
+            np.testing.assert_array_equal(pixels, alone[name], err_msg=name)
+        assert json.loads(Path(f"one{n}.json").read_text())["skipped_share"] == 0
+
+
+def test_previews_of_materials_are_made_by_rays(scene):
+    class Preview:
+        is_preview = True
+
+    scene.leapray.method = "mean"
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert engine.LeapRayEngine._settings(Preview(), depsgraph).method == methods.RAYS.spec
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--method", "leping"], "did you mean leaping?"),
+        (["--method", "leaping:walk=jumps"], "leaping has walk=spheres|cells, not 'walk=jumps'"),
+        (["--method", "pixel_skip"], "counts on parallel rays: the camera must be orthographic"),
+        (["--method", "mean"], "and the scene has no data of any"),
+        (["--method", "leaping", "--pixel", "3,3"], "told of the render method rays"),
+    ],
+)
+def test_what_a_method_cannot_do_is_a_sentence_and_no_picture(
+    scene, tmp_path, monkeypatch, capfd, words, sentence
+):
+    monkeypatch.chdir(tmp_path)
+    scene.camera.data.type = "PERSP"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "cube.blend"))
+    assert cli.main(["render", "cube.blend", *words]) == 1
+    lines = capfd.readouterr().err.strip().splitlines()
+    assert sentence in lines[-1] and lines[-1].startswith("leapray: ")
+    assert not list(tmp_path.glob("*.png")) and not list(tmp_path.glob("*.json"))
