@@ -163,8 +163,10 @@ def fields():
 
 def seen():
     numbers = np.eye(9, dtype=np.int16).repeat(9).reshape(9, 9, 9)
-    field = leapray.FieldSamples(leapray.ScalarGrid("field", numbers, np.eye(4)), threads=1)
-    leapray.visible_volume(field, leapray.TransferFunction([0, 1], [0, 1]), threads=1)
+    grid = leapray.ScalarGrid("field", numbers, np.eye(4))
+    field = leapray.FieldSamples(grid, threads=1)
+    for each in (field, grid):
+        leapray.visible_volume(each, leapray.TransferFunction([0, 1], [0, 1]), threads=1)
     planes = (np.arange(9.0) ** 2,) * 3
     leapray.visible_volume(field, leapray.TransferFunction([0], [1]), planes=planes, threads=1)
 

@@ -258,11 +258,29 @@ class Fields:
         return found
 
     def _seen(self, n: int, name: str, factor: int, room: float) -> tuple[list[Surface], list[str]]:
-        """What is visible of a field by its look; OutOfMemory where it does not fit."""
+        """What is visible of a field by its look: of all samples, which looks share, or where these
+        do not fit of those that it needs; OutOfMemory where they do not either."""
+        field = self.scene.fields[n]
+        try:
+            samples = self._stored(
+                self._seen_key(field, factor), field, 0.0, factor, room, leapray.FieldSamples
+            )
+            return self._shown(n, name, factor, room, samples)
+        except leapray.OutOfMemory:
+            self._drop_samples(n, factor)
+        assert field.look is not None
+        look, key = field.look, self._own_key(field, factor)
+        made = functools.partial(
+            leapray.FieldSamples, transfer=lambda low, high: looks.transfer(look, low, high)[0]
+        )
+        samples = self._stored(key, field, 0.0, factor, room, made)
+        return self._shown(n, name, factor, room, samples)
+
+    def _shown(
+        self, n: int, name: str, factor: int, room: float, samples: leapray.FieldSamples
+    ) -> tuple[list[Surface], list[str]]:
         field = self.scene.fields[n]
         assert field.look is not None
-        key = self._seen_key(field, factor)
-        samples = self._stored(key, field, 0.0, factor, room, leapray.FieldSamples)
         if not samples.low <= samples.high:
             return [], [f"{name!r} shows nothing, for its data hold no value."]
         transfer, grey = looks.transfer(field.look, samples.low, samples.high)
@@ -270,7 +288,7 @@ class Fields:
             return [], [f"{name!r} shows nothing, for nothing of its values is opaque or emits."]
         warnings = [] if grey else [f"{name!r} absorbs all colors alike: the mean of its own."]
         made = functools.partial(samples.at, transfer, threads=self.threads, watch=self.watch)
-        own = *key, field.look.key
+        own = *self._seen_key(field, factor), field.look.key
         structure = self._structure(own, made, room, samples.nbytes)
         return [Surface(n, 0, structure, factor, structure.volume.info.nbytes)], warnings
 
@@ -287,6 +305,7 @@ class Fields:
         """Of a lattice that is too fine."""
         field = self.scene.fields[n]
         self.cache.drop(self._seen_key(field, factor))
+        self.cache.drop(self._own_key(field, factor))
         for threshold in field.thresholds:
             self.cache.drop(self._samples_key(field, threshold, factor))
 
@@ -339,6 +358,10 @@ class Fields:
     def _seen_key(self, field: model.Field, factor: int) -> tuple:
         """Of the samples that looks of a field share."""
         return SAMPLES, "seen", *self._key(field, factor)
+
+    def _own_key(self, field: model.Field, factor: int) -> tuple:
+        """Of the samples that a field's own look needs."""
+        return *self._seen_key(field, factor), field.look and field.look.key, "alone"
 
     def _key(self, field: model.Field, factor: int) -> tuple[str, str]:
         told = field.above, field.capped, field.smoothing, field.interpolation, field.least, factor

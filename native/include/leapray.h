@@ -24,7 +24,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI     38 /* raised whenever a struct or a signature below changes */
+#define LR_ABI     39 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -355,6 +355,13 @@ LR_API void lr_transfer_free(lr_transfer *transfer); /* NULL is fine */
 LR_API lr_status lr_transfer_greatest(const lr_transfer *transfer, const double *low,
                                       const double *high, uint64_t n, double *extinction,
                                       double *emission, lr_error *error);
+
+/* Before lr_samples_allocate, of samples with a lattice's border: let bricks take no memory in
+ * which nothing is visible, and which no other brick needs. Then lr_visible_begin is for this
+ * transfer function alone, with the same scale and offset, bounded and not everywhere.
+ * LR_E_ARGUMENT for samples that have room already, a scale or offset out of range; LR_E_MEMORY. */
+LR_API lr_status lr_samples_hide(lr_samples *samples, const lr_transfer *transfer, double scale,
+                                 double offset, lr_error *error);
 
 /* The volume whose surface cells are the cells of samples in which something is visible by the
  * transfer function of values, of which the volume keeps a copy: a value is offset + scale * stored

@@ -9,7 +9,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 38
+LR_ABI = 39
 LR_PROGRAM_REGISTERS = 256
 LR_EUCLID_MAX = 26754
 LR_BOUNCES_MAX = 1024
@@ -1118,6 +1118,13 @@ PROTOTYPES = {
         ctypes.c_uint64,
         ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(lr_error),
+    )),
+    "lr_samples_hide": (ctypes.c_int, (
+        ctypes.POINTER(lr_samples),
+        ctypes.POINTER(lr_transfer),
+        ctypes.c_double,
+        ctypes.c_double,
         ctypes.POINTER(lr_error),
     )),
     "lr_visible_begin": (ctypes.c_int, (

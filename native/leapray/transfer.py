@@ -57,6 +57,18 @@ class TransferFunction:
         ends = f"{self.values[0]:.6g} to {self.values[-1]:.6g}"
         return f"<TransferFunction of {len(self.values)} knots, {ends}>"
 
+    def sees_as(self, other: TransferFunction) -> bool:
+        """Whether what is visible by another transfer function is so by this one, and no more.
+
+        other: whose values, extinction and emission are compared; False where those differ.
+        """
+        pairs = (
+            (self.values, other.values),
+            (self.extinction, other.extinction),
+            (self.emission, other.emission),
+        )
+        return all(np.array_equal(a, b) for a, b in pairs)
+
     def greatest(
         self, low: ArrayLike, high: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,7 +43,8 @@ def visible_volume(
     if not isinstance(transfer, TransferFunction):
         raise LeapRayError(f"a leapray.TransferFunction is needed, not a {type(transfer).__name__}")
     if not isinstance(field, FieldSamples):
-        field = FieldSamples(field, threads=threads, watch=watch)
+        only = None if everywhere else transfer
+        field = FieldSamples(field, transfer=only, threads=threads, watch=watch)
     return field.at(transfer, everywhere=everywhere, planes=planes, threads=threads, watch=watch)
 
 
@@ -52,9 +54,11 @@ class FieldSamples:
     grid: a value is offset + scale * stored. NaN, no_data and minus infinity are no values: cells
     that they belong to are never visible, as those beyond the lattice; of leaves they are
     background, which goes on around them. Whole numbers are kept exactly in u8 or u16 where their
-    range fits, others in f32. threads: 0 for all cores. max_nbytes: of samples and cells. Raises
-    LeapRayError for grids that hold no real numbers, OutOfMemory beyond max_nbytes before anything
-    is stored, Stopped when watch was told to stop.
+    range fits, others in f32. transfer: the only one that `at` will be asked for, or what makes it
+    of the least and the largest value: where it sees nothing, samples of a dense grid take no
+    memory. threads: 0 for all cores. max_nbytes: of samples and cells. Raises LeapRayError for
+    grids that hold no real numbers, OutOfMemory beyond max_nbytes before anything is stored,
+    Stopped when watch was told to stop.
     Attributes: low and high, the least and the largest value, low above high where there is none;
     scale and offset: the value is offset + scale * occupancy in each of its volumes; nbytes: of the
     samples, which are part of the nbytes of each volume.
@@ -64,6 +68,7 @@ class FieldSamples:
         self,
         grid: ScalarGrid,
         *,
+        transfer: TransferFunction | Callable[[float, float], TransferFunction] | None = None,
         threads: int = 0,
         watch: Watch | None = None,
         max_nbytes: int | None = None,
@@ -80,8 +85,6 @@ class FieldSamples:
         self._samples = StoredSamples(source, "linear", threads, watch)
         self._bounded = not source.sparse
         made = _map_of(source, self._samples)
-        self._samples.store(source, made, max_nbytes, threads, watch)
-        self.nbytes = self._samples.nbytes
         with np.errstate(all="ignore"):
             numbers = self._samples.low, self._samples.high
             ends = [float(offset + scale * np.float64(n)) for n in numbers]
@@ -89,6 +92,16 @@ class FieldSamples:
             self.offset = offset + self._scale * made.base
         self.low, self.high = ends if self._samples.low > self._samples.high else sorted(ends)
         self.scale = self._scale * ONES[TYPES[made.sample_type]]
+        self._only = transfer(self.low, self.high) if callable(transfer) else transfer
+        if self._only is not None and self._bounded:
+            error = _abi.lr_error()
+            hide = lib.lr_samples_hide
+            check(
+                hide(self._samples.handle, self._only.handle, scale, offset, ctypes.byref(error)),
+                error,
+            )
+        self._samples.store(source, made, max_nbytes, threads, watch)
+        self.nbytes = self._samples.nbytes
 
     def __repr__(self) -> str:
         return f"<FieldSamples of {self.low:.6g} to {self.high:.6g}, {self.nbytes / 1e6:.3g} MB>"
@@ -107,6 +120,8 @@ class FieldSamples:
 
         Raises LeapRayError, OutOfMemory, Stopped.
         """
+        if self._only is not None and (everywhere or not transfer.sees_as(self._only)):
+            raise LeapRayError("these samples are for one transfer function and what it sees alone")
         handle, error = ctypes.POINTER(_abi.lr_volume)(), _abi.lr_error()
         status = lib.lr_visible_begin(
             self._samples.handle,

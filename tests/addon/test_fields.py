@@ -273,6 +273,31 @@ def test_what_does_not_fit_is_made_coarser_and_both_sizes_are_named():
     assert row["nbytes"] <= 6 * plan.MB and row["coarser"] == 160 // int(told[1])
 
 
+def test_of_a_field_without_surfaces_only_what_is_seen_need_fit():
+    """The middle of a ball, of whose samples all take 8 MB."""
+
+    def dense(values):
+        return np.repeat(np.clip((values - 1500) / 100, 0, 1)[:, None], 3, axis=1)
+
+    def dark(values):
+        return np.zeros((len(values), 3))
+
+    grid = ball_grid(n=160, dtype=np.uint16)
+    seen = field(grid, look=model.Look(dense, dark, b"middle"))
+    small, large = (
+        pipeline.render(scene([dataclasses.replace(seen, thresholds=())], memory_mb=size))
+        for size in (5, 64)
+    )
+    assert small.warnings == large.warnings == []
+    one, other = (frame.report["volumes"][0]["volume_nbytes"] for frame in (small, large))
+    assert one < 4 * plan.MB < 8 * plan.MB < other
+    np.testing.assert_array_equal(small.passes["Combined"], large.passes["Combined"])
+    everything = model.Look(lambda values: dense(values + 5000), dark, b"all")
+    coarse = pipeline.render(scene([dataclasses.replace(seen, look=everything)], memory_mb=5))
+    (warning,) = coarse.warnings
+    assert "samples of its 160 x 160 x 160" in warning
+
+
 def test_samples_that_surfaces_share_are_counted_once():
     grid = ball_grid(n=96, dtype=np.uint16)
     one, three = (

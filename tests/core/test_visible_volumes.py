@@ -136,6 +136,50 @@ def test_one_field_holds_its_samples_once_for_all_volumes():
 # ---- where it lies -------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("dtype", ["u1", "i2", "f4"])
+def test_samples_that_nobody_sees_take_no_memory_and_change_no_bit(dtype):
+    """A ball of high values in a noise of low ones, and a hole of NaN where there may be one."""
+    z, y, x = np.mgrid[:70, :80, :90]
+    ball = (x - 40) ** 2 + (y - 30) ** 2 + (z - 35) ** 2 < 12**2
+    values = (np.where(ball, 100, 10) + np.random.default_rng(3).integers(0, 9, ball.shape)).astype(
+        dtype
+    )
+    if dtype == "f4":
+        values[30:33, 25:28, 38:41] = np.nan
+    grid = ramps.grid(values, scale=0.5, offset=-2.0)
+    transfer = TransferFunction([20.0, 50.0], [0.0, 0.1], [(0, 0, 0), (1, 2, 3)])
+    asked = []
+    whole = FieldSamples(grid)
+    part = FieldSamples(grid, transfer=lambda low, high: asked.append((low, high)) or transfer)
+    assert part.nbytes < whole.nbytes / 3 and asked == [(whole.low, whole.high)]
+    rays = ramps.rays(np.random.default_rng(4), 500, 80.0)
+    one, other = (trace(samples.at(transfer), *rays) for samples in (whole, part))
+    assert (one.transmittance < 0.9).mean() > 0.1
+    assert_array_equal(other.color, one.color)
+    assert_array_equal(other.transmittance, one.transmittance)
+    assert part.at(transfer).info.n_surface_cells == whole.at(transfer).info.n_surface_cells
+    same = TransferFunction(transfer.values, transfer.extinction)
+    assert part.at(same).info.n_surface_cells == part.at(transfer).info.n_surface_cells
+    for how in ({"transfer": EVERY}, {"transfer": transfer, "everywhere": True}):
+        with pytest.raises(LeapRayError, match="for one transfer function and what it sees alone"):
+            part.at(**how)
+
+
+def test_thin_things_between_hidden_bricks_are_seen():
+    """Sheets and points at any place beside the faces of bricks."""
+    transfer = TransferFunction([1.0, 2.0], [0.0, 1.0])
+    for at in range(6, 18):
+        values = np.zeros((25, 26, 27), np.uint8)
+        values[at, at, at] = values[:, 3, 2] = 2
+        values[:, :, at] += 1
+        grid = ramps.grid(values)
+        rays = ramps.rays(np.random.default_rng(at), 3000, 24.0)
+        want = trace(FieldSamples(grid).at(transfer), *rays)
+        got = trace(visible_volume(grid, transfer), *rays)
+        assert_array_equal(got.transmittance, want.transmittance)
+        assert (want.transmittance < 1).any()
+
+
 def test_a_sheared_lattice_shows_what_its_rays_meet():
     matrix = np.array([[0.5, 0.1, 0, 3], [0, 2.0, 0.3, -1], [0.2, 0, 1.0, 7], [0, 0, 0, 1]])
     samples = ramps.noise(np.random.default_rng(4), 20)

@@ -6,6 +6,68 @@
 #include "grid/isosurface.h"
 #include "grid/transfer_function.h"
 
+/* ---- samples that nothing needs --------------------------------------------------- */
+
+/* Is anything visible in a brick's cells? They reach into the bricks above. */
+static bool is_seen(const lr_samples *s, const lr_transfer *numbers, const int32_t b[3])
+{
+    double low = INFINITY, high = -INFINITY;
+    for (int n = 0; n < lr_support_count(false); n++) {
+        int32_t to[3];
+        lr_support_brick(false, n, b, to);
+        if (!lr_has_brick(s->table_size, to))
+            continue;
+        const size_t at = lr_place_of(s->table_size, to[0], to[1], to[2]);
+        low = fmin(low, s->low[at]);
+        high = fmax(high, s->high[at]);
+    }
+    return low <= high && lr_transfer_sees(numbers, low, high);
+}
+
+/* Mark a brick, and those that its cells reach into. */
+static void need(const lr_samples *s, const int32_t b[3], uint8_t *needed)
+{
+    for (int n = 0; n < lr_support_count(false); n++) {
+        int32_t to[3];
+        lr_support_brick(false, n, b, to);
+        if (lr_has_brick(s->table_size, to))
+            needed[lr_place_of(s->table_size, to[0], to[1], to[2])] = 1;
+    }
+}
+
+lr_status lr_samples_hide(lr_samples *s, const lr_transfer *transfer, double scale, double offset,
+                          lr_error *error)
+{
+    lr_transfer *numbers;
+    lr_status status = lr_samples_check_state(s, false, error);
+    if (status == LR_OK)
+        status = lr_transfer_of_numbers(transfer, scale, offset, &numbers, error);
+    if (status != LR_OK)
+        return status;
+    const size_t count = lr_samples_count(s);
+    uint8_t *needed = calloc(count, sizeof *needed);
+    if (needed == NULL) {
+        lr_transfer_free(numbers);
+        return lr_fail_memory(error, count * sizeof *needed, "the bricks that are seen");
+    }
+    int32_t b[3] = {-1, 0, 0};
+    while (lr_next_brick(s->table_size, b))
+        if (is_seen(s, numbers, b))
+            need(s, b, needed);
+    for (size_t at = 0; at < count; at++) {
+        if (needed[at])
+            continue;
+        s->low[at] = INFINITY; /* as if it lay outside */
+        s->high[at] = -INFINITY;
+        s->none[at] |= LR_NONE_BEYOND;
+    }
+    free(needed);
+    lr_transfer_free(numbers);
+    return LR_OK;
+}
+
+/* ---- volumes ------------------------------------------------------------------------ */
+
 static lr_status check(const lr_samples *s, const lr_transfer *numbers, int32_t bounded,
                        lr_error *error)
 {
