@@ -20,7 +20,9 @@ from leapray._abi import (
     LR_EVENT_HIT,
     LR_EVENT_LIGHT,
     LR_EVENT_RAY,
+    LR_EVENT_SCATTER,
     LR_RAY_TRANSPARENT,
+    LR_RAY_VOLUME,
     lr_ray_kind,
 )
 from leapray.arrays import members
@@ -32,6 +34,7 @@ CELLS_LISTED = 20  # of one ray
 NONE = 2**32 - 1  # no instance, no triangle
 OWN_EMISSION, VOLUME_EMISSION = 2**64 - 1, 2**64 - 2  # in place of a light's index
 KINDS = tuple(members(lr_ray_kind))
+SEES = {KINDS[LR_RAY_VOLUME]: "volume_scatter"}  # where a kind's visibility has another name
 SECTIONS = 32  # of the ends between which a visited cell is sought, in one step
 
 
@@ -69,18 +72,27 @@ class _Reader:
         starts: dict[tuple[int, int], Any] = {}
         ends: dict[tuple[int, int], Any] = {}
         lit: dict[tuple[int, int], list[Any]] = {}
+        points: dict[tuple[int, int], Any] = {}
         for event in record.events:
             key = int(event["sample"]), int(event["ray"])
             if event["kind"] == LR_EVENT_RAY:
                 starts[key] = event
             elif event["kind"] == LR_EVENT_HIT:
                 ends[key] = event
+            elif event["kind"] == LR_EVENT_SCATTER:
+                points[key] = event
             else:
                 lit.setdefault(key, []).append(event)
         self.numbers = {key: number for number, key in enumerate(starts)}
         self.visible: dict[tuple[int, int], str] = {}
+        scattered = {}
+        for key, event in points.items():
+            before = key[0], int(event["parent"])
+            scattered[before] = event, lit.get(key, [])
+            self.numbers[key] = self.numbers[before]
         for key, start in starts.items():
             self.rays.append(self._ray(key, start, ends.get(key), lit.get(key, [])))
+            self.rays[-1]["scattered"] = self._scattered(*scattered.get(key, (None, [])))
 
     def _ray(self, key: tuple[int, int], start, end, lit: list) -> dict[str, Any]:
         camera = start["parent"] == start["ray"]
@@ -157,6 +169,18 @@ class _Reader:
             "throughput": end["throughput"].tolist(),
         }
 
+    def _scattered(self, event, lit: list) -> dict[str, Any] | None:
+        """Where a volume scatters a ray before its end, and the light that it gets there."""
+        if event is None:
+            return None
+        return {
+            "t": float(event["t"]),
+            "object": self._instance_name(event["instance"]),
+            "position": event["position"].tolist(),
+            "throughput": event["throughput"].tolist(),
+            "light": [self._light(each) for each in lit],
+        }
+
     def _light(self, event) -> dict[str, Any]:
         sampled = event["kind"] == LR_EVENT_LIGHT
         contribution = event["contribution"] * self.fraction
@@ -194,7 +218,7 @@ class _Reader:
         found = []
         for n in np.argsort(entries, kind="stable"):
             placed = self.plan.instances[n]
-            if not (entries[n] <= high and getattr(placed, f"visible_{kind}")):
+            if not (entries[n] <= high and getattr(placed, f"visible_{SEES.get(kind, kind)}")):
                 continue
             leaves = start["instance"] == n and start["side"] != 0
             side = (start["cell"], int(start["side"])) if leaves else None
@@ -339,6 +363,13 @@ def _ray_lines(ray: dict[str, Any]) -> Iterator[str]:
         yield f"    {_many(volume['cells'], 'cell')} visited in {name}: {cells}{rest}"
     yield from _end_lines(ray)
     for light in ray["light"]:
+        yield from _light_lines(light)
+    point = ray["scattered"]
+    if point is None:
+        return
+    yield f"    is scattered in {point['object']} at t {point['t']:.8g}"
+    yield f"      position {_triple(point['position'])}, throughput {_triple(point['throughput'])}"
+    for light in point["light"]:
         yield from _light_lines(light)
 
 

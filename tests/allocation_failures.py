@@ -209,6 +209,10 @@ def a_scene():
                           (0, 0.1, 0))  # fmt: skip
     cut = [leapray.Clip(ball.volume, at)]
     instances = [leapray.Instance(ball, m, 0, 1, clips=cut) for m in (np.eye(4), at)]
+    look = leapray.TransferFunction([0, 1], [0, 1], scattering=[(0, 0, 0), (1, 1, 1)])
+    grid = leapray.ScalarGrid("fog", np.ones((3, 3, 3), np.float32), np.eye(4))
+    fog = leapray.build(leapray.visible_volume(grid, look, threads=1), threads=1)
+    instances.append(leapray.Instance(fog, np.eye(4), anisotropy=0.5))
     material = leapray.Material([leapray.Lobe("diffuse", (1, 1, 1))])
     scene = leapray.Scene(view, instances, lights, [material], [0], world, False, [1])
     scene.render_tile(0, 0, 4, 4, samples=1)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import collections
 import faulthandler
+import functools
 import os
 import sys
 import time
@@ -129,13 +130,16 @@ def see(s: Source):
     n = s.whole(6)
     knots = np.sort(s.numbers(max(0, min(n, 99)), 0.8))
     columns = [np.abs(s.numbers(shape, 0.8)) for shape in (knots.shape, (*knots.shape, 3), (3,))]
-    transfer = leapray.TransferFunction(knots, *columns)
+    scattering = columns[0][:, None] * np.abs(s.numbers((1, 3), 0.5))
+    if s.likely(0.1):
+        scattering = np.abs(s.numbers((*knots.shape, 3), 0.8))
+    transfer = leapray.TransferFunction(knots, *columns, scattering)
     samples = s.typed(s.samples(s.shape()), s.one(DTYPES))
     grid = leapray.ScalarGrid("field", samples, s.matrix(), scale=s.number(), offset=s.number())
     volume = leapray.visible_volume(grid, transfer, everywhere=s.likely(0.2), threads=s.threads())
     origins, directions, n = s.rays()
     more = {"mode": s.name(leapray.VISIBLE_MODES), "sampling": s.name(leapray.SAMPLINGS)}
-    for name in ("t_min", "t_max", "step", "tolerance", "stop_opacity"):
+    for name in ("t_min", "t_max", "step", "tolerance", "stop_opacity", "stop"):
         if s.likely(0.3):
             more[name] = s.number(0.3)
     hits = leapray.trace(leapray.build(volume), origins, directions, **more)
@@ -350,6 +354,18 @@ def light(s: Source):
     )  # fmt: skip
 
 
+@functools.cache
+def fogs():
+    """Structures of volumes that scatter light."""
+    rng = np.random.default_rng(4)
+    grid = leapray.ScalarGrid("fog", rng.random((7, 6, 5), np.float32), np.diag([0.4] * 3 + [1]))
+    looks = [
+        leapray.TransferFunction([0.2, 0.6], [0, sigma], scattering=[(0, 0, 0), [sigma * a] * 3])
+        for sigma, a in ((1.0, 1.0), (1e30, 0.5), (1e-30, 2.0))
+    ]
+    return [leapray.build(leapray.visible_volume(grid, look)) for look in looks]
+
+
 def render(s: Source):
     materials = [
         leapray.Material(
@@ -361,7 +377,9 @@ def render(s: Source):
     n = s.whole(5, 1)
     instances = [
         leapray.Instance(
-            s.one(known_structures()), s.one((np.eye(4), s.matrix())),
+            s.one((*known_structures(), *fogs())), s.one((np.eye(4), s.matrix())),
+            anisotropy=s.one((0.0, 0.5, -1.0)) if s.mostly(0.98) else s.number(),
+            phase=s.name(rendering.PHASES), visible_volume_scatter=s.mostly(0.9),
             first_material=s.one((0, 0, 0, 1)) if s.mostly(0.98) else s.one((-1, 2**31)),
             n_materials=s.one((1, 1, 2)) if s.mostly(0.98) else s.one((0, 2**31)),
             object_index=s.whole(5), holdout=s.likely(0.1),

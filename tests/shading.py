@@ -28,6 +28,7 @@ SOURCES = (
     "render/bsdf/albedo_reflection",
     "render/bsdf/bsdf",
     "render/bsdf/material",
+    "render/bsdf/phase",
     "render/bsdf/shading_frame",
     "render/lights/area",
     "render/lights/environment",
@@ -99,8 +100,8 @@ class Surface:
         return _call("shading_flags", self._desc)
 
     def look(self):
-        """albedo (5,), emission (3,), transparency (3,)."""
-        out = np.zeros(5), np.zeros(3), np.zeros(3)
+        """albedo (6,), emission (3,), transparency (3,)."""
+        out = np.zeros(6), np.zeros(3), np.zeros(3)
         _call("shading_look", self._desc, _address(self._point), *map(_address, out))
         return out
 
@@ -118,6 +119,29 @@ class Surface:
         out = np.zeros((len(light), 3), RESPONSE)
         _call("shading_eval", self._desc, _address(self._point), ctypes.c_int64(len(light)),
               _address(light), _address(out))  # fmt: skip
+        return out
+
+
+class Phase:
+    """A phase function at a point that is seen from `view` (3,)."""
+
+    def __init__(self, kind, g, view):
+        view = np.array(view, float) / np.linalg.norm(view)
+        self._view = view
+        self._told = ctypes.c_int32(kind), ctypes.c_double(g), _address(view)
+
+    def sample(self, u):
+        """Scattered rays for u (n, 2)."""
+        return self._call("shading_phase_sample", u, SCATTER)
+
+    def eval(self, light):
+        """Responses to light from (n, 3)."""
+        return self._call("shading_phase_eval", light, RESPONSE)
+
+    def _call(self, name, values, dtype):
+        values = np.ascontiguousarray(values, float)
+        out = np.zeros(len(values), dtype)
+        _call(name, *self._told, ctypes.c_int64(len(values)), _address(values), _address(out))
         return out
 
 

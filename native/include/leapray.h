@@ -329,8 +329,8 @@ LR_API lr_status lr_isosurface_finish(lr_volume *volume, lr_error *error);
 /* ---- visible volumes ----------------------------------------------------- */
 
 /* What values of a field look like. Between knots all is linear in the value, beyond the first and
- * the last it is theirs; two knots at one value are a jump. Extinction, colours and emission lie
- * between 0 and 1e30. */
+ * the last it is theirs; two knots at one value are a jump. Extinction, colours, emission and
+ * scattering lie between 0 and 1e30. */
 typedef struct lr_transfer_desc {
     uint64_t n;               /* knots, 1 to 65536 */
     const double *values;     /* [n], not descending */
@@ -338,6 +338,8 @@ typedef struct lr_transfer_desc {
     const double *colors;     /* [n][3], linear RGB: radiance that an opaque depth of it has */
     const double *emission;   /* [n][3], linear RGB: radiance per unit of object space, beside what
                                  extinction brings; or NULL: none */
+    const double *scattering; /* [n][3], per unit of object space: what of extinction scatters light
+                                 instead of absorbing it, 0 where that is 0; or NULL: none */
 } lr_transfer_desc;
 
 typedef struct lr_transfer lr_transfer;
@@ -848,11 +850,14 @@ typedef struct lr_rays {
     const lr_start *start; /* NULL: unknown */
     const double *length;  /* of the direction, as extinction and emission count; NULL: as it is in
                               object space */
+    const double *stop;    /* of LR_MODE_VOLUME, exact sampling: the transmittance at which each ray
+                              ends; NULL: see stop_opacity */
 } lr_rays;
 
 /* One entry per ray; any pointer but t may be NULL. */
 typedef struct lr_hits {
-    double *t;             /* infinity on a miss */
+    double *t;             /* infinity on a miss; with lr_rays.stop: where the ray ends, infinity
+                              where it does not */
     int32_t *ci, *cj, *ck; /* the cell hit */
     double *nx, *ny, *nz;  /* unit normal in object space, towards f < T; the mesh's own smooth
                               one where the volume carries it, but for LR_NORMAL_ANALYTIC */
@@ -862,7 +867,8 @@ typedef struct lr_hits {
     uint32_t *triangle; /* of those that triangle cells keep; UINT32_MAX where the field was hit */
     int32_t *steps;     /* cells in which the ray stood */
     double *red, *green, *blue; /* of LR_MODE_VOLUME: radiance along the ray, linear RGB, without
-                                   what lies behind it, of which comes */
+                                   what lies behind it, of which comes; with lr_rays.stop instead
+                                   the share of light that is scattered where the ray ends */
     double *transmittance;      /* that share, 0..1 */
     double *value;  /* of LR_MODE_MAXIMUM, _MINIMUM and _MEAN, as the transfer function has values;
                        NaN on a miss */
@@ -912,7 +918,8 @@ typedef enum lr_visibility {
     LR_VISIBLE_SHADOW = 2, /* instances: stop light; lights: are stopped by instances */
     LR_VISIBLE_DIFFUSE = 4,
     LR_VISIBLE_GLOSSY = 8,
-    LR_VISIBLE_TRANSMISSION = 16
+    LR_VISIBLE_TRANSMISSION = 16,
+    LR_VISIBLE_VOLUME_SCATTER = 32
 } lr_visibility;
 
 #define LR_BOUNCES_MAX 1024 /* of any limit of bounces in lr_tile: they are counted in 16 bits */
@@ -1004,6 +1011,12 @@ typedef struct lr_world {
     int32_t max_bounces;     /* as of lr_light; of a world with an image */
 } lr_world;
 
+/* Into which directions volumes scatter. */
+typedef enum lr_phase_kind {
+    LR_PHASE_HENYEY_GREENSTEIN = 0,
+    LR_PHASE_RAYLEIGH = 1 /* of particles much smaller than the light's wavelength */
+} lr_phase_kind;
+
 /* A solid that cuts an instance: hits of the instance on one side of it count, the others are
  * passed through. The faces of the cut are an instance of the solid's own structure, of which the
  * hits inside the volume that is cut count. */
@@ -1050,7 +1063,12 @@ typedef struct lr_instance {
     uint64_t n_clips;
     const lr_field_color *field_color; /* in place of the colours that the volume keeps; or NULL */
     double volume_unit; /* of a volume with a transfer function: the length in world space that its
-                           extinction and emission are for; 0: the unit of object space */
+                           extinction, emission and scattering are for; 0: the unit of object
+                           space */
+    double
+        anisotropy; /* of what it scatters: mean cosine, -1 to 1, of LR_PHASE_HENYEY_GREENSTEIN */
+    int32_t phase;  /* lr_phase_kind */
+    int32_t reserved;
 } lr_instance;
 
 #define LR_OWN_INDEX -2147483647
@@ -1088,22 +1106,24 @@ typedef enum lr_film_filter {
     LR_FILM_BLACKMAN_HARRIS = 1 /* Cycles' own: smooth edges, no stair steps */
 } lr_film_filter;
 
-/* By what surface a ray was sent on last. */
+/* By what a ray was sent on last. */
 typedef enum lr_ray_kind {
     LR_RAY_CAMERA = 0, /* by none */
     LR_RAY_DIFFUSE = 1,
     LR_RAY_GLOSSY = 2,
     LR_RAY_TRANSMISSION = 3,
-    LR_RAY_TRANSPARENT = 4 /* straight through */
+    LR_RAY_TRANSPARENT = 4, /* straight through */
+    LR_RAY_VOLUME = 5       /* scattered within a volume */
 } lr_ray_kind;
 
 /* Events come in the order in which they happen; contributions are added to the pixel in the
  * order of the events that hold them. */
 typedef enum lr_event_kind {
-    LR_EVENT_RAY = 0,   /* a path starts its next ray */
-    LR_EVENT_HIT = 1,   /* that ray has ended, at a surface or nowhere */
-    LR_EVENT_LIGHT = 2, /* a surface samples a light */
-    LR_EVENT_FOUND = 3  /* a ray meets a light, the world, or a surface that shines */
+    LR_EVENT_RAY = 0,    /* a path starts its next ray */
+    LR_EVENT_HIT = 1,    /* that ray has ended, at a surface or nowhere */
+    LR_EVENT_LIGHT = 2,  /* a surface samples a light */
+    LR_EVENT_FOUND = 3,  /* a ray meets a light, the world, or a surface that shines */
+    LR_EVENT_SCATTER = 4 /* a volume scatters light before that end */
 } lr_event_kind;
 
 /* One thing that happens on a path. Members without a kind are of all; what is not of an
@@ -1111,31 +1131,32 @@ typedef enum lr_event_kind {
 typedef struct lr_event {
     int32_t kind;        /* lr_event_kind */
     uint32_t sample;     /* of the pixel, from 0 */
-    uint32_t ray;        /* a number that no other ray of the sample has */
-    uint32_t parent;     /* RAY: of the ray before it; its own for the camera's */
+    uint32_t ray;        /* a number that no other ray of the sample has, nor a SCATTER of it */
+    uint32_t parent;     /* RAY: of what it comes from; its own for the camera's; SCATTER: of the
+                            ray */
     int32_t ray_kind;    /* RAY: lr_ray_kind */
     int32_t bounces;     /* of the path behind the ray, without transparent surfaces */
     int32_t transparent; /* such surfaces behind it */
     int32_t last;        /* RAY: nonzero: beyond a limit of bounces, it is scattered no more */
-    uint32_t instance;   /* RAY: whose surface it leaves; HIT: hit; LIGHT: that stops the light;
-                            UINT32_MAX: none */
-    uint32_t material;   /* HIT: index into the scene's materials */
-    int32_t id;          /* HIT, as in lr_hits */
-    uint32_t triangle;   /* HIT, as in lr_hits: UINT32_MAX where the field was hit */
-    int32_t cell[3];     /* RAY: that it starts in; HIT: of the hit */
-    int32_t side;        /* RAY, as in lr_start; HIT: of the viewer: 1 inside, -1 outside */
-    int32_t steps;       /* HIT: cells in which the ray stood */
-    uint32_t n_media;    /* RAY: solids that bend or absorb light and that it is in, */
-    uint32_t media[6];   /* the instance of each, the one entered last at the end */
+    uint32_t instance; /* RAY: whose surface it leaves; HIT: hit; SCATTER: whose volume; LIGHT: that
+                          stops the light; UINT32_MAX: none */
+    uint32_t material; /* HIT: index into the scene's materials */
+    int32_t id;        /* HIT, as in lr_hits */
+    uint32_t triangle; /* HIT, as in lr_hits: UINT32_MAX where the field was hit */
+    int32_t cell[3];   /* RAY: that it starts in; HIT: of the hit */
+    int32_t side;      /* RAY, as in lr_start; HIT: of the viewer: 1 inside, -1 outside */
+    int32_t steps;     /* HIT: cells in which the ray stood */
+    uint32_t n_media;  /* RAY: solids that bend or absorb light and that it is in, */
+    uint32_t media[6]; /* the instance of each, the one entered last at the end */
     uint32_t media_material[6]; /* and its material */
     uint64_t light;         /* LIGHT, FOUND: its index, n_lights for the world, UINT64_MAX for the
                                surface itself, UINT64_MAX - 1 for volumes before it */
     double origin[3];       /* RAY; LIGHT: where its ray to the light starts */
     double direction[3];    /* RAY: t as in lr_camera for the camera's, else unit; LIGHT: unit */
-    double t;               /* RAY: where it ends at the latest; HIT, infinity on a miss; LIGHT: the
-                               distance of the light */
-    double throughput[3];   /* RAY: at its start; HIT: at its end */
-    double position[3];     /* HIT */
+    double t;               /* RAY: where it ends at the latest; HIT, infinity on a miss; SCATTER;
+                               LIGHT: the distance of the light */
+    double throughput[3];   /* RAY: at its start; HIT: at its end; SCATTER: of what is scattered */
+    double position[3];     /* HIT, SCATTER */
     double normal[3];       /* HIT: unit, for shading, on the viewer's side */
     double probability;     /* LIGHT: expected samples of this light by this surface */
     double pdf;             /* LIGHT: per solid angle; 1 for a light without extent */
@@ -1164,8 +1185,8 @@ typedef struct lr_tile {
     uint32_t seed;               /* of the random numbers */
     double filter_width;         /* pixels; Blackman and Harris's reaches so far to either side */
     int32_t max_bounces;         /* in all, without transparent_bounces */
-    int32_t diffuse_bounces, glossy_bounces, transmission_bounces,
-        transparent_bounces; /* by kind */
+    int32_t diffuse_bounces, glossy_bounces, transmission_bounces, transparent_bounces,
+        volume_bounces;      /* by kind */
     int32_t branches;        /* rays of one sample that may be on their way at a time, up to
                                 LR_BRANCHES_MAX:
                                 where a surface sends off more, some are left to chance */

@@ -224,6 +224,7 @@ class lr_visibility(IntEnum):
     LR_VISIBLE_DIFFUSE = 4
     LR_VISIBLE_GLOSSY = 8
     LR_VISIBLE_TRANSMISSION = 16
+    LR_VISIBLE_VOLUME_SCATTER = 32
 
 
 class lr_light_kind(IntEnum):
@@ -253,6 +254,11 @@ class lr_lobe_flag(IntEnum):
     LR_LOBE_MULTISCATTER = 2
 
 
+class lr_phase_kind(IntEnum):
+    LR_PHASE_HENYEY_GREENSTEIN = 0
+    LR_PHASE_RAYLEIGH = 1
+
+
 class lr_field_part(IntEnum):
     LR_FIELD_VALUE = 0
     LR_FIELD_SLOPE = 1
@@ -270,6 +276,7 @@ class lr_ray_kind(IntEnum):
     LR_RAY_GLOSSY = 2
     LR_RAY_TRANSMISSION = 3
     LR_RAY_TRANSPARENT = 4
+    LR_RAY_VOLUME = 5
 
 
 class lr_event_kind(IntEnum):
@@ -277,6 +284,7 @@ class lr_event_kind(IntEnum):
     LR_EVENT_HIT = 1
     LR_EVENT_LIGHT = 2
     LR_EVENT_FOUND = 3
+    LR_EVENT_SCATTER = 4
 
 
 class lr_image_flag(IntEnum):
@@ -316,15 +324,16 @@ LR_HIT_EXTREMA, LR_HIT_FACES, LR_HIT_UNIFORM = lr_hit_test
 LR_ROOT_NEWTON, LR_ROOT_BISECT, LR_ROOT_CUBIC, LR_ROOT_LINEAR = lr_root
 LR_NORMAL_CENTRAL, LR_NORMAL_ANALYTIC, LR_NORMAL_SMOOTH, LR_NORMAL_SOBEL, LR_NORMAL_ZUCKER_HUMMEL = lr_normal
 LR_PERSPECTIVE, LR_ORTHOGRAPHIC = lr_projection
-LR_VISIBLE_CAMERA, LR_VISIBLE_SHADOW, LR_VISIBLE_DIFFUSE, LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION = lr_visibility
+LR_VISIBLE_CAMERA, LR_VISIBLE_SHADOW, LR_VISIBLE_DIFFUSE, LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION, LR_VISIBLE_VOLUME_SCATTER = lr_visibility
 LR_LIGHT_SUN, LR_LIGHT_POINT, LR_LIGHT_SPOT, LR_LIGHT_AREA = lr_light_kind
 LR_LIGHT_ROUND, LR_LIGHT_FULL = lr_light_shape
 LR_LOBE_DIFFUSE, LR_LOBE_GLOSSY, LR_LOBE_GLASS, LR_LOBE_REFRACTION, LR_LOBE_TRANSPARENT, LR_LOBE_EMISSION, LR_LOBE_PRINCIPLED = lr_lobe_kind
 LR_LOBE_TEXTURED, LR_LOBE_MULTISCATTER = lr_lobe_flag
+LR_PHASE_HENYEY_GREENSTEIN, LR_PHASE_RAYLEIGH = lr_phase_kind
 LR_FIELD_VALUE, LR_FIELD_SLOPE, LR_FIELD_ID = lr_field_part
 LR_FILM_BOX, LR_FILM_BLACKMAN_HARRIS = lr_film_filter
-LR_RAY_CAMERA, LR_RAY_DIFFUSE, LR_RAY_GLOSSY, LR_RAY_TRANSMISSION, LR_RAY_TRANSPARENT = lr_ray_kind
-LR_EVENT_RAY, LR_EVENT_HIT, LR_EVENT_LIGHT, LR_EVENT_FOUND = lr_event_kind
+LR_RAY_CAMERA, LR_RAY_DIFFUSE, LR_RAY_GLOSSY, LR_RAY_TRANSMISSION, LR_RAY_TRANSPARENT, LR_RAY_VOLUME = lr_ray_kind
+LR_EVENT_RAY, LR_EVENT_HIT, LR_EVENT_LIGHT, LR_EVENT_FOUND, LR_EVENT_SCATTER = lr_event_kind
 LR_IMAGE_EXACT, LR_IMAGE_PERSPECTIVE, LR_IMAGE_SURFACES, LR_IMAGE_LIGHTS, LR_IMAGE_FRAMES = lr_image_flag
 LR_PIXEL_MISS, LR_PIXEL_HIT, LR_PIXEL_SKIPPED = lr_pixel
 
@@ -430,6 +439,7 @@ class lr_transfer_desc(ctypes.Structure):
         ("extinction", ctypes.POINTER(ctypes.c_double)),
         ("colors", ctypes.POINTER(ctypes.c_double)),
         ("emission", ctypes.POINTER(ctypes.c_double)),
+        ("scattering", ctypes.POINTER(ctypes.c_double)),
     )
 
 
@@ -601,6 +611,7 @@ class lr_rays(ctypes.Structure):
         ("t_max", ctypes.POINTER(ctypes.c_double)),
         ("start", ctypes.POINTER(lr_start)),
         ("length", ctypes.POINTER(ctypes.c_double)),
+        ("stop", ctypes.POINTER(ctypes.c_double)),
     )
 
 
@@ -747,6 +758,9 @@ class lr_instance(ctypes.Structure):
         ("n_clips", ctypes.c_uint64),
         ("field_color", ctypes.POINTER(lr_field_color)),
         ("volume_unit", ctypes.c_double),
+        ("anisotropy", ctypes.c_double),
+        ("phase", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
     )
 
 
@@ -835,6 +849,7 @@ class lr_tile(ctypes.Structure):
         ("glossy_bounces", ctypes.c_int32),
         ("transmission_bounces", ctypes.c_int32),
         ("transparent_bounces", ctypes.c_int32),
+        ("volume_bounces", ctypes.c_int32),
         ("branches", ctypes.c_int32),
         ("ao_distance", ctypes.c_double),
         ("ambient_distance", ctypes.c_double),
@@ -1484,15 +1499,18 @@ ABOUT = {
     "LR_LOBE_PRINCIPLED": "Blender's Principled BSDF, without sheen, coat, subsurface, film",
     "LR_LOBE_TEXTURED": "the volume's colours multiply color",
     "LR_LOBE_MULTISCATTER": "light between microfacets is not lost",
+    "LR_PHASE_RAYLEIGH": "of particles much smaller than the light's wavelength",
     "LR_FIELD_ID": "no colour: the id, and so the material, that weighs most among the samples inside, averaged by 1-2-1 along each axis",
     "LR_FILM_BOX": "the mean over the pixel itself: sharp edges",
     "LR_FILM_BLACKMAN_HARRIS": "Cycles' own: smooth edges, no stair steps",
     "LR_RAY_CAMERA": "by none",
     "LR_RAY_TRANSPARENT": "straight through",
+    "LR_RAY_VOLUME": "scattered within a volume",
     "LR_EVENT_RAY": "a path starts its next ray",
     "LR_EVENT_HIT": "that ray has ended, at a surface or nowhere",
     "LR_EVENT_LIGHT": "a surface samples a light",
     "LR_EVENT_FOUND": "a ray meets a light, the world, or a surface that shines",
+    "LR_EVENT_SCATTER": "a volume scatters light before that end",
     "LR_IMAGE_EXACT": "cells and t are those of lr_trace in LR_MODE_BINARY, cell by cell",
     "LR_IMAGE_PERSPECTIVE": "takes perspective cameras, too; all take orthographic ones",
     "LR_IMAGE_SURFACES": "shows the first object cells",

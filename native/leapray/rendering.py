@@ -53,6 +53,7 @@ SAMPLING: dict[str, float | str] = {
     "glossy_bounces": 4,
     "transmission_bounces": 12,
     "transparent_bounces": 8,
+    "volume_bounces": 0,
     "branches": 0,
     "ao_distance": 10.0,
     "ambient_distance": 0.0,
@@ -66,6 +67,7 @@ PROJECTIONS = members(_abi.lr_projection)
 VISIBILITIES = {f"visible_{rays}": flag for rays, flag in members(_abi.lr_visibility).items()}
 LIGHTS = members(_abi.lr_light_kind)
 FIELD_PARTS = members(_abi.lr_field_part)
+PHASES = members(_abi.lr_phase_kind)
 SHAPES = {
     "disc": _abi.LR_LIGHT_ROUND,
     "ellipse": _abi.LR_LIGHT_ROUND,
@@ -114,6 +116,7 @@ class Light:
     visible_diffuse: bool = True
     visible_glossy: bool = True
     visible_transmission: bool = True
+    visible_volume_scatter: bool = True
 
 
 @dataclass(frozen=True)
@@ -162,6 +165,7 @@ class World:
     visible_diffuse: bool = True
     visible_glossy: bool = True
     visible_transmission: bool = True
+    visible_volume_scatter: bool = True
 
 
 @dataclass(frozen=True)
@@ -218,8 +222,11 @@ class Instance:
     holdout: bool = False  # the camera sees a hole in the picture
     clips: Sequence[Clip] = ()  # inside what is cut light is neither bent nor absorbed
     field_color: FieldColor | None = None  # in place of the colours that the volume keeps
-    volume_unit: float = 0.0  # of a visible volume: the length in world space that its extinction
-    # and emission are for; 0: the unit of object space
+    visible_volume_scatter: bool = True
+    volume_unit: float = 0.0  # of a visible volume: the length in world space that its extinction,
+    # emission and scattering are for; 0: the unit of object space
+    anisotropy: float = 0.0  # of what it scatters: the mean cosine
+    phase: str = "henyey_greenstein"  # of PHASES
 
 
 class Record:
@@ -463,9 +470,10 @@ def _instances(instances: Sequence[Instance], clips: NDArray, colors: NDArray) -
     addresses = {key: _address(structure.handle) for key, structure in structures.items()}
     table["structure"] = [addresses[id(i.structure)] for i in instances]
     names = ("object_index", "first_material", "n_materials", "volume_index", "error")
-    for name in (*names, "volume_unit"):
+    for name in (*names, "volume_unit", "anisotropy"):
         values = [getattr(i, name) for i in instances]
         table[name] = numbers(values, table.dtype[name], f"{name} of the instances")
+    table["phase"] = [choice(PHASES, i.phase, "phase function") for i in instances]
     table["holdout"] = [bool(i.holdout) for i in instances]
     table["visibility"] = [_visibility(i) for i in instances]
     return table

@@ -211,6 +211,7 @@ def trace(
     tolerance: float = 1e-4,
     stop_opacity: float = 1.0,
     start: tuple[ArrayLike, ArrayLike] | None = None,
+    stop: ArrayLike | None = None,
     threads: int = 1,
     count: bool = True,
     watch: Watch | None = None,
@@ -232,7 +233,9 @@ def trace(
     of extremes where they are. sampling "exact" integrates without steps, off by at most tolerance
     times the largest colour and the largest emission along the path that emits; "post" and "pre"
     take samples at t = k step, classified after and before interpolation, and lose what lies
-    between. stop_opacity: rays end where they are as opaque.
+    between. stop_opacity: rays end where they are as opaque. stop: a number or (n,), with the mode
+    "volume" and exact sampling: each ray ends where its transmittance has fallen to it; t is that
+    place (infinity: there is none) and color the share of light that is scattered there.
 
     start: cells (n, 3) and sides (n,) of rays that leave a surface: side -1 where f < T, +1 where
     f >= T, 0 unknown. threads (0: all cores) change no bit. count: fill counters and steps. Raises
@@ -255,7 +258,7 @@ def trace(
         stop_opacity=stop_opacity,
     )
     low, high = per_ray(t_min, n, "t_min"), per_ray(t_max, n, "t_max")
-    starts = None if start is None else _starts(start, n)
+    starts, stops = None if start is None else _starts(start, n), per_ray(stop, n, "stop")
     surface = n if mode in MODES else 0  # rays that end at one
     t, cell = np.empty(n), np.empty((3, surface), np.int32)
     normals, field = np.empty((3, surface)), np.empty((3, surface))
@@ -269,6 +272,7 @@ def trace(
             return None if array is None else pointer(array[first:last], c_type)
 
         rays = _abi.lr_rays(*map(at, o), *map(at, d), at(low), at(high), at(starts, _abi.lr_start))
+        rays.stop = at(stops)
         hits = _abi.lr_hits(t=at(t))
         if surface:
             integers = [at(row, ctypes.c_int32) for row in cell]

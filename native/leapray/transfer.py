@@ -15,14 +15,17 @@ from .arrays import pointer
 
 
 class TransferFunction:
-    """Extinction, colour and emission of values, linear between knots, constant beyond them.
+    """Extinction, colour, emission and scattering of values, linear between knots, constant beyond.
 
     values: (n,), in the unit of the field, not descending; two knots at one value are a jump, and
     the value itself has what the second says. extinction: (n,), per unit of object space. colors:
     (n, 3), linear RGB, or (3,) for all: the radiance of what is opaque. emission: (n, 3) or (3,),
-    linear RGB: radiance per unit of object space, beside what extinction brings; None: none. All
-    lie between 0 and 1e30. Raises LeapRayError for others and for other shapes.
-    Attributes: those four, as arrays that cannot be written; visible: whether any value is.
+    linear RGB: radiance per unit of object space, beside what extinction brings; None: none.
+    scattering: (n, 3) or (3,), linear RGB, per unit of object space: what of the extinction
+    scatters light in the instances of a scene, instead of absorbing it; None: none. All lie between
+    0 and 1e30. Raises LeapRayError for others and for other shapes, and for scattering where
+    nothing is extinguished.
+    Attributes: those five, as arrays that cannot be written; visible: whether any value is.
     """
 
     def __init__(
@@ -31,12 +34,15 @@ class TransferFunction:
         extinction: ArrayLike,
         colors: ArrayLike = (1.0, 1.0, 1.0),
         emission: ArrayLike | None = None,
+        scattering: ArrayLike | None = None,
     ) -> None:
         self.values = _column(values, "values", None)
         n = len(self.values)
         self.extinction = _column(extinction, "extinction", n)
         self.colors = _triples(colors, "colors", n)
         self.emission = _triples((0.0, 0.0, 0.0) if emission is None else emission, "emission", n)
+        scattering = (0.0, 0.0, 0.0) if scattering is None else scattering
+        self.scattering = _triples(scattering, "scattering", n)
         self.visible = bool(self.extinction.any() or self.emission.any())
         self.handle = ctypes.POINTER(_abi.lr_transfer)()
         desc = _abi.lr_transfer_desc(
@@ -45,6 +51,7 @@ class TransferFunction:
             pointer(self.extinction),
             pointer(self.colors),
             pointer(self.emission),
+            pointer(self.scattering),
         )
         error = _abi.lr_error()
         status = lib.lr_transfer_new(

@@ -2,7 +2,7 @@
  * whole arrays. Compiled by tests/shading.py together with the core's own files.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "render/bsdf/bsdf.h"
+#include "render/bsdf/phase.h"
 #include "render/lights/light.h"
 #include "render/lights/light_tree.h"
 
@@ -24,8 +24,9 @@ LR_API uint32_t shading_flags(const lr_material_desc *desc)
     return material.flags;
 }
 
-LR_API void shading_look(const lr_material_desc *desc, const lr_point *point, double albedo[5],
-                         double emission[3], double transparency[3])
+LR_API void shading_look(const lr_material_desc *desc, const lr_point *point,
+                         double albedo[LR_RAY_VOLUME + 1], double emission[3],
+                         double transparency[3])
 {
     const lr_bsdf bsdf = seen(desc, point);
     memcpy(albedo, bsdf.albedo, sizeof bsdf.albedo);
@@ -48,6 +49,20 @@ LR_API void shading_eval(const lr_material_desc *desc, const lr_point *point, in
     const lr_bsdf bsdf = seen(desc, point);
     for (int64_t i = 0; i < n; i++)
         lr_bsdf_eval(&bsdf, light[i], response[i]);
+}
+
+LR_API void shading_phase_sample(int32_t kind, double g, const double view[3], int64_t n,
+                                 const double (*u)[2], lr_scatter *scatter)
+{
+    for (int64_t i = 0; i < n; i++)
+        scatter[i] = lr_phase_sample((lr_phase){kind, g}, view, u[i]);
+}
+
+LR_API void shading_phase_eval(int32_t kind, double g, const double view[3], int64_t n,
+                               const double (*light)[3], lr_response *response)
+{
+    for (int64_t i = 0; i < n; i++)
+        response[i] = lr_phase_eval((lr_phase){kind, g}, view, light[i]);
 }
 
 LR_API void shading_light_sample(const lr_light *light, const double p[3], int64_t n,

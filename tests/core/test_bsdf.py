@@ -105,7 +105,7 @@ def test_mixes_add_their_weights():
     assert emission == pytest.approx([2, 1, 0.5])
     assert transparency == pytest.approx([0, 0.5, 0])
     assert total(at) == pytest.approx([0.25, 0, 0.25], abs=1e-6)
-    assert (albedo > 0).tolist() == [False, True, True, False, True]
+    assert (albedo > 0).tolist() == [False, True, True, False, True, False]
     assert at.flags() == 1 | 2 | 4
 
 

@@ -8,9 +8,10 @@
 #include "base/cpu.h"
 #include "base/error.h"
 
-enum { COLUMNS = 7, MOST_KNOTS = 1 << 16 };
+enum { COLUMNS = 10, MOST_KNOTS = 1 << 16 };
 
-/* Of extinction, colour and emission, whose products with lengths stay finite; of values. */
+/* Of extinction, colour, emission and scattering, whose products with lengths stay finite; of
+ * values. */
 static const double MOST = 1e30, MOST_VALUE = 1e300;
 
 static lr_status check_column(const double *numbers, uint64_t n, const char *name, lr_error *error)
@@ -20,6 +21,19 @@ static lr_status check_column(const double *numbers, uint64_t n, const char *nam
             return lr_fail(error, LR_E_ARGUMENT, "%s must lie between 0 and %g; one is %g", name,
                            MOST, numbers[i]);
     return LR_OK;
+}
+
+static lr_status check_scattering(const lr_transfer_desc *d, lr_error *error)
+{
+    const lr_status status = check_column(d->scattering, 3 * d->n, "scattering", error);
+    for (uint64_t i = 0; i < 3 * d->n && status == LR_OK; i++)
+        if (d->scattering[i] > 0.0 && !(d->extinction[i / 3] > 0.0))
+            return lr_fail(
+                error, LR_E_ARGUMENT,
+                "what scatters light extinguishes it; knot %llu has scattering %g and no "
+                "extinction",
+                (unsigned long long)(i / 3), d->scattering[i]);
+    return status;
 }
 
 static lr_status check_desc(const lr_transfer_desc *d, lr_error *error)
@@ -44,6 +58,8 @@ static lr_status check_desc(const lr_transfer_desc *d, lr_error *error)
         status = check_column(d->colors, 3 * d->n, "colours of a transfer function", error);
     if (status == LR_OK && d->emission != NULL)
         status = check_column(d->emission, 3 * d->n, "emission", error);
+    if (status == LR_OK && d->scattering != NULL)
+        status = check_scattering(d, error);
     return status;
 }
 
@@ -86,6 +102,7 @@ static void fill_piece(lr_transfer *f, uint64_t i, double most_color, double mos
     for (int k = 0; k < 3; k++) {
         fill_line(p->color[k], a[1 + k], b[1 + k], width);
         fill_line(p->emission[k], a[4 + k], b[4 + k], width);
+        fill_line(p->scattering[k], a[7 + k], b[7 + k], width);
         p->emits = p->emits || a[4 + k] > 0.0 || b[4 + k] > 0.0;
         p->one_color = p->one_color && p->color[k][1] == 0.0;
         if (most_color > 0.0)
@@ -104,6 +121,7 @@ static void fill_pieces(lr_transfer *f)
         for (int k = 0; k < 3; k++) {
             most_color = fmax(most_color, f->knots[i][1 + k]);
             most_emission = fmax(most_emission, f->knots[i][4 + k]);
+            f->scatters |= f->knots[i][7 + k] > 0.0;
         }
     }
     for (uint64_t i = 0; i <= f->n; i++)
@@ -124,6 +142,8 @@ lr_status lr_transfer_new(const lr_transfer_desc *d, lr_transfer **transfer, lr_
         memcpy(f->knots[i] + 1, d->colors + 3 * i, 3 * sizeof(double));
         if (d->emission != NULL)
             memcpy(f->knots[i] + 4, d->emission + 3 * i, 3 * sizeof(double));
+        if (d->scattering != NULL)
+            memcpy(f->knots[i] + 7, d->scattering + 3 * i, 3 * sizeof(double));
     }
     fill_pieces(f);
     return LR_OK;

@@ -1,8 +1,9 @@
 /* Transfer functions: what values of a field look like, as pieces that are linear in the value.
  *
- * Between two knots extinction, colour and emission are linear, beyond the first and the last they
- * are constant. Piece i lies before knot i, the last one beyond all; a value on a knot belongs to
- * the piece above it. Two knots at one value are a jump, and the piece between them is empty.
+ * Between two knots extinction, colour, emission and scattering are linear, beyond the first and
+ * the last they are constant. Piece i lies before knot i, the last one beyond all; a value on a
+ * knot belongs to the piece above it. Two knots at one value are a jump, and the piece between them
+ * is empty.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_GRID_TRANSFER_FUNCTION_H
@@ -12,7 +13,7 @@
 
 typedef struct lr_transfer_piece {
     double from; /* value that these count from: at it, and what they rise by per unit of value */
-    double extinction[2], color[3][2], emission[3][2];
+    double extinction[2], color[3][2], emission[3][2], scattering[3][2];
     double turn;    /* largest rise of a component of the colour, as a share of the largest */
     double emitted; /* the same of emission, and */
     double shines;  /* the largest component of it at from, as such a share */
@@ -25,7 +26,8 @@ struct lr_transfer {
     uint64_t n;
     double *values;            /* [n]: of the knots */
     lr_transfer_piece *pieces; /* [n + 1] */
-    double (*knots)[7];        /* [n]: extinction, colour, emission */
+    double (*knots)[10];       /* [n]: extinction, colour, emission, scattering */
+    bool scatters;             /* scattering is not 0 throughout */
     int32_t simd;              /* lr_simd, of numbers: what light is added up by */
 };
 
@@ -64,6 +66,16 @@ LR_INLINE uint64_t lr_piece_below(const lr_transfer *f, double value)
 LR_INLINE double lr_linear(const double line[2], double from)
 {
     return line[0] + line[1] * from;
+}
+
+/* The share of light that is scattered where it is extinguished; from: of the value, as p->from. */
+LR_INLINE void lr_albedo_at(const lr_transfer_piece *p, double from, double albedo[3])
+{
+    const double extinction = lr_linear(p->extinction, from);
+    for (int k = 0; k < 3; k++) {
+        const double share = fmax(lr_linear(p->scattering[k], from), 0.0) / extinction;
+        albedo[k] = extinction > 0.0 && share < INFINITY ? share : 0.0;
+    }
 }
 
 #endif

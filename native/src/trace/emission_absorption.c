@@ -142,11 +142,58 @@ static void add_point(lr_light_sum *sum, const lr_transfer_piece *p, const stret
     add_light(sum, p, s, after, integrals);
 }
 
+/* Where the piece is as deep: x from -1 to 1. Newton's steps, kept inside a bracket. */
+static double find_depth(const stretch *s, double depth)
+{
+    const double *a = s->a, target = depth - (a[0] - a[1] + a[2] - a[3]);
+    double low = -1.0, high = 1.0, x = depth / s->depth * 2.0 - 1.0;
+    for (int step = 0; step < 60 && high - low > LR_ROOT_ENOUGH; step++) {
+        if (!(x > low && x < high))
+            x = 0.5 * (low + high);
+        const double excess = (((a[3] * x + a[2]) * x + a[1]) * x + a[0]) * x - target;
+        const double slope = ((4.0 * a[3] * x + 3.0 * a[2]) * x + 2.0 * a[1]) * x + a[0];
+        if (excess < 0.0)
+            low = x;
+        else
+            high = x;
+        const double next = x - excess / slope; /* NaN and infinity are caught above */
+        if (fabs(next - x) <= LR_ROOT_ENOUGH)
+            return lr_clamp(next, low, high);
+        x = next;
+    }
+    return 0.5 * (low + high);
+}
+
+/* Follow the cubic from a to b on one piece, and end where the transmittance is sum->stop. */
+static void end_in_piece(lr_light_sum *sum, const lr_transfer_piece *p, const double c[4], double a,
+                         double b, double length)
+{
+    if (!p->absorbs || sum->ended)
+        return;
+    stretch s;
+    set_up(&s, p, c, a, b, length);
+    const double after = exp(-s.depth) * sum->transmittance;
+    sum->pieces++;
+    if (after > sum->stop) {
+        sum->transmittance = after;
+        return;
+    }
+    const double x = find_depth(&s, log(sum->transmittance / sum->stop));
+    sum->ended = true;
+    sum->transmittance = sum->stop;
+    sum->at = lr_mix(a, b, 0.5 * (1.0 + x));
+    lr_albedo_at(p, s.middle + ((s.y[2] * x + s.y[1]) * x + s.y[0]) * x, sum->albedo);
+}
+
 /* The cubic from a to b on one piece of the transfer function. */
 static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const double c[4], double a,
                       double b, double length)
 {
     static const double none[3] = {0.0, 0.0, 0.0};
+    if (sum->stop > 0.0) {
+        end_in_piece(sum, p, c, a, b, length);
+        return;
+    }
     if (!p->absorbs && !p->emits)
         return;
     const double end = b;

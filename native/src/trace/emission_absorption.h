@@ -6,10 +6,15 @@
 
 #include "grid/transfer_function.h"
 
+/* Of the parts so far, front to back. */
 typedef struct lr_light_sum {
     double tolerance;
-    double color[3], transmittance; /* of all parts so far, front to back */
-    uint64_t pieces;                /* integrals taken */
+    double color[3], transmittance;
+    uint64_t pieces; /* integrals taken */
+    double stop;     /* the transmittance at which it ends, without colours; 0: none */
+    bool ended;      /* there: */
+    double at;       /* in x */
+    double albedo[3];
 } lr_light_sum;
 
 /* Add the part on which the value is sum c[i] x^i, x from a to b; length: of x from 0 to 1 in

@@ -23,19 +23,22 @@ static const double OPAQUE = 1e-16;
  * voxels that are never taken for a graze. */
 static const double ROUNDING = 0x1p-49, LEAST_CHORD = 1e-6;
 
-void lr_sums_begin(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, double length,
-                   double t_min, const lr_trace_options *options)
+void lr_sums_begin(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, const lr_rays *rays,
+                   uint64_t i, double t_min, const lr_trace_options *options)
 {
+    const double d[3] = {rays->dx[i], rays->dy[i], rays->dz[i]};
     const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
-    *sums = (lr_ray_sums){.options = options,
-                          .ray = {.t_min = t_min,
-                                  .t_max = r->t_max,
-                                  .speed = length,
-                                  .tolerance = options->tolerance},
-                          .step = options->step / sqrt(lr_dot(r->d, r->d)),
-                          .t = INFINITY,
-                          .transmittance = 1.0,
-                          .best = options->mode == LR_MODE_MINIMUM ? INFINITY : -INFINITY};
+    *sums =
+        (lr_ray_sums){.options = options,
+                      .ray = {.t_min = t_min,
+                              .t_max = r->t_max,
+                              .speed = rays->length != NULL ? rays->length[i] : sqrt(lr_dot(d, d)),
+                              .tolerance = options->tolerance},
+                      .step = options->step / sqrt(lr_dot(r->d, r->d)),
+                      .t = INFINITY,
+                      .transmittance = 1.0,
+                      .stop = rays->stop != NULL ? fmax(rays->stop[i], OPAQUE) : 0.0,
+                      .best = options->mode == LR_MODE_MINIMUM ? INFINITY : -INFINITY};
     double fastest = 0.0;
     for (int a = 0; a < 3; a++)
         fastest = fmax(fastest, fabs(r->d[a]));
@@ -95,17 +98,20 @@ LR_INLINE bool way_through(const lr_ray_sums *sums, const lr_ray *r, lr_lattice 
 
 /* ---- exact light -------------------------------------------------------------- */
 
-/* Light of a cell, or a part of it, by the cubic; length: of x from 0 to 1 in object space. */
+/* Light of a cell, or a part of it, by the cubic, whose x from 0 to 1 is t_low..t_high. */
 static void add_cubic(lr_ray_sums *sums, const lr_volume *v, const double c[4],
-                      const double part[2], double length)
+                      const double part[2], double t_low, double t_high)
 {
     lr_light_sum sum = {.tolerance = sums->options->tolerance,
-                        .transmittance = sums->transmittance};
+                        .transmittance = sums->transmittance,
+                        .stop = sums->stop};
     memcpy(sum.color, sums->color, sizeof sum.color);
-    lr_add_cubic(&sum, v->transfer, c, part[0], part[1], length);
-    memcpy(sums->color, sum.color, sizeof sum.color);
+    lr_add_cubic(&sum, v->transfer, c, part[0], part[1], (t_high - t_low) * sums->ray.speed);
+    memcpy(sums->color, sum.ended ? sum.albedo : sum.color, sizeof sum.color);
     sums->transmittance = sum.transmittance;
     sums->pieces += sum.pieces;
+    if (sum.ended)
+        sums->t = lr_mix(t_low, t_high, sum.at);
 }
 
 /* The piece of the transfer function that sees all values of a range; NULL: several do. */
@@ -131,18 +137,19 @@ static void load_lanes(const lr_ray_sums *sums, const lr_volume *v, lr_cell_lane
     }
 }
 
-/* Which piece sees each lane alone and without emission; NULL: none, or several. */
+/* Which piece sees each lane alone and without emission; NULL: none, or several. Where only the
+ * transmittance is asked for, neither emission nor the turn of colours counts. */
 static void choose_pieces(lr_ray_sums *sums, const lr_volume *v, lr_cell_lanes *k,
                           const lr_transfer_piece *pieces[LR_CELL_LANES])
 {
     for (int l = 0; l < LR_CELL_LANES; l++) {
         const lr_transfer_piece *p =
             only_piece(v->transfer, &sums->piece, k->least[l], k->greatest[l]);
-        const bool alone = p != NULL && !p->emits;
+        const bool alone = p != NULL && (!p->emits || sums->stop > 0.0);
         k->from[l] = alone ? p->from : 0.0;
         k->extinction[0][l] = alone ? p->extinction[0] : 0.0;
         k->extinction[1][l] = alone ? p->extinction[1] : 0.0;
-        k->turn[l] = alone ? p->turn : 0.0;
+        k->turn[l] = alone && !(sums->stop > 0.0) ? p->turn : 0.0;
         pieces[l] = alone ? p : NULL;
     }
 }
@@ -160,14 +167,14 @@ static void add_lane(lr_ray_sums *sums, const lr_transfer_piece *p, const lr_cel
 static void note_beginning(lr_ray_sums *sums, double t)
 {
     const double *light = sums->color;
-    if (sums->t == INFINITY &&
+    if (sums->t == INFINITY && !(sums->stop > 0.0) &&
         (sums->transmittance < 1.0 || sums->length > 0.0 || light[0] + light[1] + light[2] > 0.0))
         sums->t = t;
 }
 
 LR_INLINE bool goes_on(const lr_ray_sums *sums)
 {
-    const double end = 1.0 - sums->options->stop_opacity;
+    const double end = sums->stop > 0.0 ? sums->stop : 1.0 - sums->options->stop_opacity;
     return sums->transmittance > (end > OPAQUE ? end : OPAQUE);
 }
 
@@ -189,11 +196,11 @@ static bool add_waiting(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r)
         const lr_transfer_piece *p = pieces[l];
         if (!(size > 0.0) || (p != NULL && !p->absorbs))
             continue;
-        if (p != NULL && k.within[l] != 0.0) {
+        if (p != NULL && k.within[l] != 0.0 && sums->transmittance * k.after[l] > sums->stop) {
             add_lane(sums, p, &k, l);
         } else {
             const double c[4] = {k.c[0][l], k.c[1][l], k.c[2][l], k.c[3][l]};
-            add_cubic(sums, v, c, whole, size * sums->ray.speed);
+            add_cubic(sums, v, c, whole, k.t_low[l], k.t_high[l]);
         }
         note_beginning(sums, k.t_low[l]);
         if (!goes_on(sums))
@@ -337,7 +344,7 @@ bool lr_sums_cell(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, lr_lat
     if (mode == LR_MODE_MEAN) {
         add_mean(sums, &h, part);
     } else if (sums->options->sampling == LR_SAMPLING_EXACT) {
-        add_cubic(sums, v, h.c, part, (h.t_out - h.t_in) * sums->ray.speed);
+        add_cubic(sums, v, h.c, part, h.t_in, h.t_out);
     } else {
         add_samples(sums, v, &h);
     }

@@ -15,8 +15,9 @@ typedef struct lr_ray_sums {
     const lr_trace_options *options;
     lr_lanes_ray ray;
     double step; /* between samples, in t */
-    double t;    /* where it begins to see something, or has the best value */
+    double t;    /* where it begins to see something, or ends at `stop`, or has the best value */
     double color[3], transmittance;
+    double stop;                       /* transmittance at which it ends; 0: none, see options */
     double best;                       /* stored value */
     double sum, length;                /* of values over t, and t */
     uint64_t cells, pieces;            /* that were looked at */
@@ -25,10 +26,9 @@ typedef struct lr_ray_sums {
     uint64_t piece; /* of the transfer function, by which the last cell was seen */
 } lr_ray_sums;
 
-/* r: set up, entered or not; length: of its direction, as extinction counts; t_min: where the ray
- * begins. */
-void lr_sums_begin(lr_ray_sums *sums, const lr_volume *volume, const lr_ray *r, double length,
-                   double t_min, const lr_trace_options *options);
+/* Ray i of rays, that begins at t_min. r: set up, entered or not. */
+void lr_sums_begin(lr_ray_sums *sums, const lr_volume *volume, const lr_ray *r, const lr_rays *rays,
+                   uint64_t i, double t_min, const lr_trace_options *options);
 
 /* Add visible cell c, or let it wait; false: nothing behind it can count. */
 bool lr_sums_cell(lr_ray_sums *sums, const lr_volume *volume, const lr_ray *r, lr_lattice lattice,

@@ -184,5 +184,9 @@ lr_status lr_trace(const lr_structure *s, const lr_rays *rays, uint64_t n,
     lr_status status = check_options(s->volume, options, error);
     if (status != LR_OK)
         return status;
+    if (rays->stop != NULL &&
+        (options->mode != LR_MODE_VOLUME || options->sampling != LR_SAMPLING_EXACT))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "rays end at a transmittance only in the mode volume, sampled exactly");
     return s->ops->trace(s->volume, s->data, rays, n, options, hits, counters, watch, error);
 }

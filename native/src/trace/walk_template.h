@@ -135,8 +135,7 @@ LR_INLINE void lr_add_along_one(const lr_volume *v, const void *data, const lr_r
     if (lr_ray_setup(&r, v, o, d, rays->t_max != NULL ? rays->t_max[i] : INFINITY) &&
         t_min <= r.t_max && t_min < INFINITY &&
         lr_enter(&r, lattice, &u, v->surface_lo, v->surface_hi, t_min)) {
-        lr_sums_begin(&sums, v, &r, rays->length != NULL ? rays->length[i] : sqrt(lr_dot(d, d)),
-                      t_min, options);
+        lr_sums_begin(&sums, v, &r, rays, i, t_min, options);
         LR_START(data, v, &r, lattice, &u, &state);
         bool first = true;
         while (LR_WALK(data, v, &r, lattice, &u, &state, first, &tally) &&

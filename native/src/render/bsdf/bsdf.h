@@ -57,12 +57,12 @@ typedef struct lr_closure {
  * they face away from the viewer. Then closures of facets use normals that are bent towards
  * the face as far as needed; diffuse closures keep the original ones. */
 typedef struct lr_bsdf {
-    lr_basis basis;         /* of the normal, bent where it must be */
-    lr_basis unbent;        /* of the normal as it is, where that is not the same */
-    bool bent;              /* it is not */
-    double albedo[5];       /* by lr_ray_kind: of the group, about; 0: there is none */
-    double emission[3];     /* radiance */
-    double transparency[3]; /* what goes straight through */
+    lr_basis basis;                   /* of the normal, bent where it must be */
+    lr_basis unbent;                  /* of the normal as it is, where that is not the same */
+    bool bent;                        /* it is not */
+    double albedo[LR_RAY_VOLUME + 1]; /* by lr_ray_kind: of the group, about; 0: there is none */
+    double emission[3];               /* radiance */
+    double transparency[3];           /* what goes straight through */
     uint32_t n;
     lr_closure closures[LR_CLOSURES_MAX];
 } lr_bsdf;

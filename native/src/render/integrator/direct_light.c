@@ -1,4 +1,4 @@
-/* Direct light at surfaces, from lights and the world.
+/* Direct light at surfaces and in volumes, from lights and the world.
  *
  * Primary hits sample every light, or a subset chosen by the light tree; later hits sample
  * one. Shadow rays are collected over all light samples until a wave is full. They are first
@@ -44,11 +44,11 @@ static bool is_black(const double c[3])
 static bool evaluate(const lr_shading_point *s, const lr_sampled_light *sampled, double probability,
                      double contribution[3])
 {
-    lr_response group[LR_GROUPS];
-    lr_bsdf_eval(&s->bsdf, sampled->ray.direction, group);
+    lr_response group[LR_RAY_KINDS];
+    lr_point_respond(s, sampled->ray.direction, group);
     double sum[3] = {0, 0, 0};
-    for (int kind = LR_RAY_DIFFUSE; kind <= LR_RAY_TRANSMISSION; kind++) {
-        const lr_response *response = &group[kind - LR_RAY_DIFFUSE];
+    for (int kind = lr_first_kind(s); kind <= lr_last_kind(s); kind++) {
+        const lr_response *response = &group[kind];
         if ((sampled->visibility & lr_sees(kind)) == 0)
             continue;
         const double other = sampled->ray.delta ? 0 : s->probability[kind] * response->pdf;
@@ -160,7 +160,7 @@ static lr_status trace_shadow_rays(const lr_context *context, lr_shadow_queue *s
         status = lr_intersect_closest(context, &options, rays, hits, &wave->memory);
         if (status == LR_OK && scene->n_participants > 0)
             status = lr_find_volume_light(context, 0, false, rays, hits->t, &wave->memory.batch,
-                                          &wave->volume_light);
+                                          &wave->volume_light, NULL);
         if (status == LR_OK)
             pass_surfaces(scene, (uint32_t)context->tile->transparent_bounces, hits,
                           &wave->volume_light, rays, shadow_rays, record);
@@ -226,7 +226,8 @@ static void light_by(const lr_context *context, const lr_shading_point *s, uint3
     if (!lit)
         return;
     if (world)
-        sampled.ray.distance = lr_world_distance(context->tile, s->path, LR_RAY_DIFFUSE);
+        sampled.ray.distance = lr_world_distance(context->tile, s->path,
+                                                 s->in_volume ? LR_RAY_VOLUME : LR_RAY_DIFFUSE);
     shadow_ray->shading_point = s;
     shadow_ray->clear = s->path->bounces[LR_RAY_TRANSPARENT];
     shadow_ray->ends = sampled.ray.distance;

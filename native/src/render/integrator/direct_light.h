@@ -1,4 +1,4 @@
-/* Direct light at surfaces, from lights and the world.
+/* Direct light at surfaces and in volumes, from lights and the world.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_INTEGRATOR_DIRECT_LIGHT_H
@@ -19,7 +19,7 @@ lr_status lr_light_shading_points(const lr_context *context, const lr_shading_qu
 lr_status lr_ambient_occlusion(const lr_context *context, const lr_shading_queue *shading_points,
                                lr_wave *wave, lr_film *film);
 
-/* The expected number of samples of the light at the path's last surface, whose point is o. */
+/* The expected number of samples of the light where the path was scattered last, at o. */
 LR_INLINE double lr_light_probability(const lr_scene *scene, const lr_path *path,
                                       uint64_t light_index, const double o[3])
 {

@@ -3,6 +3,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/path_record.h"
 
+#include "render/integrator/shading_point.h"
 #include "trace/cell.h"
 
 _Static_assert(sizeof((lr_event *)0)->media == sizeof((lr_medium_stack *)0)->instance,
@@ -74,6 +75,18 @@ void lr_record_hit(const lr_path *path, const lr_hit_queue *hits, uint32_t i,
     lr_bsdf_normal(&s->bsdf, event->normal);
 }
 
+void lr_record_scatter(const lr_volume_point *point, const lr_path *path, lr_record *record)
+{
+    lr_event *event = next_event(LR_EVENT_SCATTER, &point->path, record);
+    if (event == NULL)
+        return;
+    event->parent = path->key;
+    event->instance = point->instance;
+    event->t = point->t;
+    put(event->throughput, point->path.throughput);
+    put(event->position, point->path.origin);
+}
+
 void lr_record_found(const lr_path *path, uint64_t light_index, double mis_weight,
                      const double contribution[3], lr_record *record)
 {
@@ -90,14 +103,14 @@ void lr_record_found(const lr_path *path, uint64_t light_index, double mis_weigh
 static double mis_weight_of(const lr_shading_point *s, const lr_sampled_light *sampled,
                             double probability, const double contribution[3])
 {
-    lr_response group[LR_GROUPS];
+    lr_response group[LR_RAY_KINDS];
     double part = 0, whole = 0;
-    lr_bsdf_eval(&s->bsdf, sampled->ray.direction, group);
+    lr_point_respond(s, sampled->ray.direction, group);
     for (int a = 0; a < 3; a++) {
         double f_cos = 0;
-        for (int kind = LR_RAY_DIFFUSE; kind <= LR_RAY_TRANSMISSION; kind++)
+        for (int kind = lr_first_kind(s); kind <= lr_last_kind(s); kind++)
             if ((sampled->visibility & lr_sees(kind)) != 0)
-                f_cos += group[kind - LR_RAY_DIFFUSE].f_cos[a];
+                f_cos += group[kind].f_cos[a];
         part += fabs(contribution[a]);
         whole += fabs(f_cos * sampled->ray.color[a] * s->path->throughput[a]);
     }

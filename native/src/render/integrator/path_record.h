@@ -21,6 +21,9 @@ void lr_record_ray(const lr_path *path, const lr_path *parent, int kind, lr_reco
 void lr_record_hit(const lr_path *path, const lr_hit_queue *hits, uint32_t i,
                    const lr_shading_point *shading_point, lr_record *record);
 
+/* Where a volume scatters the path's ray before its end. */
+void lr_record_scatter(const lr_volume_point *point, const lr_path *path, lr_record *record);
+
 /* A light that the path's ray has met, its MIS weight and its contribution. */
 void lr_record_found(const lr_path *path, uint64_t light_index, double mis_weight,
                      const double contribution[3], lr_record *record);

@@ -1,4 +1,4 @@
-/* A path: its present ray, and the throughput of the surfaces behind it.
+/* A path: its present ray, and the throughput of the surfaces and volumes behind it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_INTEGRATOR_PATH_STATE_H
@@ -7,13 +7,14 @@
 #include "render/bsdf/bsdf.h"
 
 /* More nested solids than this are rare; the outermost are dropped, and counted. */
-enum { LR_MEDIA_MAX = 6, LR_RAY_KINDS = LR_RAY_TRANSPARENT + 1 };
+enum { LR_MEDIA_MAX = 6, LR_RAY_KINDS = LR_RAY_VOLUME + 1 };
 
 /* The visibility flag of instances and lights for rays of a kind. */
 LR_INLINE uint32_t lr_sees(int kind)
 {
-    static const uint32_t flag[LR_RAY_KINDS] = {LR_VISIBLE_CAMERA, LR_VISIBLE_DIFFUSE,
-                                                LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION, 0};
+    static const uint32_t flag[LR_RAY_KINDS] = {
+        LR_VISIBLE_CAMERA,        LR_VISIBLE_DIFFUSE, LR_VISIBLE_GLOSSY, LR_VISIBLE_TRANSMISSION, 0,
+        LR_VISIBLE_VOLUME_SCATTER};
     return flag[kind];
 }
 
@@ -27,8 +28,8 @@ typedef struct lr_path {
     double origin[3];
     double direction[3]; /* unit, but for the camera's, whose t is depth */
     double throughput[3];
-    double pdf;       /* density of its direction at the last surface, times the probability of
-                         its kind of ray; infinite where light samples cannot find the same */
+    double pdf; /* density of its direction where it was scattered last, times the probability of
+                   its kind of ray; infinite where light samples cannot find the same */
     float normal[3];  /* of that surface; 0 where both sides are lit */
     double travelled; /* since then, through transparent surfaces */
     double t_max;

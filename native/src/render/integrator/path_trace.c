@@ -16,6 +16,7 @@
 #include "render/integrator/scatter.h"
 #include "render/integrator/shading_point.h"
 #include "render/integrator/volume_light.h"
+#include "render/integrator/volume_scatter.h"
 #include "render/lights/environment.h"
 #include "render/lights/light.h"
 
@@ -60,8 +61,8 @@ static lr_status find_light(const lr_context *context, const lr_path *path, uint
         !lr_light_hit(light, o, d, path->travelled + length, &t, color, &pdf) ||
         t < path->travelled)
         return LR_OK;
-    const lr_status status = lr_find_transmittance(context, o, d, path->travelled, t,
-                                                   path->visibility, batch, &transmittance);
+    const lr_status status = lr_find_transmittance(
+        context, o, d, path->travelled, t, path->visibility, LR_NOWHERE, batch, &transmittance);
     if (status != LR_OK)
         return status;
     memcpy(throughput, path->throughput, sizeof throughput);
@@ -236,6 +237,65 @@ static lr_status write_primary_passes(const lr_context *context, bool geometry,
                                     : LR_OK;
 }
 
+/* What volumes do to the wave's rays: reads these and their hits; writes the light of volumes and
+ * the points that scatter. */
+static lr_status find_volumes(const lr_context *context, double t_min, lr_queues *queues)
+{
+    lr_wave *wave = &queues->wave;
+    const lr_scene *scene = context->scene;
+    lr_volume_scatter *scatter = scene->scatters ? &wave->volume_scatter : NULL;
+    queues->volume_points.n = 0;
+    if (scene->n_participants == 0)
+        return LR_OK;
+    if (scatter != NULL)
+        lr_scatter_draw(queues->now.paths, &wave->rays, scatter);
+    const lr_status status =
+        lr_find_volume_light(context, t_min, true, &wave->rays, wave->hits.t, &wave->memory.batch,
+                             &wave->volume_light, scatter);
+    if (status != LR_OK || scatter == NULL)
+        return status;
+    return lr_find_volume_points(context, t_min, queues->now.paths, wave, &queues->volume_points);
+}
+
+/* Decide which rays are continued: reads the points of volumes and surfaces, both in the order of
+ * the wave; writes their probabilities, and the slots that are taken. */
+static void choose_rays(const lr_context *context, lr_queues *queues)
+{
+    lr_volume_queue *volume_points = &queues->volume_points;
+    lr_shading_queue *shading_points = &queues->shading_points;
+    for (uint32_t i = 0, k = 0; i < volume_points->n; i++) {
+        lr_volume_point *point = &volume_points->points[i];
+        const lr_path *path = &queues->now.paths[point->owner];
+        while (k < shading_points->n && shading_points->points[k].path < path)
+            k++;
+        const bool hit = k < shading_points->n && shading_points->points[k].path == path;
+        lr_scatter_choose_volume(context, point, hit ? &shading_points->points[k] : NULL,
+                                 &queues->next.free_slots[path->pixel]);
+    }
+    for (uint32_t k = 0; k < shading_points->n; k++) {
+        lr_shading_point *s = &shading_points->points[k];
+        lr_scatter_choose(context, s, &queues->next.free_slots[s->path->pixel]);
+    }
+}
+
+/* Light and continue the points in volumes: reads them; writes the film, and paths into the next
+ * queue. Uses the wave and the shading points. */
+static lr_status scatter_in_volumes(const lr_context *context, lr_queues *queues, lr_film *film)
+{
+    lr_shading_queue *shading_points = &queues->shading_points;
+    shading_points->n = queues->volume_points.n;
+    if (shading_points->n == 0)
+        return LR_OK;
+    for (uint32_t k = 0; k < shading_points->n; k++)
+        lr_volume_point_find(context->scene, &queues->volume_points.points[k],
+                             &shading_points->points[k]);
+    const lr_status status =
+        lr_light_shading_points(context, shading_points, &queues->shadow_rays, &queues->wave, film);
+    for (uint32_t k = 0; k < shading_points->n && status == LR_OK; k++)
+        lr_scatter_on(context, &shading_points->points[k], &queues->next);
+    return status;
+}
+
 /* One wave through all stages: reads its rays; writes the film, and paths into the next queue. */
 static lr_status trace_batch(const lr_context *context, bool any, bool camera, bool geometry,
                              lr_queues *queues, lr_film *film)
@@ -254,22 +314,18 @@ static lr_status trace_batch(const lr_context *context, bool any, bool camera, b
         return status;
     if (geometry)
         lr_write_steps(queues->now.paths, &wave->rays, &wave->hits, film);
-    if (context->scene->n_participants > 0)
-        status = lr_find_volume_light(context, options.t_min, true, &wave->rays, wave->hits.t,
-                                      &wave->memory.batch, &wave->volume_light);
+    status = find_volumes(context, options.t_min, queues);
     if (status == LR_OK)
         status = process_hits(context, any, wave, queues->now.paths, shading_points, film);
-    for (uint32_t k = 0; k < shading_points->n && status == LR_OK; k++) {
-        lr_shading_point *s = &shading_points->points[k];
-        lr_scatter_choose(context, s, &queues->next.free_slots[s->path->pixel]);
-    }
+    if (status == LR_OK)
+        choose_rays(context, queues);
     if (status == LR_OK)
         status = write_primary_passes(context, geometry, shading_points, wave, film);
     if (status == LR_OK)
         status = lr_light_shading_points(context, shading_points, &queues->shadow_rays, wave, film);
     for (uint32_t k = 0; k < shading_points->n && status == LR_OK; k++)
         lr_scatter_on(context, &shading_points->points[k], &queues->next);
-    return status;
+    return status == LR_OK ? scatter_in_volumes(context, queues, film) : status;
 }
 
 /* All paths of the present queue, those that are scattered first. */

@@ -34,8 +34,21 @@ static lr_hits take_hits(lr_arena *arena, uint64_t n)
     return hit;
 }
 
-static void take_wave(lr_arena *arena, uint64_t n, uint32_t height, lr_wave *wave)
+static void take_volume_scatter(lr_arena *arena, uint64_t n, lr_wave *wave)
 {
+    lr_volume_scatter *scatter = &wave->volume_scatter;
+    wave->memory.batch.stop = lr_arena_take_doubles(arena, n);
+    scatter->u = lr_arena_take(arena, n, sizeof *scatter->u);
+    scatter->opacity = lr_arena_take_doubles(arena, n);
+    scatter->own = lr_arena_take_doubles(arena, n);
+    scatter->participant = lr_arena_take(arena, n, sizeof *scatter->participant);
+    scatter->t = lr_arena_take_doubles(arena, n);
+    scatter->albedo = lr_arena_take(arena, n, sizeof *scatter->albedo);
+}
+
+static void take_wave(lr_arena *arena, uint64_t n, const lr_scene *scene, lr_wave *wave)
+{
+    const uint32_t height = scene->hierarchy.height;
     lr_ray_queue *rays = &wave->rays;
     rays->n = 0;
     rays->capacity = (uint32_t)n;
@@ -82,18 +95,25 @@ static lr_path_queue take_paths(lr_arena *arena, uint64_t n_pixels, uint32_t slo
     return queue;
 }
 
-void lr_queues_lay(lr_arena *arena, uint64_t n_pixels, uint32_t paths_per_pixel, uint32_t height,
-                   lr_queues *queues)
+void lr_queues_lay(lr_arena *arena, uint64_t n_pixels, uint32_t paths_per_pixel,
+                   const lr_scene *scene, lr_queues *queues)
 {
     lr_shading_queue *points = &queues->shading_points;
+    lr_volume_queue *volume_points = &queues->volume_points;
     lr_shadow_queue *shadow = &queues->shadow_rays;
+    paths_per_pixel += scene->scatters;
     /* A wave holds one pixel's rays at least. */
     const uint64_t n = n_pixels > paths_per_pixel ? n_pixels : paths_per_pixel;
-    take_wave(arena, n, height, &queues->wave);
+    take_wave(arena, n, scene, &queues->wave);
+    if (scene->scatters)
+        take_volume_scatter(arena, n, &queues->wave);
     queues->now = take_paths(arena, n_pixels, paths_per_pixel);
     queues->next = take_paths(arena, n_pixels, paths_per_pixel);
     points->n = 0;
     points->points = lr_arena_take(arena, n, sizeof *points->points);
+    volume_points->n = 0;
+    volume_points->points =
+        lr_arena_take(arena, scene->scatters ? n : 0, sizeof *volume_points->points);
     shadow->n = 0;
     shadow->capacity = (uint32_t)n;
     shadow->rays = lr_arena_take(arena, n, sizeof *shadow->rays);

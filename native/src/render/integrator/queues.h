@@ -75,6 +75,7 @@ typedef struct lr_batch {
     lr_rays_buffer ray;
     double *t_min, *t_max;
     double *length;   /* of its direction, as extinction counts */
+    double *stop;     /* transmittance at which it ends */
     double *t_passed; /* where it starts on the wave's ray, in an instance that is cut */
     lr_start *start;
     lr_hits hit;
@@ -115,14 +116,26 @@ typedef struct lr_volume_light {
     uint32_t *ray_of; /* of those in the batch */
 } lr_volume_light;
 
+/* Where volumes scatter each ray before its end: one of those that it meets, chosen by what it
+ * extinguishes. */
+typedef struct lr_volume_scatter {
+    double (*u)[2];  /* 0..1: by which the place and the volume are chosen; below 0: none is */
+    double *opacity; /* of the volumes that scatter, added up, */
+    double *own;     /* and of the one that is chosen: */
+    uint32_t *participant; /* its number, or LR_NOWHERE */
+    double *t;             /* infinity: nowhere */
+    double (*albedo)[3];   /* there */
+} lr_volume_scatter;
+
 typedef struct lr_wave {
     lr_ray_queue rays;
     lr_hit_queue hits;
     lr_intersect_memory memory;
     lr_volume_light volume_light;
+    lr_volume_scatter volume_scatter; /* of a scene that scatters, as all of that name */
 } lr_wave;
 
-/* A shading point. */
+/* A shading point, of a surface or within a volume. */
 typedef struct lr_shading_point {
     lr_point point;
     double position[3];
@@ -139,7 +152,12 @@ typedef struct lr_shading_point {
     bool sure[LR_RAY_KINDS];          /* kinds that are all continued, */
     bool chooses_one;                 /* and one more of the others, chosen at random */
     double probability[LR_RAY_KINDS]; /* that rays of this kind are continued: 1 where sure */
-    lr_bsdf bsdf;                     /* large, and mostly not used: so it comes last */
+    double share;   /* part of it that is left by a volume before the surface; 1: all, */
+    bool gives_way; /* nothing: its rays are continued, and none of these */
+    bool in_volume; /* no surface: of the members above only position, origin, the path, the
+                       instance and its indices, and what decides on rays, hold */
+    lr_phase phase; /* of light in a volume */
+    lr_bsdf bsdf;   /* large, and mostly not used: so it comes last */
 } lr_shading_point;
 
 /* A ray towards a light. */
@@ -150,6 +168,21 @@ typedef struct lr_shadow_ray {
     uint32_t clear; /* transparent surfaces that its path has passed */
     uint64_t event; /* its place in the record, where there is one */
 } lr_shadow_ray;
+
+/* A point in a volume that scatters light. */
+typedef struct lr_volume_point {
+    lr_path path;   /* as it gets there, from its last point of a surface or a volume */
+    uint32_t owner; /* place of the path that goes on behind it */
+    uint32_t instance;
+    double t;           /* of the wave's ray */
+    double probability; /* that its ray is continued, */
+    bool continues;     /* as is the case */
+} lr_volume_point;
+
+typedef struct lr_volume_queue {
+    uint32_t n;
+    lr_volume_point *points;
+} lr_volume_queue;
 
 typedef struct lr_shading_queue {
     uint32_t n;
@@ -180,12 +213,13 @@ typedef struct lr_queues {
     lr_path_queue now, next;
     lr_wave wave;
     lr_shading_queue shading_points;
+    lr_volume_queue volume_points;
     lr_shadow_queue shadow_rays;
 } lr_queues;
 
-/* Lay the queues out for that many pixels and paths of each. height: of the scene's
- * hierarchy. */
-void lr_queues_lay(lr_arena *arena, uint64_t n_pixels, uint32_t paths_per_pixel, uint32_t height,
-                   lr_queues *queues);
+/* Lay the queues of a scene out for that many pixels and paths of each; where volumes scatter, of
+ * one more. */
+void lr_queues_lay(lr_arena *arena, uint64_t n_pixels, uint32_t paths_per_pixel,
+                   const lr_scene *scene, lr_queues *queues);
 
 #endif

@@ -40,8 +40,9 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
     if (tile->branches < 1 || tile->branches > LR_BRANCHES_MAX)
         return lr_fail(error, LR_E_ARGUMENT, "branches per pixel must be 1 to %d, they are %d",
                        LR_BRANCHES_MAX, tile->branches);
-    const int32_t bounces[] = {tile->max_bounces, tile->diffuse_bounces, tile->glossy_bounces,
-                               tile->transmission_bounces, tile->transparent_bounces};
+    const int32_t bounces[] = {tile->max_bounces,         tile->diffuse_bounces,
+                               tile->glossy_bounces,      tile->transmission_bounces,
+                               tile->transparent_bounces, tile->volume_bounces};
     for (size_t k = 0; k < sizeof bounces / sizeof *bounces; k++)
         if (bounces[k] < 0 || bounces[k] > LR_BOUNCES_MAX)
             return lr_fail(error, LR_E_ARGUMENT, "limits of bounces must be 0 to %d, one is %d",
@@ -129,14 +130,14 @@ static void start_paths(const lr_context *context, uint32_t sample_bits, lr_film
 
 /* Lay all working memory out from base, which may be NULL to get the size. Returns the bytes
  * used. */
-static uint64_t lay(void *base, uint64_t n_pixels, uint32_t paths_per_pixel, uint32_t height,
+static uint64_t lay(void *base, uint64_t n_pixels, uint32_t paths_per_pixel, const lr_scene *scene,
                     lr_queues *queues, lr_film *film)
 {
     enum { LINE = 64 }; /* arrays begin on cache lines */
     const uint64_t n = n_pixels < LR_STRETCH ? n_pixels : LR_STRETCH;
     const uint64_t skip = (LINE - (uintptr_t)base % LINE) % LINE;
     lr_arena arena = {base != NULL ? (char *)base + skip : NULL, 0};
-    lr_queues_lay(&arena, n, paths_per_pixel, height, queues);
+    lr_queues_lay(&arena, n, paths_per_pixel, scene, queues);
     lr_film_lay(&arena, n, film);
     return arena.used + (base != NULL ? skip : LINE);
 }
@@ -147,8 +148,7 @@ uint64_t lr_render_nbytes(const lr_scene *scene, int32_t width, int32_t height, 
         return 0;
     lr_queues queues;
     lr_film film;
-    return lay(NULL, (uint64_t)width * (uint64_t)height, (uint32_t)branches,
-               scene->hierarchy.height, &queues, &film);
+    return lay(NULL, (uint64_t)width * (uint64_t)height, (uint32_t)branches, scene, &queues, &film);
 }
 
 /* How many bits n has. */
@@ -196,7 +196,7 @@ lr_status lr_render_tile(const lr_scene *scene, const lr_tile *tile, const lr_pa
     };
     lr_queues queues;
     lr_film film = {.tile = tile, .passes = passes};
-    lay(workspace, n_pixels, (uint32_t)tile->branches, scene->hierarchy.height, &queues, &film);
+    lay(workspace, n_pixels, (uint32_t)tile->branches, scene, &queues, &film);
     lr_filter_make(tile->filter, tile->filter_width, film.filter);
     for (uint64_t first = 0; first < n_pixels && status == LR_OK; first += LR_STRETCH) {
         const uint64_t left = n_pixels - first;

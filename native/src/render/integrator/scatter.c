@@ -1,10 +1,10 @@
 /* Continues paths from the surfaces that they have hit.
  *
  * A surface spawns rays of several kinds: by its diffuse lobes, by its glossy ones,
- * refracted, straight through. Where the queue has slots for all kinds that matter, each
- * is spawned; else those of the largest throughput are, and one of the others, chosen at
- * random by its albedo. Paths of low throughput end by Russian roulette. Both are weighted by
- * the inverse probability.
+ * refracted, straight through. A point in a volume spawns one, by its phase function. Where the
+ * queue has slots for all kinds that matter, each is spawned; else those of the largest throughput
+ * are, and one of the others, chosen at random by its albedo. Paths of low throughput end by
+ * Russian roulette. Both are weighted by the inverse probability.
  *
  * Limits count as in Cycles: a ray beyond its limit still meets lights, the world and
  * emitting surfaces, but is not scattered any more.
@@ -18,6 +18,9 @@
 
 /* Below this throughput kinds are not split, and paths end by Russian roulette. */
 static const double LOW_THROUGHPUT = 1.0 / 64;
+
+/* The least probability of a volume, and of what is behind it, where only one is continued. */
+static const double EVEN_LESS = 0.1;
 
 /* Random numbers of 32 bits cannot choose with a smaller probability. */
 static const double PROBABILITY_MIN = 0x1p-32;
@@ -38,9 +41,9 @@ static double largest(const double throughput[3])
 /* Whether a ray of this kind is not scattered again. */
 static bool is_last(const lr_tile *tile, const lr_path *path, int kind)
 {
-    const int32_t limit[LR_RAY_KINDS] = {tile->max_bounces, tile->diffuse_bounces,
-                                         tile->glossy_bounces, tile->transmission_bounces,
-                                         tile->transparent_bounces};
+    const int32_t limit[LR_RAY_KINDS] = {tile->max_bounces,         tile->diffuse_bounces,
+                                         tile->glossy_bounces,      tile->transmission_bounces,
+                                         tile->transparent_bounces, tile->volume_bounces};
     if (path->last || path->bounces[kind] >= limit[kind])
         return true;
     return kind != LR_RAY_TRANSPARENT && path->bounces[LR_RAY_CAMERA] >= limit[LR_RAY_CAMERA];
@@ -101,6 +104,8 @@ void lr_scatter_choose(const lr_context *context, lr_shading_point *s, uint32_t 
         const double probability = bounded(s->bsdf.albedo[order[k]]) / rest;
         s->probability[order[k]] = probability >= PROBABILITY_MIN ? probability : 0;
     }
+    for (int kind = 0; kind < LR_RAY_KINDS && s->share < 1; kind++)
+        s->probability[kind] *= s->share;
     const uint32_t followed = sure + (sure < n);
     *free_slots -= followed > 1 ? followed - 1 : 0;
     s->chooses_one = sure < n;
@@ -109,7 +114,7 @@ void lr_scatter_choose(const lr_context *context, lr_shading_point *s, uint32_t 
 /* The kind chosen at random among those that are not sure, or none (0). */
 static int choose_kind(const lr_shading_point *s)
 {
-    double u = lr_sample_one(lr_key(s->path->key, CHOOSE_KIND), s->path->sample);
+    double u = s->share * lr_sample_one(lr_key(s->path->key, CHOOSE_KIND), s->path->sample);
     int drawn = 0;
     for (int kind = 0; kind < LR_RAY_KINDS; kind++) {
         if (s->sure[kind] || !(s->probability[kind] > 0))
@@ -163,11 +168,13 @@ static void go_through(const lr_shading_point *s, lr_path *child)
 static bool scatter_direction(const lr_tile *tile, const lr_shading_point *s, int kind,
                               lr_path *child)
 {
-    lr_scatter sample;
+    lr_scatter sample = {.delta = false};
     double u[3];
     lr_sample_pair(lr_key(s->path->key, TURN + (uint32_t)kind), s->path->sample, u);
     u[2] = lr_sample_one(lr_key(s->path->key, TURN_MORE + (uint32_t)kind), s->path->sample);
-    if (!lr_bsdf_sample(&s->bsdf, kind, u, &sample))
+    if (s->in_volume)
+        sample = lr_phase_sample(s->phase, s->point.view, u);
+    else if (!lr_bsdf_sample(&s->bsdf, kind, u, &sample))
         return false;
     for (int a = 0; a < 3; a++) {
         child->direction[a] = sample.direction[a];
@@ -205,8 +212,8 @@ static void spawn_path(const lr_context *context, const lr_shading_point *s, int
         return;
     const bool beyond = kind == LR_RAY_TRANSPARENT ||
                         (kind == LR_RAY_TRANSMISSION && lr_leads_beyond(s, child->direction));
-    if (kind != LR_RAY_TRANSPARENT && (beyond || !s->is_offset) &&
-        !turn_to_side(s, beyond, child->direction))
+    const bool leaves_facet = kind != LR_RAY_TRANSPARENT && !s->in_volume;
+    if (leaves_facet && (beyond || !s->is_offset) && !turn_to_side(s, beyond, child->direction))
         return;
     memcpy(child->origin, beyond ? s->position : s->origin, sizeof child->origin);
     child->from = s->instance;
@@ -218,9 +225,32 @@ static void spawn_path(const lr_context *context, const lr_shading_point *s, int
     lr_record_ray(child, s->path, kind, context->tile->record);
 }
 
+void lr_scatter_choose_volume(const lr_context *context, lr_volume_point *point,
+                              lr_shading_point *behind, uint32_t *free_slots)
+{
+    const lr_path *path = &point->path;
+    point->continues = context->last_contributes || !is_last(context->tile, path, LR_RAY_VOLUME);
+    point->probability = point->continues;
+    if (!point->continues || behind == NULL)
+        return;
+    if (*free_slots > 0) {
+        --*free_slots;
+        return;
+    }
+    const double volume = bounded(largest(path->throughput));
+    const double surface = bounded(largest(behind->path->throughput));
+    point->probability = lr_clamp(volume / (volume + surface), EVEN_LESS, 1 - EVEN_LESS);
+    behind->share = 1 - point->probability;
+    behind->gives_way =
+        lr_sample_one(lr_key(path->key, CHOOSE_KIND), path->sample) < point->probability;
+    point->continues = behind->gives_way;
+}
+
 void lr_scatter_on(const lr_context *context, const lr_shading_point *s, lr_path_queue *next)
 {
     const int drawn = s->chooses_one ? choose_kind(s) : 0;
+    if (s->gives_way)
+        return;
     for (int kind = LR_RAY_DIFFUSE; kind < LR_RAY_KINDS; kind++)
         if (s->sure[kind] || kind == drawn)
             spawn_path(context, s, kind, next);

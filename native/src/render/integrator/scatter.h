@@ -1,4 +1,4 @@
-/* Continues paths from the surfaces that they have hit.
+/* Continues paths from the surfaces that they have hit, and from where volumes scatter them.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_RENDER_INTEGRATOR_SCATTER_H
@@ -12,6 +12,12 @@
  * *free_slots. */
 void lr_scatter_choose(const lr_context *context, lr_shading_point *shading_point,
                        uint32_t *free_slots);
+
+/* Decide whether a point in a volume is continued, and, where no slot is free, whether that or the
+ * shading point behind it (NULL: there is none): reads the path; writes both. To be called before
+ * lr_scatter_choose of the latter. */
+void lr_scatter_choose_volume(const lr_context *context, lr_volume_point *point,
+                              lr_shading_point *behind, uint32_t *free_slots);
 
 /* Spawn the rays that were chosen: reads the shading point; writes paths into the next queue. */
 void lr_scatter_on(const lr_context *context, const lr_shading_point *shading_point,

@@ -163,6 +163,8 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
     const double field_normal[3] = {hit->gx[i], hit->gy[i], hit->gz[i]};
     const double length = sqrt(lr_dot(d, d));
     shading_point->t = hits->t[i];
+    shading_point->share = 1;
+    shading_point->gives_way = shading_point->in_volume = false;
     for (int a = 0; a < 3; a++) {
         shading_point->position[a] = o[a] + shading_point->t * d[a];
         point->view[a] = -d[a] / length;
@@ -205,6 +207,34 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
     const bool bends = (shading_point->material->flags & LR_MATERIAL_REFRACTS) != 0;
     point->eta = !bends ? 1 : scene->lone_media ? 0 : eta(scene, shading_point, media);
     lr_bsdf_at(shading_point->material, point, &shading_point->bsdf);
+}
+
+void lr_volume_point_find(const lr_scene *scene, const lr_volume_point *point, lr_shading_point *s)
+{
+    static const lr_material scatters = {.flags = LR_MATERIAL_SCATTERS};
+    const lr_placed *placed = &scene->instances[point->instance];
+    const lr_path *path = &point->path;
+    memset(s, 0, offsetof(lr_shading_point, bsdf));
+    memcpy(s->position, path->origin, sizeof s->position);
+    memcpy(s->origin, path->origin, sizeof s->origin);
+    for (int a = 0; a < 3; a++)
+        s->point.view[a] = -path->direction[a];
+    s->triangle = LR_NO_TRIANGLE;
+    s->path = path;
+    s->t = point->t;
+    s->material = &scatters;
+    s->instance = point->instance;
+    s->object_index = placed->object_index;
+    s->share = 1;
+    s->in_volume = true;
+    s->phase = placed->phase;
+    s->sure[LR_RAY_VOLUME] = point->continues;
+    s->probability[LR_RAY_VOLUME] = point->probability;
+    s->bsdf.bent = false;
+    s->bsdf.n = 0;
+    memset(s->bsdf.albedo, 0, sizeof s->bsdf.albedo);
+    memset(s->bsdf.transparency, 0, sizeof s->bsdf.transparency);
+    s->bsdf.albedo[LR_RAY_VOLUME] = 1;
 }
 
 lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond)

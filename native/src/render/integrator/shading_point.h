@@ -13,6 +13,10 @@
 void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_hit_queue *hits,
                      uint32_t i, const lr_medium_stack *media, lr_shading_point *shading_point);
 
+/* The point of a volume that scatters light: reads it; writes what holds of the shading point. */
+void lr_volume_point_find(const lr_scene *scene, const lr_volume_point *point,
+                          lr_shading_point *shading_point);
+
 /* What a ray is in after it has gone through the surface; true where that was too
  * much and something was forgotten. */
 bool lr_surface_cross(const lr_scene *scene, const lr_shading_point *shading_point,
@@ -26,6 +30,27 @@ lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond);
 lr_start lr_surface_light_start(const lr_scene *scene, const lr_shading_point *shading_point,
                                 bool beyond, const double d[3], double origin[3]);
 
+/* The kinds of rays by which a shading point scatters light to others. */
+LR_INLINE int lr_first_kind(const lr_shading_point *s)
+{
+    return s->in_volume ? LR_RAY_VOLUME : LR_RAY_DIFFUSE;
+}
+
+LR_INLINE int lr_last_kind(const lr_shading_point *s)
+{
+    return s->in_volume ? LR_RAY_VOLUME : LR_RAY_TRANSMISSION;
+}
+
+/* The responses of these kinds to light from a direction. */
+LR_INLINE void lr_point_respond(const lr_shading_point *s, const double light[3],
+                                lr_response response[LR_RAY_KINDS])
+{
+    if (s->in_volume)
+        response[LR_RAY_VOLUME] = lr_phase_eval(s->phase, s->point.view, light);
+    else
+        lr_bsdf_eval(&s->bsdf, light, response + LR_RAY_DIFFUSE);
+}
+
 /* Does a direction lead through the surface? Only where that refracts. */
 LR_INLINE bool lr_leads_beyond(const lr_shading_point *s, const double d[3])
 {
@@ -35,7 +60,7 @@ LR_INLINE bool lr_leads_beyond(const lr_shading_point *s, const double d[3])
 /* Which side of a shading point gets light, as lr_path.normal: its normal, or 0 if both. */
 LR_INLINE void lr_lit_side(const lr_shading_point *s, float normal[3])
 {
-    const bool both = s->bsdf.bent || s->bsdf.albedo[LR_RAY_TRANSMISSION] > 0;
+    const bool both = s->in_volume || s->bsdf.bent || s->bsdf.albedo[LR_RAY_TRANSMISSION] > 0;
     for (int a = 0; a < 3; a++)
         normal[a] = both ? 0 : (float)s->bsdf.basis.axis[2][a];
 }

@@ -49,12 +49,13 @@ static void put(const lr_placed *placed, const double o[3], const double d[3], d
     batch->t_max[k] = end;
 }
 
-/* Sum up along the n rays of a filled batch: reads its rays; writes its hits. */
-static lr_status sum_up(const lr_context *context, uint32_t instance, uint32_t n, lr_batch *batch)
+lr_status lr_sum_up(const lr_context *context, uint32_t instance, bool stops, uint32_t n,
+                    lr_batch *batch)
 {
     lr_rays rays = lr_rays_of(batch);
     rays.t_min = batch->t_min;
     rays.length = batch->length;
+    rays.stop = stops ? batch->stop : NULL;
     const lr_hits sums = {
         .t = batch->hit.t,
         .red = batch->hit.red,
@@ -65,6 +66,7 @@ static lr_status sum_up(const lr_context *context, uint32_t instance, uint32_t n
     const lr_watch stop = lr_stop_of(context);
     lr_trace_options options = context->tile->trace;
     options.mode = LR_MODE_VOLUME;
+    options.sampling = stops ? LR_SAMPLING_EXACT : options.sampling;
     return lr_trace(context->scene->instances[instance].structure, &rays, n, &options, &sums, NULL,
                     &stop, context->error);
 }
@@ -105,7 +107,7 @@ static lr_status add_intervals(const lr_context *context, const crossing *c, uin
         for (uint32_t k = 0; k < count; k++)
             put(placed, c->o, c->d, lr_mix(c->begin, c->end, (double)(first + k) / n),
                 lr_mix(c->begin, c->end, (double)(first + k + 1) / n), k, batch);
-        const lr_status status = sum_up(context, instance, count, batch);
+        const lr_status status = lr_sum_up(context, instance, false, count, batch);
         if (status != LR_OK)
             return status;
         for (uint32_t k = 0; k < count; k++) {
@@ -153,17 +155,17 @@ static lr_status add_crossing(const lr_context *context, const crossing *c, lr_b
 
 /* ---- the rays of a wave ------------------------------------------------------------ */
 
-/* Fill the batch with the rays that may meet a participating instance: reads the rays; writes the
- * batch, and which ray each of it is. Returns their number. */
-static uint32_t fill_batch(const lr_scene *scene, const lr_participant *participant, double t_min,
-                           const lr_ray_queue *rays, const double *ends, uint32_t *ray_of,
-                           lr_batch *batch)
+uint32_t lr_fill_participant(const lr_scene *scene, const lr_participant *participant,
+                             const lr_participant_choice *choice, double t_min,
+                             const lr_ray_queue *rays, const double *ends, uint32_t *ray_of,
+                             lr_batch *batch)
 {
     const lr_placed *placed = &scene->instances[participant->instance];
     uint32_t n = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         double o[3], d[3], begin = t_min, end = ends[i];
-        if ((placed->visibility & rays->visibility[i]) == 0)
+        if ((placed->visibility & rays->visibility[i]) == 0 ||
+            (choice != NULL && choice->of_ray[i] != choice->participant))
             continue;
         lr_get_ray(&rays->ray, i, o, d);
         if (!clip_to_box(&participant->box, o, d, &begin, &end))
@@ -190,9 +192,27 @@ static crossing crossing_of(const lr_scene *scene, double t_min, const lr_ray_qu
     return c;
 }
 
+/* Participant m, which scatters, lets that through of what lies behind ray i: writes which one the
+ * ray chooses. */
+static void weigh(lr_volume_scatter *scatter, uint32_t i, uint32_t m, double transmittance)
+{
+    const double own = 1 - transmittance;
+    double *u = &scatter->u[i][1];
+    if (!(own > 0) || *u < 0)
+        return;
+    scatter->opacity[i] += own;
+    const double probability = own / scatter->opacity[i]; /* 1 of the first */
+    const bool chosen = *u < probability;
+    *u = chosen ? *u / probability : (*u - probability) / (1 - probability);
+    if (!chosen)
+        return;
+    scatter->own[i] = own;
+    scatter->participant[i] = m;
+}
+
 lr_status lr_find_volume_light(const lr_context *context, double t_min, bool colors,
                                const lr_ray_queue *rays, const double *ends, lr_batch *batch,
-                               lr_volume_light *light)
+                               lr_volume_light *light, lr_volume_scatter *scatter)
 {
     const lr_scene *scene = context->scene;
     for (uint32_t i = 0; i < rays->n; i++) {
@@ -201,17 +221,21 @@ lr_status lr_find_volume_light(const lr_context *context, double t_min, bool col
         light->n_met[i] = 0;
     }
     for (uint32_t m = 0; m < scene->n_participants; m++) {
+        const lr_participant *participant = &scene->participants[m];
         const uint32_t n =
-            fill_batch(scene, &scene->participants[m], t_min, rays, ends, light->ray_of, batch);
-        const lr_status status = sum_up(context, scene->participants[m].instance, n, batch);
+            lr_fill_participant(scene, participant, NULL, t_min, rays, ends, light->ray_of, batch);
+        const lr_status status = lr_sum_up(context, participant->instance, false, n, batch);
         if (status != LR_OK)
             return status;
         for (uint32_t k = 0; k < n; k++) {
             const uint32_t i = light->ray_of[k];
             if (!(batch->hit.t[k] < INFINITY))
                 continue;
-            light->transmittance[i] *= get_light(batch, k, light->color[i]);
+            const double transmittance = get_light(batch, k, light->color[i]);
+            light->transmittance[i] *= transmittance;
             light->n_met[i]++;
+            if (scatter != NULL && participant->scatters)
+                weigh(scatter, i, m, transmittance);
         }
     }
     for (uint32_t i = 0; i < rays->n && colors; i++) {
@@ -227,8 +251,8 @@ lr_status lr_find_volume_light(const lr_context *context, double t_min, bool col
 }
 
 lr_status lr_find_transmittance(const lr_context *context, const double o[3], const double d[3],
-                                double begin, double end, uint32_t visibility, lr_batch *batch,
-                                double *transmittance)
+                                double begin, double end, uint32_t visibility, uint32_t without,
+                                lr_batch *batch, double *transmittance)
 {
     const lr_scene *scene = context->scene;
     *transmittance = 1;
@@ -236,11 +260,11 @@ lr_status lr_find_transmittance(const lr_context *context, const double o[3], co
         const uint32_t instance = scene->participants[m].instance;
         const lr_placed *placed = &scene->instances[instance];
         double from = begin, to = end;
-        if ((placed->visibility & visibility) == 0 ||
+        if ((placed->visibility & visibility) == 0 || instance == without ||
             !clip_to_box(&scene->participants[m].box, o, d, &from, &to))
             continue;
         put(placed, o, d, from, to, 0, batch);
-        const lr_status status = sum_up(context, instance, 1, batch);
+        const lr_status status = lr_sum_up(context, instance, false, 1, batch);
         if (status != LR_OK)
             return status;
         *transmittance *= batch->hit.transmittance[0];

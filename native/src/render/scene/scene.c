@@ -6,12 +6,13 @@
 #include "base/affine.h"
 #include "base/error.h"
 #include "grid/brick_grid.h"
+#include "grid/transfer_function.h"
 #include "render/lights/light.h"
 #include "trace/structure.h"
 
 enum {
     VISIBILITY_ALL = LR_VISIBLE_CAMERA | LR_VISIBLE_SHADOW | LR_VISIBLE_DIFFUSE |
-    LR_VISIBLE_GLOSSY | LR_VISIBLE_TRANSMISSION
+    LR_VISIBLE_GLOSSY | LR_VISIBLE_TRANSMISSION | LR_VISIBLE_VOLUME_SCATTER
 };
 
 /* Boxes are grown by this fraction of a cell. Rays are transformed to an instance's space
@@ -58,6 +59,14 @@ static lr_status check_instance(const lr_scene_desc *desc, uint64_t i, lr_error 
         return lr_fail(error, LR_E_ARGUMENT,
                        "the volume unit of instance %llu must be finite and not negative, it is %g",
                        (unsigned long long)i, instance->volume_unit);
+    if (instance->phase != LR_PHASE_HENYEY_GREENSTEIN && instance->phase != LR_PHASE_RAYLEIGH)
+        return lr_fail(
+            error, LR_E_ARGUMENT, "the phase function of instance %llu must be %d or %d, it is %d",
+            (unsigned long long)i, LR_PHASE_HENYEY_GREENSTEIN, LR_PHASE_RAYLEIGH, instance->phase);
+    if (!(fabs(instance->anisotropy) <= 1))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the anisotropy of instance %llu must lie between -1 and 1, it is %g",
+                       (unsigned long long)i, instance->anisotropy);
     if (instance->clips == NULL && instance->n_clips > 0)
         return lr_fail(error, LR_E_ARGUMENT, "the clips of instance %llu are NULL but not empty",
                        (unsigned long long)i);
@@ -156,6 +165,8 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
         .volume_index = instance->volume_index,
         .error = instance->error,
         .volume_unit = instance->volume_unit,
+        .phase = {instance->phase,
+                  lr_clamp(instance->anisotropy, -LR_ANISOTROPY_MAX, LR_ANISOTROPY_MAX)},
         .holdout = instance->holdout != 0,
     };
     if (!lr_affine_invert(instance->world_from_object, placed->object_from_world))
@@ -204,10 +215,14 @@ static void part(lr_scene *scene, lr_box *boxes)
     const lr_box empty = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     for (uint32_t i = 0; i < scene->n_instances; i++) {
         const bool visible = boxes[i].lo[0] <= boxes[i].hi[0];
-        if (lr_structure_volume(scene->instances[i].structure)->transfer == NULL)
+        const lr_transfer *transfer = lr_structure_volume(scene->instances[i].structure)->transfer;
+        if (transfer == NULL)
             continue;
-        if (visible)
-            scene->participants[scene->n_participants++] = (lr_participant){i, boxes[i]};
+        if (visible) {
+            scene->participants[scene->n_participants++] =
+                (lr_participant){i, boxes[i], transfer->scatters};
+            scene->scatters |= transfer->scatters;
+        }
         boxes[i] = empty;
     }
 }

@@ -5,6 +5,7 @@
 #define LR_RENDER_SCENE_SCENE_H
 
 #include "render/bsdf/material.h"
+#include "render/bsdf/phase.h"
 #include "render/lights/environment.h"
 #include "render/lights/light_tree.h"
 #include "render/scene/bvh.h"
@@ -21,6 +22,7 @@ typedef struct lr_placed {
     int32_t volume_index;
     double error; /* of its surface, in world space */
     double volume_unit;
+    lr_phase phase; /* of what its volume scatters */
     bool clear;     /* lets some light straight through */
     bool enterable; /* a solid that bends or absorbs light */
     bool holdout;
@@ -29,10 +31,11 @@ typedef struct lr_placed {
     lr_placed_color color;
 } lr_placed;
 
-/* An instance without a surface: its volume emits and absorbs light along rays. */
+/* An instance without a surface: its volume emits, absorbs and scatters light along rays. */
 typedef struct lr_participant {
     uint32_t instance;
     lr_box box; /* in world space, of what is visible */
+    bool scatters;
 } lr_participant;
 
 struct lr_scene {
@@ -41,6 +44,7 @@ struct lr_scene {
     uint32_t n_instances;
     lr_participant *participants;
     uint32_t n_participants;
+    bool scatters;         /* some participant does */
     lr_placed_clip *clips; /* of all instances */
     lr_light *lights;      /* directions of unit length */
     uint64_t n_lights;

@@ -1,0 +1,23 @@
+/* Phase functions: into which directions a point of a volume scatters light.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_RENDER_BSDF_PHASE_H
+#define LR_RENDER_BSDF_PHASE_H
+
+#include "render/bsdf/bsdf.h"
+
+typedef struct lr_phase {
+    int32_t kind; /* lr_phase_kind */
+    double g;     /* mean cosine, within LR_ANISOTROPY_MAX */
+} lr_phase;
+
+/* A beam has no density; as in Cycles. */
+#define LR_ANISOTROPY_MAX 0.999
+
+/* The response to light from a direction, of albedo 1. view: towards the viewer; both unit. */
+lr_response lr_phase_eval(lr_phase phase, const double view[3], const double light[3]);
+
+/* A direction in which light may come, with the density of that response. u: 0..1. */
+lr_scatter lr_phase_sample(lr_phase phase, const double view[3], const double u[2]);
+
+#endif
