@@ -92,13 +92,21 @@ class Labels:
     # solids touch, the former reaches a little into the latter
 
 
+def nothing(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Black (n, 3) for values (n,)."""
+    return np.zeros((len(values), 3))
+
+
 @dataclass(frozen=True)
 class Look:
     """What a field looks like that is seen without a surface: functions of its values (n,)."""
 
     extinction: Callable[[NDArray[np.float64]], NDArray[np.float64]]  # to (n, 3), per unit of
-    emission: Callable[[NDArray[np.float64]], NDArray[np.float64]]  # length, as this
+    emission: Callable[[NDArray[np.float64]], NDArray[np.float64]]  # length, as these:
+    scattering: Callable[[NDArray[np.float64]], NDArray[np.float64]] = nothing  # of extinction,
+    forward: Callable[[NDArray[np.float64]], NDArray[np.float64]] = nothing  # by its mean cosine
     key: bytes = b""  # what they do
+    phase: str = "henyey_greenstein"  # of leapray.rendering.PHASES
     per_world_unit: bool = False  # else objects that are scaled stay as dense as they look
 
 
@@ -137,6 +145,7 @@ class Placed:
     visible_diffuse: bool = True
     visible_glossy: bool = True
     visible_transmission: bool = True
+    visible_volume_scatter: bool = True
     holdout: bool = False  # the camera sees a hole in the picture
 
 

@@ -218,6 +218,7 @@ class _Reader:
         found = []
         for n in np.argsort(entries, kind="stable"):
             placed = self.plan.instances[n]
+            row = self.plan.volumes[placed.volume_index - 1]
             if not (entries[n] <= high and getattr(placed, f"visible_{SEES.get(kind, kind)}")):
                 continue
             leaves = start["instance"] == n and start["side"] != 0
@@ -229,6 +230,7 @@ class _Reader:
                 matrix[:3, :3] @ start["direction"],
                 low,
                 side,
+                "volume" if row["kind"] == "volume" else "surface",
             )
             high = min(high, ray.hit(high, self.scene.settings))
             count, cells = ray.visited_cells(high, room)
@@ -276,17 +278,26 @@ class Ray:
     direction: NDArray[np.float64]  # (3,)
     low: float = 0.0  # t at which it begins
     start: tuple[NDArray, int] | None = None  # cell and side of a surface that it leaves
+    mode: str = "surface"  # | "volume", which has no surface
 
     def _trace(self, ends: NDArray, **options) -> leapray.Hits:
         n = len(ends)
         start = self.start and (np.tile(self.start[0], (n, 1)), np.full(n, self.start[1]))
         rays = np.tile(self.origin, (n, 1)), np.tile(self.direction, (n, 1))
         return leapray.trace(
-            self.structure, *rays, t_min=self.low, t_max=ends, start=start, **options
+            self.structure,
+            *rays,
+            t_min=self.low,
+            t_max=ends,
+            start=start,
+            mode=self.mode,
+            **options,
         )
 
     def hit(self, high: float, settings: model.Settings) -> float:
         """t of the hit before high, or infinity."""
+        if self.mode == "volume":
+            return np.inf
         options = {name: getattr(settings, name) for name in ("hit_test", "root", "normal")}
         return float(self._trace(np.array([high]), **options).t[0])
 

@@ -189,6 +189,11 @@ class Settings:
         "Transparent Bounces",
         "Most surfaces that light passes straight, by alpha or a Transparent BSDF",
     )
+    volume_bounces: int = bounces(
+        0,
+        "Volume Bounces",
+        "Most times that volumes scatter light which they have scattered once",
+    )
     branches: int = setting(
         0,
         "Branches",

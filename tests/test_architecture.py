@@ -71,6 +71,7 @@ LAYERS = {
         "image_method projection",
         "pipeline",
         "blender.read.colors blender.read.links blender.read.node_values blender.read.nodes",
+        "blender.read.phases",
         "blender.read.images blender.read.matrices blender.read.warnings",
         "blender.read.shaders blender.read.textures",
         "blender.read.materials",

@@ -128,7 +128,7 @@ class RENDER_PT_leapray_paths(_RenderPanel, bpy.types.Panel):
         column, settings = self.columns(keyed=True), context.scene.leapray
         limits = column.column(align=True)
         limits.prop(settings, "max_bounces", text="Max Bounces, Total")
-        for kind in ("diffuse", "glossy", "transmission", "transparent"):
+        for kind in ("diffuse", "glossy", "transmission", "transparent", "volume"):
             limits.prop(settings, f"{kind}_bounces", text=kind.capitalize())
         column.separator()
         for name in ("clamp_direct", "clamp_indirect"):
@@ -424,6 +424,7 @@ class OBJECT_PT_leapray_visibility(_Panel, bpy.types.Panel):
         for rays in ("camera", "diffuse", "glossy", "transmission", "shadow"):
             if rays != "shadow" or context.object.type != "LIGHT":
                 column.prop(context.object, f"visible_{rays}", text=rays.capitalize())
+        column.prop(context.object, "visible_volume_scatter", text="Volume Scatter")
 
 
 CLASSES = (

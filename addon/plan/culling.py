@@ -22,7 +22,7 @@ FILTER = 8.0  # pixels beyond the image's edges that its pixels may see
 SEVERAL = 512  # if more are visible, their boxes are joined
 SLACK = 1e-9  # of the scene's extent
 STRAIGHT_FLAGS = "visible_camera", "visible_shadow", "visible_diffuse"
-SCATTERED_FLAGS = "visible_glossy", "visible_transmission"
+SCATTERED_FLAGS = "visible_glossy", "visible_transmission", "visible_volume_scatter"
 WIDE = math.radians(160)  # from this angle on, a sun's light counts as coming from everywhere
 STRAIGHT = ("diffuse", "transparent", "emission")  # lobes that only diffuse bounces take elsewhere
 
@@ -31,7 +31,7 @@ def reached(scene: model.Scene, instances: Sequence[model.Placed]) -> NDArray[np
     """For each instance (n,) whether a ray of the camera, or of light from there, may meet it."""
     used = {material for instance in instances for material in instance.materials}
     kinds = {lobe.kind for material in used for lobe in scene.materials[material].lobes}
-    scatters = not kinds <= set(STRAIGHT)
+    scatters = not kinds <= set(STRAIGHT) or any(f.look is not None for f in scene.fields)
     spreads = scene.settings.diffuse_bounces > 0 or "Ambient Occlusion" in scene.passes
     names = (*STRAIGHT_FLAGS, *SCATTERED_FLAGS) if scatters else STRAIGHT_FLAGS
     flags = np.array([[getattr(i, name) for name in names] for i in instances], bool)

@@ -43,6 +43,7 @@ class Surface:
     volume_nbytes: int  # with samples that surfaces share on the first of them
     scale: float = 1.0  # the value is offset + scale * occupancy
     offset: float = 0.0
+    anisotropy: float = 0.0  # of the light that it scatters, without a surface
 
     @property
     def error(self) -> float:
@@ -271,7 +272,7 @@ class Fields:
         assert field.look is not None
         look, key = field.look, self._own_key(field, factor)
         made = functools.partial(
-            leapray.FieldSamples, transfer=lambda low, high: looks.transfer(look, low, high)[0]
+            leapray.FieldSamples, transfer=lambda low, high: looks.transfer(look, low, high).function
         )
         samples = self._stored(key, field, 0.0, factor, room, made)
         return self._shown(n, name, factor, room, samples)
@@ -283,14 +284,25 @@ class Fields:
         assert field.look is not None
         if not samples.low <= samples.high:
             return [], [f"{name!r} shows nothing, for its data hold no value."]
-        transfer, grey = looks.transfer(field.look, samples.low, samples.high)
-        if not transfer.visible:
+        transfer = looks.transfer(field.look, samples.low, samples.high)
+        if not transfer.function.visible:
             return [], [f"{name!r} shows nothing, for nothing of its values is opaque or emits."]
-        warnings = [] if grey else [f"{name!r} absorbs all colors alike: the mean of its own."]
-        made = functools.partial(samples.at, transfer, threads=self.threads, watch=self.watch)
+        warnings = []
+        if not transfer.grey:
+            warnings.append(f"{name!r} absorbs all colors alike: the mean of its own.")
+        if not transfer.even:
+            warnings.append(
+                f"All values of {name!r} scatter by one anisotropy, the mean of their own: "
+                f"{transfer.anisotropy:.2f}."
+            )
+        made = functools.partial(
+            samples.at, transfer.function, threads=self.threads, watch=self.watch
+        )
         own = *self._seen_key(field, factor), field.look.key
         structure = self._structure(own, made, room, samples.nbytes)
-        return [Surface(n, 0, structure, factor, structure.volume.info.nbytes)], warnings
+        nbytes = structure.volume.info.nbytes
+        more = {"anisotropy": transfer.anisotropy}
+        return [Surface(n, 0, structure, factor, nbytes, **more)], warnings
 
     def _whole(self, field: model.Field, factor: int, room: float) -> leapray.Volume:
         key = "labels", *self._key(field, factor), label_solids.key(field, None, factor)
@@ -500,6 +512,8 @@ class Fields:
             clips=clipped,
             field_color=color,
             volume_unit=looks.unit(look, instance.world_from_object) if look else 0.0,
+            anisotropy=surface.anisotropy,
+            phase=look.phase if look else leapray.Instance.phase,
         )
 
     def _cut_row(self, n: int) -> dict[str, object]:

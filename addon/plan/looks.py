@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,24 +14,39 @@ from .. import model
 
 SAMPLES = 4097  # at which a look is asked
 ACCURACY = 1e-4  # what leaving out knots may change, as a share of the largest
-GREY = 0.02  # channels of extinction that differ by less are not told
+GREY = 0.02  # channels of extinction that differ by less are not told,
+EVEN = 0.01  # nor anisotropy
 
 
-def transfer(look: model.Look, low: float, high: float) -> tuple[leapray.TransferFunction, bool]:
-    """The transfer function of a look over values from low to high, and whether its extinction is
-    the same for all colours; else it is their mean.
+@dataclass(frozen=True)
+class Transfer:
+    """A look as the core takes it."""
 
-    Raises LeapRayError where a number of it is none.
-    """
+    function: leapray.TransferFunction
+    anisotropy: float  # mean cosine of what is scattered
+    grey: bool  # extinction is the same for all colours; else it is their mean
+    even: bool  # the anisotropy is the same for all values; else it is their mean
+
+
+def transfer(look: model.Look, low: float, high: float) -> Transfer:
+    """A look over values from low to high. Raises LeapRayError where a number of it is none."""
     values = np.linspace(low, high, SAMPLES) if high > low else np.array([low])
     extinction, emission = look.extinction(values), look.emission(values)
-    if not (np.isfinite(extinction).all() and np.isfinite(emission).all()):
+    scattering, forward = look.scattering(values), look.forward(values)
+    if not np.isfinite(np.stack([extinction, emission, scattering, forward])).all():
         raise leapray.LeapRayError("its look has a value that is no number (NaN or infinite)")
     mean = extinction.mean(1)
+    scattering = np.where(mean[:, None] > 0, scattering, 0.0)
     grey = bool((np.ptp(extinction, axis=1) <= GREY * mean.max(initial=0.0)).all())
-    kept = knots(values, np.column_stack([mean, emission]))
-    made = leapray.TransferFunction(values[kept], mean[kept], (0.0, 0.0, 0.0), emission[kept])
-    return made, grey
+    kept = knots(values, np.column_stack([mean, emission, scattering]))
+    dark = (0.0, 0.0, 0.0)
+    made = leapray.TransferFunction(
+        values[kept], mean[kept], dark, emission[kept], scattering[kept]
+    )
+    total = scattering.sum()
+    anisotropy = float(np.clip(forward.sum() / total, -1, 1)) if total > 0 else 0.0
+    off = np.abs(forward - anisotropy * scattering).max(initial=0.0)
+    return Transfer(made, anisotropy, grey, bool(off <= EVEN * scattering.max(initial=0.0)))
 
 
 def unit(look: model.Look, world_from_object: NDArray[np.float64]) -> float:

@@ -121,6 +121,7 @@ BOUNCES = {  # LeapRay's limits of bounces, and Cycles'
     "glossy_bounces": "glossy_bounces",
     "transmission_bounces": "transmission_bounces",
     "transparent_bounces": "transparent_max_bounces",
+    "volume_bounces": "volume_bounces",
 }
 
 
@@ -130,7 +131,6 @@ def limit_bounces(scene: bpy.types.Scene, most: int | None) -> None:
         if most is not None:
             setattr(scene.leapray, ours, most)
         setattr(scene.cycles, theirs, getattr(scene.leapray, ours))
-    scene.cycles.volume_bounces = 0
 
 
 def hide_surfaces(scene: bpy.types.Scene) -> list[str]:

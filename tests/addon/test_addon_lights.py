@@ -111,9 +111,10 @@ def test_lights_are_seen_by_the_rays_that_may_see_them(scene):
     put("Light", light("POINT"), visible_glossy=False)
     put("Bulb", light("POINT"), visible_camera=True, visible_transmission=False)
     got = {each.name: each for each in read().lights}
-    flags = ("visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission")
-    assert [getattr(got["Light"], flag) for flag in flags] == [False, True, False, True]
-    assert [getattr(got["Bulb"], flag) for flag in flags] == [True, True, True, False]
+    flags = ("visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission",
+             "visible_volume_scatter")  # fmt: skip
+    assert [getattr(got["Light"], flag) for flag in flags] == [False, True, False, True, True]
+    assert [getattr(got["Bulb"], flag) for flag in flags] == [True, True, True, False, True]
 
 
 def test_black_bodies_are_those_of_blender():
@@ -209,6 +210,9 @@ def test_a_world_is_seen_by_the_rays_that_may_see_it(scene):
     got = read().world
     seen = (got.visible_camera, got.visible_diffuse, got.visible_glossy, got.visible_transmission)
     assert seen == (False, True, True, False)
+    assert got.visible_volume_scatter
+    flags.scatter = False
+    assert not read().world.visible_volume_scatter
 
 
 def test_worlds_have_limits_and_may_be_negative(scene):

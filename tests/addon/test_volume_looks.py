@@ -142,10 +142,6 @@ def test_thresholds_are_not_asked_and_rows_tell_what_is_shown(tmp_path):
     [
         (None, "Skipped 'Fog': its material 'None' has no volume shader"),
         (
-            lambda: driven(shaded("VolumeScatter"), "Density"),
-            "Light that volumes scatter, and so lose, is not supported yet: 'VolumeScatter'",
-        ),
-        (
             lambda: shaded("VolumeAbsorption", Density=0.0),
             "'Fog' shows nothing, for nothing of its values is opaque or emits.",
         ),

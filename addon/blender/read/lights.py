@@ -29,7 +29,7 @@ from .nodes import Folder, Place, Unfolded, output_of, title
 from .shaders import Walk, flattened
 from .textures import coordinates, look_up, shared_texels
 
-RAYS = ("camera", "diffuse", "glossy", "transmission")
+RAYS = ("camera", "diffuse", "glossy", "transmission", "volume_scatter")
 EVEN = 1e-3  # scales of an object that differ by less are taken as one
 TURN = 1e-4  # a matrix that is no rotation by more than this is not one
 
@@ -135,7 +135,9 @@ def of_world(world, notes) -> model.World:
     if world is None:
         return model.World()
     flags = getattr(world, "cycles_visibility", None)  # where Blender has Cycles
-    seen: dict[str, Any] = {f"visible_{ray}": getattr(flags, ray, True) for ray in RAYS}
+    seen: dict[str, Any] = {
+        f"visible_{ray}": getattr(flags, ray.removeprefix("volume_"), True) for ray in RAYS
+    }
     limit = model.World.max_bounces
     seen["max_bounces"] = getattr(getattr(world, "cycles", None), "max_bounces", limit)
     output = output_of(world)

@@ -3,7 +3,7 @@
 
 Extinction and emission of Principled Volume, Volume Absorption, Volume Scatter, Volume Coefficients
 and Emission, as Cycles has them. Their sockets may depend on the field through any nodes that work
-on one value: an Attribute node of its name, or Volume Info. Light that is scattered is lost.
+on one value: an Attribute node of its name, or Volume Info.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from leapray import LeapRayError, Step, compile_program
 from leapray.programs import INPUTS
 
 from ... import model
+from . import phases
 from .links import Values, average
 from .nodes import Folder, Place, Unfolded, output_of, own_value, title
 from .shaders import Constants
@@ -26,8 +27,7 @@ Part = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # values (n,) to (n
 
 OWN = "value", "density"  # what any field may be called
 CHANNEL = INPUTS[0]  # through which programs get a value
-# Values at which it is asked whether a volume scatters at all.
-SOME = np.concatenate([sign * np.geomspace(1e-4, 1e5, 91) for sign in (-1, 1)] + [np.zeros(1)])
+HENYEY_GREENSTEIN, RAYLEIGH = "HENYEY_GREENSTEIN", "RAYLEIGH"  # phase functions of Blender's
 
 
 def read_look(material, grid: str, notes) -> model.Look:
@@ -47,6 +47,9 @@ class _Reader(Constants):
         self.grid = grid
         self.extinction: list[Part] = []
         self.emission: list[Part] = []
+        self.scattering: list[Part] = []
+        self.forward: list[Part] = []  # scattering times its mean cosine
+        self.phases: set[str] = set()  # of what scatters
         self.keys: list[bytes] = []
 
     def read(self, output: Place) -> model.Look:
@@ -60,7 +63,15 @@ class _Reader(Constants):
             else:
                 self.strange[title(out.node)] = None
         self.tell()
-        return model.Look(_sum(self.extinction), _sum(self.emission), b"|".join(self.keys))
+        phase = RAYLEIGH if self.phases == {RAYLEIGH} else HENYEY_GREENSTEIN
+        return model.Look(
+            _sum(self.extinction),
+            _sum(self.emission),
+            _sum(self.scattering),
+            _sum(self.forward),
+            b"|".join(self.keys),
+            phase.lower(),
+        )
 
     # -- shaders
 
@@ -75,7 +86,7 @@ class _Reader(Constants):
             lost = np.maximum(1 - color, 0) * np.maximum(1 - np.sqrt(np.maximum(absorbed(v), 0)), 0)
             return weight * density(v) * (color + lost)
 
-        self._scatters(scattered, density)
+        self._scatters(out, lambda v: weight * density(v) * np.maximum(scattered(v), 0))
         self.extinction.append(extinction)
         power, glow = self._part(out, "Emission Strength"), self._part(out, "Emission Color")
         self.emission.append(lambda v: weight * np.maximum(power(v), 0) * np.maximum(glow(v), 0))
@@ -103,14 +114,16 @@ class _Reader(Constants):
 
     def _scatter(self, out: Place, weight: float) -> None:
         color, density = self._part(out, "Color"), self._part(out, "Density")
-        self._scatters(color, density)
-        self.extinction.append(
-            lambda v: weight * np.maximum(density(v), 0) * np.maximum(color(v), 0)
-        )
+
+        def scattering(v: NDArray) -> NDArray:
+            return weight * np.maximum(density(v), 0) * np.maximum(color(v), 0)
+
+        self._scatters(out, scattering)
+        self.extinction.append(scattering)
 
     def _coefficients(self, out: Place, weight: float) -> None:
         lost = [self._part(out, f"{name} Coefficients") for name in ("Absorption", "Scatter")]
-        self._scatters(lost[1], lambda v: np.ones((len(v), 1)))
+        self._scatters(out, lambda v: weight * np.maximum(lost[1](v), 0))
         self.extinction += [
             lambda v, part=part: weight * np.maximum(part(v), 0)  # type: ignore[misc]
             for part in lost
@@ -122,9 +135,37 @@ class _Reader(Constants):
         color, power = self._part(out, "Color"), self._part(out, "Strength")
         self.emission.append(lambda v: weight * np.maximum(power(v), 0) * np.maximum(color(v), 0))
 
-    def _scatters(self, color: Part, density: Part) -> None:
-        if (color(SOME) * density(SOME) > 0).any():
-            self.notes.unsupported("Light that volumes scatter, and so lose, is", self.name)
+    def _scatters(self, out: Place, scattering: Part) -> None:
+        """A shader of that scattering, per unit of length."""
+        kind = getattr(out.node, "phase", HENYEY_GREENSTEIN)
+        self.phases.add(kind)
+        self.keys.append(kind.encode())
+        self.scattering.append(scattering)
+        if kind == RAYLEIGH:
+            return
+        cosine = self._mean_cosine(out, kind)
+        self.forward.append(lambda v: scattering(v) * cosine(v))
+
+    def _mean_cosine(self, out: Place, kind: str) -> Part:
+        if kind != HENYEY_GREENSTEIN:
+            told = kind.replace("_", " ").title()
+            self.notes.unsupported(
+                f"The phase function {told}, in place of which stands that of Henyey and "
+                "Greenstein with its mean cosine, is",
+                self.name,
+            )
+        if kind in (HENYEY_GREENSTEIN, "DRAINE"):
+            g = self._part(out, "Anisotropy")
+            if kind == HENYEY_GREENSTEIN:
+                return lambda v: np.clip(g(v), -1, 1)
+            alpha = self._part(out, "Alpha")
+            return lambda v: phases.draine(np.clip(g(v), -1, 1), np.maximum(alpha(v), 0))
+        if kind == "MIE":
+            mean = phases.mie(self.number(out, "Diameter"))
+        else:
+            mean = phases.fournier_forand(*(self.number(out, n) for n in ("IOR", "Backscatter")))
+        self.keys.append(np.float64(mean).tobytes())
+        return lambda v: np.full((len(v), 3), mean)
 
     # -- sockets
 
