@@ -78,7 +78,7 @@ def test_lights_have_a_place_a_direction_a_size_and_nodes(scene):
     area.scale = (2, 1, 7)
     put("Dark", light("POINT", energy=0.0))
     put("Nowhere", light("POINT"), visible_diffuse=False, visible_glossy=False,
-        visible_transmission=False)  # fmt: skip
+        visible_transmission=False, visible_volume_scatter=False)  # fmt: skip
     portal = light("AREA")
     portal.cycles.is_portal = True
     put("Portal", portal)
