@@ -287,14 +287,6 @@ class Fields:
         transfer = looks.transfer(field.look, samples.low, samples.high)
         if not transfer.function.visible:
             return [], [f"{name!r} shows nothing, for nothing of its values is opaque or emits."]
-        warnings = []
-        if not transfer.grey:
-            warnings.append(f"{name!r} absorbs all colors alike: the mean of its own.")
-        if not transfer.even:
-            warnings.append(
-                f"All values of {name!r} scatter by one anisotropy, the mean of their own: "
-                f"{transfer.anisotropy:.2f}."
-            )
         made = functools.partial(
             samples.at, transfer.function, threads=self.threads, watch=self.watch
         )
@@ -302,7 +294,7 @@ class Fields:
         structure = self._structure(own, made, room, samples.nbytes)
         nbytes = structure.volume.info.nbytes
         more = {"anisotropy": transfer.anisotropy}
-        return [Surface(n, 0, structure, factor, nbytes, **more)], warnings
+        return [Surface(n, 0, structure, factor, nbytes, **more)], transfer.doubts(name)
 
     def _whole(self, field: model.Field, factor: int, room: float) -> leapray.Volume:
         key = "labels", *self._key(field, factor), label_solids.key(field, None, factor)

@@ -27,6 +27,18 @@ class Transfer:
     grey: bool  # extinction is the same for all colours; else it is their mean
     even: bool  # the anisotropy is the same for all values; else it is their mean
 
+    def doubts(self, name: str) -> list[str]:
+        """Sentences on what is not as the look of a field of that name has it."""
+        told = []
+        if not self.grey:
+            told.append(f"{name!r} absorbs all colors alike: the mean of its own.")
+        if not self.even:
+            told.append(
+                f"All values of {name!r} scatter by one anisotropy, the mean of their own: "
+                f"{self.anisotropy:.2f}."
+            )
+        return told
+
 
 def transfer(look: model.Look, low: float, high: float) -> Transfer:
     """A look over values from low to high. Raises LeapRayError where a number of it is none."""

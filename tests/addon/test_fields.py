@@ -283,7 +283,7 @@ def test_of_a_field_without_surfaces_only_what_is_seen_need_fit():
         return np.zeros((len(values), 3))
 
     grid = ball_grid(n=160, dtype=np.uint16)
-    seen = field(grid, look=model.Look(dense, dark, b"middle"))
+    seen = field(grid, look=model.Look(dense, dark, key=b"middle"))
     small, large = (
         pipeline.render(scene([dataclasses.replace(seen, thresholds=())], memory_mb=size))
         for size in (5, 64)
@@ -292,7 +292,7 @@ def test_of_a_field_without_surfaces_only_what_is_seen_need_fit():
     one, other = (frame.report["volumes"][0]["volume_nbytes"] for frame in (small, large))
     assert one < 4 * plan.MB < 8 * plan.MB < other
     np.testing.assert_array_equal(small.passes["Combined"], large.passes["Combined"])
-    everything = model.Look(lambda values: dense(values + 5000), dark, b"all")
+    everything = model.Look(lambda values: dense(values + 5000), dark, key=b"all")
     coarse = pipeline.render(scene([dataclasses.replace(seen, look=everything)], memory_mb=5))
     (warning,) = coarse.warnings
     assert "samples of its 160 x 160 x 160" in warning
