@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 import leapray
 from leapray.arrays import INTERPOLATIONS
 
+from .blender.presets import LOOKS
 from .descriptions import number
 from .settings import SETTINGS
 
@@ -146,6 +147,11 @@ def parser(argv: Sequence[str] = ()) -> tuple[Parser, dict[str, Parser]]:
         "--interpolation",
         choices=list(INTERPOLATIONS),
         help="of measured data: the field between the samples; default: linear",
+    )
+    verb.add_argument(
+        "--preset",
+        choices=list(LOOKS),
+        help="of measured data: show a volume without a surface, by a look for data of that kind",
     )
     verb.add_argument(
         "--output",

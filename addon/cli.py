@@ -68,9 +68,7 @@ def render(args: argparse.Namespace) -> int:
     name = data_name(args.scene) if measured else args.scene.stem
     if not (measured and args.scene.name and args.scene.is_dir()):
         check_file(args.scene)
-    for option in () if measured else ("threshold", "interpolation", "clip"):
-        if getattr(args, option) is not None:
-            raise LeapRayError(f"--{option} is for measured data, and {args.scene} is a scene")
+    check_data_options(args, measured)
     output = resolved(args.output or Path(f"{name}.png"), args.scene)
     if output.suffix.lower() not in FORMATS:
         raise LeapRayError(f"--output must end in {' or '.join(FORMATS)}, and is {output}")
@@ -86,7 +84,7 @@ def render(args: argparse.Namespace) -> int:
 
     scene = open_data(args) if measured else open_scene(args.scene)
     override(scene, args)
-    if measured and scene.leapray.method != SETTINGS["method"].default:
+    if args.preset or (measured and scene.leapray.method != SETTINGS["method"].default):
         scene.view_settings.view_transform = "Standard"  # greys as they are
     if args.pixel:
         return trace_pixel(args, scene, figures)
@@ -116,12 +114,26 @@ def data_name(path: Path) -> str:
     return f"{stem}_{suffix}" if stem else suffix
 
 
+def check_data_options(args: argparse.Namespace, measured: bool) -> None:
+    """Refuse options of measured data for scenes, and those of surfaces for volumes without one."""
+    of_surfaces = "threshold", "interpolation", "clip"
+    given = [name for name in (*of_surfaces, "preset") if getattr(args, name) is not None]
+    if given and not measured:
+        raise LeapRayError(f"--{given[0]} is for measured data, and {args.scene} is a scene")
+    if args.preset and given[0] in of_surfaces:
+        raise LeapRayError(
+            f"--preset shows a volume without a surface, and --{given[0]} is for surfaces"
+        )
+
+
 def open_data(args: argparse.Namespace):
     """A scene made round measured data."""
     be_registered()
     from .blender import data_scene
 
-    return data_scene.make(args.scene, args.threshold, args.interpolation, args.clip)
+    return data_scene.make(
+        args.scene, args.threshold, args.interpolation, args.clip, args.preset, say
+    )
 
 
 def pixel_figures(args: argparse.Namespace) -> Path | None:

@@ -78,7 +78,7 @@ LAYERS = {
         "blender.read.lights blender.read.meshes",
         "blender.read.clips blender.read.labels blender.read.looks blender.read.sequences",
         "blender.read.scene blender.read.volumes blender.result blender.properties blender.presets",
-        "blender.engine blender.volume_data",
+        "blender.engine blender.volume_data blender.volume_looks",
         "blender.open_file",
         "blender.data_scene",
         "study",

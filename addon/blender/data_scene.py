@@ -8,6 +8,7 @@ data show their front, which in right, anterior, superior is +y; others Blender'
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 import leapray
 
 from ..plan import objects
-from . import open_file, volume_data
+from . import open_file, volume_data, volume_looks
 from .read.links import node_tree
 
 SIDE = 1024  # pixels of the picture, unless asked otherwise
@@ -38,12 +39,15 @@ def make(
     threshold: float | None = None,
     interpolation: str | None = None,
     clip: tuple[str, float] | None = None,
+    preset: str | None = None,
+    tell: Callable[[str], None] = lambda sentence: None,
 ):
     """A new scene, in place of the one that is open, which shows the data of a file.
 
     threshold: of the surface, in the data's units; None: the automatic one. interpolation: of the
     samples; None: linear. clip: the axis across which the data are cut, and how far along their
-    box. Raises LeapRayError where the file cannot be read.
+    box. preset: shows a volume by that look, without a surface; tell is called with a sentence that
+    says between which values. Raises LeapRayError where the file cannot be read.
     """
     open_file.empty_scene()
     scene = bpy.context.scene
@@ -54,6 +58,8 @@ def make(
         ob.data.leapray.shown = "threshold"
     if interpolation is not None:
         ob.data.leapray.interpolation = interpolation
+    if preset is not None:
+        tell(volume_looks.wear(ob, grid, preset))
     bpy.context.view_layer.update()
     corners = _corners(grid, np.array(ob.matrix_world))
     aside = np.array(ABOVE if clip is not None and clip[0] == "z" else FROM)

@@ -13,8 +13,8 @@ import leapray
 from ..plan import plan
 from ..settings import SETTINGS
 from ..store import volume_files
-from . import properties, volume_data
-from .presets import PRESETS
+from . import properties, volume_data, volume_looks
+from .presets import LOOKS, PRESETS
 from .read import matrices, meshes
 
 
@@ -168,6 +168,39 @@ def look(operator, context, ob) -> set[str]:
     return {"FINISHED"}
 
 
+class OBJECT_OT_leapray_volume_preset(bpy.types.Operator):
+    """Show the active volume by a material for data of a kind, between values of its own"""
+
+    bl_idname = "object.leapray_volume_preset"
+    bl_label = "Volume Preset"
+    bl_options = {"REGISTER", "UNDO"}
+
+    preset: bpy.props.EnumProperty(
+        name="Preset",
+        description="What the data are",
+        items=[(name, look.label, look.about) for name, look in LOOKS.items()],
+    )
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.object is not None and context.object.type == "VOLUME"
+
+    @classmethod
+    def description(cls, context, properties) -> str:
+        return LOOKS[properties.preset].about
+
+    def execute(self, context) -> set[str]:
+        try:
+            told = volume_looks.apply(
+                context.object, context.evaluated_depsgraph_get(), self.preset
+            )
+        except leapray.LeapRayError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, told)
+        return {"FINISHED"}
+
+
 class IMAGE_FH_leapray_volume(bpy.types.FileHandler):
     """Files of measured data that are dropped into the 3D viewport"""
 
@@ -197,6 +230,7 @@ CLASSES = (
     OBJECT_OT_leapray_export_vdb,
     OBJECT_OT_leapray_import,
     OBJECT_OT_leapray_look,
+    OBJECT_OT_leapray_volume_preset,
 )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settings that go together, by name (no bpy)."""
+"""Settings that go together, and looks of volumes, by name (no bpy)."""
 
 from __future__ import annotations
 
@@ -81,5 +81,91 @@ PRESETS = {
             "exact": "none",
             "sample_type": "u8",
         },
+    ),
+}
+
+
+# ---- looks of volumes -----------------------------------------------------------
+
+Stop = tuple[float, tuple[float, float, float], float]  # where, 0..1; linear RGB; opacity 0..1
+
+
+@dataclass(frozen=True)
+class Look:
+    """A transfer function over the values of any data: what they emit, and how opaque they are.
+
+    Its stops lie between two values: of CT data in Hounsfield units those of the preset, of others
+    percentiles of the samples.
+    """
+
+    label: str
+    about: str
+    stops: tuple[Stop, ...]  # none: one for each label
+    percentiles: tuple[float, float]
+    hounsfield: tuple[float, float] | None = None
+    opaque: float = 300.0  # optical depth of full opacity along the data's longest side
+
+
+LOOKS = {
+    "ct_bone": Look(
+        "CT Bone",
+        "Bone and teeth of a CT, from 150 to 1500 HU, without soft tissue",
+        (
+            (0.00, (0.45, 0.20, 0.12), 0.0),
+            (0.15, (0.55, 0.30, 0.18), 0.02),
+            (0.40, (0.75, 0.62, 0.42), 0.4),
+            (0.70, (0.90, 0.84, 0.68), 1.0),
+            (1.00, (1.00, 0.98, 0.92), 1.0),
+        ),
+        (90.0, 99.9),
+        (150.0, 1500.0),
+    ),
+    "ct_skin": Look(
+        "CT Skin",
+        "Skin like a veil over the bone of a CT, from -600 to 1200 HU",
+        (
+            (0.00, (0.70, 0.38, 0.26), 0.0),
+            (0.10, (0.75, 0.42, 0.30), 0.025),
+            (0.22, (0.70, 0.30, 0.20), 0.004),
+            (0.36, (0.55, 0.12, 0.08), 0.001),
+            (0.47, (0.60, 0.30, 0.16), 0.004),
+            (0.60, (0.85, 0.74, 0.54), 0.5),
+            (1.00, (1.00, 0.98, 0.92), 1.0),
+        ),
+        (10.0, 99.9),
+        (-600.0, 1200.0),
+    ),
+    "mr": Look(
+        "MR",
+        "Greys of magnetic resonance, the brighter the more opaque, from the median to 99.5 % of "
+        "the samples",
+        (
+            (0.00, (0.00, 0.00, 0.00), 0.0),
+            (0.30, (0.10, 0.11, 0.13), 0.01),
+            (0.70, (0.45, 0.45, 0.44), 0.06),
+            (1.00, (1.00, 0.97, 0.92), 0.25),
+        ),
+        (50.0, 99.5),
+    ),
+    "fire": Look(
+        "Fire",
+        "Red, orange and white light of a flame or of smoke, from 1 to 99 % of the samples",
+        (
+            (0.00, (0.00, 0.00, 0.00), 0.0),
+            (0.25, (0.35, 0.02, 0.00), 0.15),
+            (0.55, (1.00, 0.22, 0.02), 0.5),
+            (0.80, (1.00, 0.65, 0.12), 0.8),
+            (1.00, (1.00, 0.95, 0.75), 1.0),
+        ),
+        (1.0, 99.0),
+        opaque=12.0,
+    ),
+    "labels": Look(
+        "Labels",
+        "A colour for each whole number from 1 on, up to 31; where two labels meet, those between "
+        "them show as well",
+        (),
+        (0.0, 100.0),
+        opaque=8.0,
     ),
 }

@@ -9,7 +9,7 @@ import bpy
 
 from ..methods import RAYS
 from . import ui_report, volume_data
-from .presets import PRESETS
+from .presets import LOOKS, PRESETS
 from .ui_report import ENGINE
 
 # Panels of another engine that show what LeapRay reads too.
@@ -83,6 +83,17 @@ class RENDER_MT_leapray_presets(bpy.types.Menu):
     def draw(self, context) -> None:
         for name, preset in PRESETS.items():
             operator = self.layout.operator("render.leapray_preset", text=preset.label)
+            operator.preset = name
+
+
+class DATA_MT_leapray_volume_presets(bpy.types.Menu):
+    """Show the data as a volume, by a material for data of a kind"""
+
+    bl_label = "Volume Presets"
+
+    def draw(self, context) -> None:
+        for name, look in LOOKS.items():
+            operator = self.layout.operator("object.leapray_volume_preset", text=look.label)
             operator.preset = name
 
 
@@ -362,6 +373,7 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         column.separator()
         values = volume_data.known(volume)
         column.prop(own, "shown")
+        column.menu("DATA_MT_leapray_volume_presets")
         if own.shown == "volume":
             column.prop(own, "smoothing")
         elif _asks_for_labels(own, values):
@@ -429,6 +441,7 @@ class OBJECT_PT_leapray_visibility(_Panel, bpy.types.Panel):
 
 CLASSES = (
     RENDER_MT_leapray_presets,
+    DATA_MT_leapray_volume_presets,
     RENDER_PT_leapray,
     ui_report.RENDER_PT_leapray_last,
     RENDER_PT_leapray_sampling,
