@@ -153,8 +153,9 @@ class ImagePainter:
         keys: list[tuple | None] = []
         for instance, name in zip(self.planned.instances, self.planned.names, strict=True):
             key = self._key(instance)
-            keys.append(key if instance.visible_camera else None)
-            if instance.visible_camera:
+            seen = instance.visible_camera and not self._is_cut(instance)
+            keys.append(key if seen else None)
+            if seen:
                 wanted.setdefault(key, (instance, name))
         found = {key: made for key in wanted if (made := self.cache.get(key)) is not None}
         jobs = [self._job(key, *wanted[key]) for key in wanted if key not in found]
@@ -178,6 +179,11 @@ class ImagePainter:
             own = "image frame", one[1], self.entry.spec, name, place
             shown.append(Shown(instance, name, found[one], camera, own))
         return shown
+
+    def _is_cut(self, instance: leapray.Instance) -> bool:
+        """Whether it is the faces of a cut, which the method does not make."""
+        row = self.planned.volumes[instance.volume_index - 1 : instance.volume_index]
+        return any(each["kind"] == "clip" for each in row)
 
     def _key(self, instance: leapray.Instance) -> tuple:
         """Of what is prepared, which keeps its volume alive, so that no other has its id."""

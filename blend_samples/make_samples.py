@@ -24,6 +24,7 @@ metal     metals from polished to dull
 glass     glass: solid, hollow, frosted, tinted, within glass
 head      a scan beside the file: bone under skin that shows it
 xray      the same scan without a surface, as X-rays see it
+turntable the bone of that scan, round which the camera goes in 48 frames
 labels    the label map of that scan, cut open
 gyroid    a field that geometry nodes make, among meshes
 cloud     a fog of OpenVDB as a surface, above hills
@@ -74,7 +75,14 @@ from lit_scenes import (  # noqa: E402
     make_still,
     make_textured,
 )
-from volume_scenes import make_cloud, make_gyroid, make_head, make_labels, make_xray  # noqa: E402
+from volume_scenes import (  # noqa: E402
+    make_cloud,
+    make_gyroid,
+    make_head,
+    make_labels,
+    make_turntable,
+    make_xray,
+)
 
 import addon  # noqa: E402
 
@@ -468,6 +476,7 @@ MAKERS = {
     "glass": make_glass,
     "head": make_head,
     "xray": make_xray,
+    "turntable": make_turntable,
     "labels": make_labels,
     "gyroid": make_gyroid,
     "cloud": make_cloud,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import bpy  # isort: skip  (first: kit is in it)
@@ -31,6 +32,7 @@ SCAN = "head.nii.gz"  # beside the .blend
 TISSUES = "head_labels.nii.gz"  # likewise
 FOG = "cloud.vdb"  # likewise
 SAMPLES = 96  # of the scan along each axis
+FRAMES = 48  # of a turn
 SKIN, IVORY = (0.85, 0.50, 0.38), (0.82, 0.76, 0.62)
 LABELS = {  # colours of the phantom's labels, 1 first
     "Skin": SKIN,
@@ -67,6 +69,26 @@ def make_xray() -> None:
     volume.materials.append(film("Film"))
     link(volume, "Head", turn=(0, 0, 180), scale=0.01)
     camera((-2.4, -8.4, 0.9), (0, 0, 0), lens=100)
+
+
+def make_turntable() -> None:
+    """The bone of the scan; the camera goes round it in 48 frames."""
+    scene = new_scene((0.20, 0.22, 0.26), 480, 480)
+    head_phantom.write(HERE / SCAN, SAMPLES)
+    volume = bpy.data.volumes.new("Head")
+    own = volume.leapray
+    own.file, own.automatic, own.threshold = f"//{SCAN}", False, head_phantom.BONE_AT
+    volume.materials.append(material("Bone", IVORY))
+    link(volume, "Head", turn=(0, 0, 180), scale=0.01)
+    sun(2.4, (-0.6, -0.7, 0.8))
+    camera((-2.4, -8.4, 1.4), (0, 0, 0), lens=100)
+    table = scene.camera.parent = link(None, "Turntable")
+    scene.frame_end = FRAMES
+    bpy.context.preferences.edit.keyframe_new_interpolation_type = "LINEAR"
+    for frame, angle in ((1, 0.0), (FRAMES + 1, 2 * math.pi)):
+        table.rotation_euler.z = angle
+        table.keyframe_insert("rotation_euler", index=2, frame=frame)
+    scene.frame_set(1)
 
 
 def film(name: str) -> bpy.types.Material:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..methods import RAYS
+from ..methods import PROJECTIONS, RAYS
 from . import ui_report, volume_data
 from .presets import LOOKS, PRESETS
 from .ui_report import ENGINE
@@ -114,7 +114,9 @@ class RENDER_PT_leapray(_Panel, bpy.types.Panel):
         error = column.column()
         error.active = settings.resolution == 0
         error.prop(settings, "pixel_error")
-        column.prop(settings, "traverser")
+        traced = column.column()
+        traced.active = settings.method in (RAYS.spec, *(each.spec for each in PROJECTIONS))
+        traced.prop(settings, "traverser")
         unrendered = ui_report.unrendered_of_scene(context)
         if unrendered:
             ui_report.paragraph(self.layout, context.region, unrendered, "INFO")

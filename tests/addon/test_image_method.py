@@ -15,6 +15,7 @@ import leapray
 from addon import film, image_method, methods, model, pipeline
 from addon.plan import plan
 from addon.store.memory_cache import Cache
+from leapray.scalar_grid import ScalarGrid
 
 WIDTH, HEIGHT = 96, 64
 METHODS = leapray.image_methods()
@@ -278,6 +279,55 @@ def test_what_is_prepared_stays_within_the_memory_budget(monkeypatch):
     scene = two(method="leaping", memory_mb=64)
     with pytest.raises(leapray.LeapRayError, match=r"leaping prepares the scene needs \d+ MB"):
         pipeline.render(scene)
+
+
+# ---- measured data -----------------------------------------------------------------------
+
+
+def ball_of_data(**more):
+    """A field that is above 0.5 in a ball of radius 1, and where it is placed."""
+    n, voxel = 40, 2.6 / 39
+    axis = (np.arange(n) - (n - 1) / 2) * voxel
+    z, y, x = np.meshgrid(axis, axis, axis, indexing="ij")
+    values = (1.5 - np.sqrt(x * x + y * y + z * z)).astype(np.float32)
+    matrix = np.diag([voxel] * 3 + [1.0])
+    matrix[:3, 3] = axis[0]
+    data = model.Field("Ball", ScalarGrid("ball", values, matrix), "ball", (0.5,), **more)
+    return data, model.FieldInstance(
+        name="Scan", world_from_object=np.eye(4), materials=(1,), field=0, object_index=4
+    )
+
+
+def with_data(**more):
+    data, instance = ball_of_data(**more)
+    scene = scenes.scene([], [], view=scenes.camera(scale=4.0), method="octree_projection")
+    return dataclasses.replace(scene, fields=(data,), field_instances=(instance,), passes=PASSES)
+
+
+def test_surfaces_of_measured_data_are_seen_by_their_cells():
+    passes = pipeline.render(with_data()).passes
+    seen = passes["Object Index"][..., 0] == 4
+    radius = np.linalg.norm(passes["Position"][seen], axis=1)
+    assert seen.sum() > 1000 and np.abs(radius - 1).max() < 2 * 2.6 / 39
+    assert (passes["Combined"][seen][:, 0] > 5 * passes["Combined"][seen][:, 1]).all()  # red
+
+
+def test_data_that_have_no_cells_are_left_out_with_the_reason():
+    frame = pipeline.render(with_data(interpolation="cubic"))
+    (warning,) = frame.warnings
+    assert warning.startswith("'Scan' is left out: ") and "this volume is cubic" in warning
+    look = model.Look(lambda v: np.ones((len(v), 3)), lambda v: np.zeros((len(v), 3)))
+    frame = pipeline.render(with_data(look=look))
+    assert any("'Scan' is left out: the volume has a transfer" in w for w in frame.warnings)
+    assert (frame.passes["Object Index"] == 0).all()
+
+
+def test_what_cuts_data_is_named_and_its_own_faces_are_left_out():
+    clip = model.Clip("Knife", None, np.eye(4))
+    frame = pipeline.render(with_data(clip=clip))
+    whole = pipeline.render(with_data())
+    assert "The render method octree_projection does not cut 'Scan'." in frame.warnings
+    assert_array_equal(frame.passes["Depth"], whole.passes["Depth"])
 
 
 # ---- frames ---------------------------------------------------------------------------

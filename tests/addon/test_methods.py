@@ -13,7 +13,7 @@ from mathutils import Vector
 
 import leapray
 from addon import cli, methods
-from addon.blender import engine, result
+from addon.blender import engine, result, ui
 
 METHODS = leapray.image_methods()
 
@@ -134,3 +134,39 @@ def test_what_a_method_cannot_do_is_a_sentence_and_no_picture(
     lines = capfd.readouterr().err.strip().splitlines()
     assert sentence in lines[-1] and lines[-1].startswith("leapray: ")
     assert not list(tmp_path.glob("*.png")) and not list(tmp_path.glob("*.json"))
+
+
+class Layout:
+    """Stands in for a layout of Blender's: notes properties, and whether they are active."""
+
+    def __init__(self, drawn=None):
+        self.drawn = {} if drawn is None else drawn
+        self.active = self.use_property_decorate = True
+
+    def column(self, **_):
+        return Layout(self.drawn)
+
+    row = column
+
+    def prop(self, owner, name, **_):
+        self.drawn[name] = self
+
+    def prop_decorator(self, *_):
+        pass
+
+
+def test_the_panel_begins_with_the_method_and_greys_what_it_does_not_use(scene):
+    for method, sampled, traced in (
+        ("rays", True, True),
+        ("leaping", False, False),
+        ("mean", False, True),
+    ):
+        scene.leapray.method = method
+
+        class Panel(ui._Panel):
+            layout = Layout()
+
+        ui.RENDER_PT_leapray.draw(Panel(), bpy.context)
+        drawn = Panel.layout.drawn
+        assert next(iter(drawn)) == "method"
+        assert (drawn["samples"].active, drawn["traverser"].active) == (sampled, traced)
