@@ -84,8 +84,6 @@ def render(args: argparse.Namespace) -> int:
 
     scene = open_data(args) if measured else open_scene(args.scene)
     override(scene, args)
-    if args.preset or (measured and scene.leapray.method != SETTINGS["method"].default):
-        scene.view_settings.view_transform = "Standard"  # greys as they are
     if args.pixel:
         return trace_pixel(args, scene, figures)
     several = args.frames is not None
@@ -132,7 +130,7 @@ def open_data(args: argparse.Namespace):
     from .blender import data_scene
 
     return data_scene.make(
-        args.scene, args.threshold, args.interpolation, args.clip, args.preset, say
+        args.scene, args.threshold, args.interpolation, args.clip, args.preset, args.method, say
     )
 
 

@@ -287,7 +287,7 @@ class ImagePainter:
         if len(self.shown) > 1:
             told.append(
                 f"By the render method {spec} objects cast no shadows on each other; in layout "
-                "'scene' they do."
+                "'scene' solids do."
             )
         uneven = [s.name for s in self.shown if not _is_even(s.instance.world_from_object)]
         if uneven:

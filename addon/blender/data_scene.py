@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 import leapray
 
+from .. import methods
 from ..plan import objects
 from . import open_file, volume_data, volume_looks
 from .read.links import node_tree
@@ -40,6 +41,7 @@ def make(
     interpolation: str | None = None,
     clip: tuple[str, float] | None = None,
     preset: str | None = None,
+    method: str | None = None,
     tell: Callable[[str], None] = lambda sentence: None,
 ):
     """A new scene, in place of the one that is open, which shows the data of a file.
@@ -47,7 +49,9 @@ def make(
     threshold: of the surface, in the data's units; None: the automatic one. interpolation: of the
     samples; None: linear. clip: the axis across which the data are cut, and how far along their
     box. preset: shows a volume by that look, without a surface; tell is called with a sentence that
-    says between which values. Raises LeapRayError where the file cannot be read.
+    says between which values. method: of rendering, for which the camera is chosen; None: by rays.
+    Where no light falls on surfaces, colours are shown as they are. Raises LeapRayError where the
+    file cannot be read.
     """
     open_file.empty_scene()
     scene = bpy.context.scene
@@ -70,6 +74,11 @@ def make(
     scene.render.resolution_x = scene.render.resolution_y = SIDE
     scene.render.resolution_percentage = 100
     scene.camera = _camera(scene, corners, turn @ front)
+    chosen = methods.find(method) if method else methods.RAYS
+    if chosen.image is not None and not chosen.image.perspective:
+        scene.camera.data.type = "ORTHO"
+    if preset is not None or chosen != methods.RAYS:
+        scene.view_settings.view_transform = "Standard"
     for name, (strength, origin) in (("Key", KEY), ("Fill", FILL)):
         _sun(scene, name, strength, turn @ np.array(origin))
     _sky(scene)
@@ -155,6 +164,7 @@ def _camera(scene, corners: NDArray[np.float64], front: NDArray[np.float64]):
     depth = distance - offset @ back
     place = Matrix.Translation(Vector((middle + distance * back).tolist()))
     camera.matrix_world = place @ rotation.to_4x4()
+    data.ortho_scale = 2 * ROOM * float(across.max())
     data.clip_start = float(depth.min()) / 10
     data.clip_end = float(depth.max()) * 10
     return camera

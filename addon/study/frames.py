@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from leapray import LeapRayError
 
+from .. import methods
 from ..blender import open_file
 from ..blender.read.images import openimageio
 from ..blender.read.links import node_tree, tree_of
@@ -104,6 +105,7 @@ def prepare(
     cycles.blur_glossy = 0.0
     cycles.use_fast_gi = False
     scene.leapray.pixel_filter, scene.leapray.noise_threshold = "box", 0.0
+    scene.leapray.method = methods.RAYS.spec
     cycles.film_exposure = 1.0
     if scene.camera is not None and scene.camera.data.type != "PANO":
         scene.camera.data.dof.use_dof = False

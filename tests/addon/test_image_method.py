@@ -182,6 +182,26 @@ def test_discrete_rays_have_the_light_of_suns_and_points_in_any_place():
     assert np.median((got["Normal"] * want["Normal"]).sum(axis=-1)[seen]) > np.cos(np.radians(2))
 
 
+def test_solids_cast_shadows_on_each_other_in_layout_scene_alone():
+    """A ball below a lamp, over a slab."""
+    lamp = model.Light("point", (90.0, 90.0, 90.0), position=(0.0, 0.0, 4.0), name="Lamp")
+    scene = scenes.scene(
+        [scenes.sphere(n=12), scenes.box((5.0, 5.0, 0.5))],
+        [scenes.place(0, scale=0.6), scenes.place(1, at=(0, 0, -1.5), object_index=2)],
+        lights=(lamp,), view=scenes.camera(eye=(0, -6, 4)), resolution=100, method="discrete",
+    )  # fmt: skip
+    scene = dataclasses.replace(scene, world=model.World(), passes=PASSES)
+    dark = {}
+    for layout in ("objects", "scene"):
+        frame = pipeline.render(scenes.replace(scene, layout=layout))
+        at = frame.passes["Position"]
+        below = (np.linalg.norm(at[..., :2], axis=-1) < 0.6) & (abs(at[..., 2] + 1.25) < 0.1)
+        assert below.sum() > 50
+        dark[layout] = (frame.passes["Combined"][below][:, 0] < 0.01).mean()
+        assert any("cast no shadows" in w for w in frame.warnings) == (layout == "objects")
+    assert dark["objects"] < 0.05 and dark["scene"] > 0.9
+
+
 # ---- what is said ---------------------------------------------------------------------
 
 

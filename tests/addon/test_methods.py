@@ -16,6 +16,7 @@ from addon import cli, methods
 from addon.blender import engine, result, ui
 
 METHODS = leapray.image_methods()
+HEAD = Path(__file__).resolve().parents[2] / "blend_samples" / "head.nii.gz"
 
 
 @pytest.fixture(autouse=True)
@@ -66,6 +67,25 @@ def test_each_projection_gives_a_picture_in_blender(scene, method, tmp_path):
     (report,) = engine.reports.values()
     assert report["method"] == method.spec and report["values"] == pytest.approx([0, 2], abs=1e-3)
     assert "values of volume objects alone, without 'Cube'" in " ".join(report["warnings"])
+
+
+@pytest.mark.parametrize("entry", METHODS, ids=lambda entry: entry.name)
+def test_a_scan_is_rendered_directly_by_each_method(entry, tmp_path, monkeypatch):
+    """Also by those of parallel rays: the head takes a good part of the picture."""
+    monkeypatch.chdir(tmp_path)
+    words = ["render", str(HEAD), "--method", entry.spec, "--percentage", "8", "--output", "a.exr"]
+    assert cli.main(words) == 0
+    seen = exr(Path("a.exr"))["ViewLayer.Depth.Z"] < 1e9
+    assert 0.1 < seen.mean() < 0.5 and not seen[0].any() and not seen[:, 0].any()
+    assert bpy.context.scene.view_settings.view_transform == "Standard"
+
+
+def test_comparisons_with_cycles_are_by_rays(scene):
+    from addon.study import frames
+
+    scene.leapray.method = "leaping"
+    frames.prepare(scene)
+    assert scene.leapray.method == methods.RAYS.spec
 
 
 def test_the_value_pass_holds_the_projected_values(scene, tmp_path):
