@@ -272,7 +272,8 @@ class Fields:
         assert field.look is not None
         look, key = field.look, self._own_key(field, factor)
         made = functools.partial(
-            leapray.FieldSamples, transfer=lambda low, high: looks.transfer(look, low, high).function
+            leapray.FieldSamples,
+            transfer=lambda low, high: looks.transfer(look, low, high).function,
         )
         samples = self._stored(key, field, 0.0, factor, room, made)
         return self._shown(n, name, factor, room, samples)
