@@ -28,6 +28,7 @@ turntable the bone of that scan, round which the camera goes in 48 frames
 labels    the label map of that scan, cut open
 gyroid    a field that geometry nodes make, among meshes
 cloud     a fog of OpenVDB as a surface, above hills
+fog       the same fog without a surface, lit by the sun
 """
 
 from __future__ import annotations
@@ -77,6 +78,7 @@ from lit_scenes import (  # noqa: E402
 )
 from volume_scenes import (  # noqa: E402
     make_cloud,
+    make_fog,
     make_gyroid,
     make_head,
     make_labels,
@@ -480,6 +482,7 @@ MAKERS = {
     "labels": make_labels,
     "gyroid": make_gyroid,
     "cloud": make_cloud,
+    "fog": make_fog,
 }
 
 

@@ -151,17 +151,50 @@ def make_gyroid() -> None:
 
 
 def make_cloud() -> None:
+    volume = above_hills()
+    volume.leapray.automatic, volume.leapray.threshold = False, 0.25
+    volume.materials.append(material("Cloud", WHITE))
+
+
+def make_fog() -> None:
+    """The same fog as what it is: it scatters the sun's light until that leaves it."""
+    volume = above_hills()
+    volume.leapray.shown = "volume"
+    volume.materials.append(mist("Mist"))
+    scene = bpy.context.scene
+    scene.leapray.volume_bounces = scene.cycles.volume_bounces = 8
+    scene.leapray.samples = scene.cycles.samples = 64
+    scene.cycles.max_bounces = scene.leapray.max_bounces
+    scene.cycles.diffuse_bounces = 0
+
+
+def mist(name: str) -> bpy.types.Material:
+    """White droplets, so many that half a unit of them hides what is behind."""
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    tree = made.node_tree
+    tree.nodes.clear()
+    drops, leave = (
+        tree.nodes.new(f"ShaderNode{kind}") for kind in ("VolumePrincipled", "OutputMaterial")
+    )
+    for socket, value in (("Color", (0.99, 0.99, 0.99, 1)), ("Density", 8.0)):
+        drops.inputs[socket].default_value = value
+    tree.links.new(drops.outputs[0], leave.inputs["Volume"])
+    return made
+
+
+def above_hills() -> bpy.types.Volume:
+    """A new scene of hills under a sky, and the fog above them, which shows nothing yet."""
     new_scene((0.30, 0.46, 0.72), 960, 540)
     write_fog(HERE / FOG)
     volume = bpy.data.volumes.new("Cloud")
     volume.filepath = f"//{FOG}"
-    volume.leapray.automatic, volume.leapray.threshold = False, 0.25
-    volume.materials.append(material("Cloud", WHITE))
     link(volume, "Cloud", at=(0, 0, 2.3))
     hills = grid("Hills", 96, 96, hill, material("Leaf", LEAF))
     link(hills, "Hills")
     sun(3.0, (-0.5, -0.6, 0.7))
     camera((-1.5, -11.0, 2.4), (0, 0, 1.7), lens=50)
+    return volume
 
 
 def hill(u: float, v: float) -> tuple[float, float, float]:
