@@ -17,8 +17,8 @@ from ..blender.read import volumes
 from ..blender.read.links import tree_of
 
 NAME = "density"
-# Cycles shows a sample half a voxel from where OpenVDB's transform puts it.
-CENTER = 0.5
+# By so much of a voxel Cycles before Blender 5 shows samples off where OpenVDB's transform puts them.
+SHIFT = 0.5 if bpy.app.version < (5, 0) else 0.0
 
 
 def give(scene: bpy.types.Scene, folder: Path) -> list[str]:
@@ -62,7 +62,7 @@ def write(path: Path, grid: ScalarGrid, samples: Samples, called: set[str]) -> N
     made = openvdb.FloatGrid(float(values.min()))
     made.copyFromArray(np.ascontiguousarray(values.transpose(2, 1, 0)), tolerance=0.0)
     matrix = np.array(grid.world_from_index, float)
-    matrix[:3, 3] -= matrix[:3, :3] @ np.full(3, CENTER)
+    matrix[:3, 3] -= matrix[:3, :3] @ np.full(3, SHIFT)
     made.transform = openvdb.createLinearTransform(matrix.T.tolist())
     grids = []
     for name in sorted(called):
