@@ -230,10 +230,7 @@ class ImagePainter:
             if before is not None and before.volume is shown.volume:
                 shown.before = before
             room -= 2 * each_nbytes
-            if room < 0:
-                self.warnings.append(
-                    "The memory budget has no room for what the next frame could use of this one."
-                )
+            if room < 0:  # the next frame begins anew
                 return
             shown.kept = np.zeros((self.scene.height, self.scene.width, 2))
             self.taken += each_nbytes

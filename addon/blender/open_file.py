@@ -52,8 +52,8 @@ def empty_scene() -> None:
     import bpy
 
     be_registered()
-    with quiet():
-        bpy.ops.wm.read_factory_settings(use_empty=True)
+    with quiet():  # reading factory settings would disable the extension
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.context.scene.render.engine = "LEAPRAY"
 
 

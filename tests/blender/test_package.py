@@ -104,6 +104,26 @@ def test_it_renders_as_blenders_module_does(scene, picture, tmp_path):
     assert abs(pixels(output) - pixels(picture[1])).max() <= 1
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--method", "maximum_depth"),
+        ("--method", "leaping"),
+        ("--method", "templates"),
+        ("--preset", "ct_skin", "--samples", "1"),
+    ],
+    ids=lambda words: words[1],
+)
+def test_the_extensions_command_shows_a_scan_without_light(installed, words):
+    head = installed.inside(installed.bring(build.ROOT / "blend_samples" / "head.nii.gz"))
+    name = f"scan_{words[1]}.png"
+    more = ("--percentage", "10", "--output", installed.inside(installed.room / name))
+    done = installed.run("-c", "leapray", "render", head, *words, *more)
+    assert done.returncode == 0, done.stdout
+    shown = pixels(installed.room / name)
+    assert shown[30:-30, 30:-30].std(axis=(0, 1)).max() > 20 and np.ptp(shown[0]) < 12
+
+
 # ---- errors --------------------------------------------------------------------
 
 
