@@ -56,6 +56,17 @@ def test_tiles_cover_every_pixel_once(width, height, size):
     assert (count == 1).all()
 
 
+@pytest.mark.parametrize(("height", "least", "most"), [(1, 64, 8), (37, 16, 4), (1000, 16, 8)])
+def test_strips_cover_every_row_once(height, least, most):
+    count = np.zeros(height, int)
+    cut = tiles.strips(70, height, least, most)
+    for tile in cut:
+        assert (tile.x, tile.width) == (0, 70)
+        count[tile.y : tile.y + tile.height] += 1
+    assert (count == 1).all() and len(cut) <= most
+    assert max(tile.height for tile in cut) >= min(least, height)
+
+
 def test_tiles_come_from_the_centre():
     first, *_, last = tiles.split(1000, 600, 50)
     assert abs(first.x + 25 - 500) <= 50 and abs(first.y + 25 - 300) <= 50
