@@ -17,7 +17,7 @@ from ..blender.read import volumes
 from ..blender.read.links import tree_of
 
 NAME = "density"
-# Cycles before Blender 5 shows samples by so much of a voxel off where OpenVDB's transform has them.
+# Of a voxel: Cycles before Blender 5 shows samples so far from where OpenVDB's transform has them.
 SHIFT = 0.5 if bpy.app.version < (5, 0) else 0.0
 
 
