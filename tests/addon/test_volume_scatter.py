@@ -194,6 +194,28 @@ def test_other_phase_functions_are_named(phase, name, tmp_path):
     assert read(8, 8).fields[0].look.phase == "henyey_greenstein"
 
 
+@pytest.mark.parametrize(("g", "phase"), [(0.9, None), (0.2, None), (0.2, "RAYLEIGH")])
+def test_mixtures_of_phase_functions_are_named(g, phase, tmp_path):
+    def material():
+        made = driven(shaded("VolumeScatter", Anisotropy=0.2), "Density")
+        tree = made.node_tree
+        other, both = (tree.nodes.new(f"ShaderNode{n}") for n in ("VolumeScatter", "AddShader"))
+        other.inputs["Density"].default_value = 0.0
+        other.inputs["Anisotropy"].default_value = g
+        other.phase = phase or other.phase
+        output = tree.nodes["Material Output"]
+        first = output.inputs["Volume"].links[0].from_socket
+        tree.links.new(first, both.inputs[0])
+        tree.links.new(other.outputs[0], both.inputs[1])
+        tree.links.new(both.outputs[0], output.inputs["Volume"])
+        return made
+
+    got = told_of(material, tmp_path)
+    assert len(got) == (g == 0.9 or phase is not None)
+    if got:
+        assert got[0].startswith("A mixture of phase functions, in place of which stands one of")
+
+
 def test_an_anisotropy_that_varies_is_named(tmp_path):
     (sentence,) = told_of(
         lambda: driven(shaded("VolumePrincipled", Density=1.0), "Anisotropy"), tmp_path

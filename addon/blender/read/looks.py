@@ -27,6 +27,8 @@ Part = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # values (n,) to (n
 
 OWN = "value", "density"  # what any field may be called
 CHANNEL = INPUTS[0]  # through which programs get a value
+SOME = np.linspace(-2.0, 2.0, 41)  # values at which anisotropies are compared
+ALIKE = 0.01  # those that differ by less are not told
 HENYEY_GREENSTEIN, RAYLEIGH = "HENYEY_GREENSTEIN", "RAYLEIGH"  # phase functions of Blender's
 
 
@@ -49,7 +51,8 @@ class _Reader(Constants):
         self.emission: list[Part] = []
         self.scattering: list[Part] = []
         self.forward: list[Part] = []  # scattering times its mean cosine
-        self.phases: set[str] = set()  # of what scatters
+        self.phases: set[str] = set()  # of what scatters,
+        self.cosines: list[Part] = []  # and their means
         self.keys: list[bytes] = []
 
     def read(self, output: Place) -> model.Look:
@@ -64,6 +67,8 @@ class _Reader(Constants):
                 self.strange[title(out.node)] = None
         self.tell()
         phase = RAYLEIGH if self.phases == {RAYLEIGH} else HENYEY_GREENSTEIN
+        if phase == HENYEY_GREENSTEIN:
+            self._tell_mixture()
         return model.Look(
             _sum(self.extinction),
             _sum(self.emission),
@@ -141,12 +146,23 @@ class _Reader(Constants):
         self.phases.add(kind)
         self.keys.append(kind.encode())
         self.scattering.append(scattering)
-        if kind == RAYLEIGH:
-            return
         cosine = self._mean_cosine(out, kind)
+        self.cosines.append(cosine)
         self.forward.append(lambda v: scattering(v) * cosine(v))
 
+    def _tell_mixture(self) -> None:
+        """Say it where several phase functions are mixed."""
+        cosines = np.array([cosine(SOME) for cosine in self.cosines])
+        several = len(cosines) > 1 and np.ptp(cosines, axis=0).max() > ALIKE
+        if several or {RAYLEIGH} < self.phases:
+            self.notes.unsupported(
+                "A mixture of phase functions, in place of which stands one of its mean cosine, is",
+                self.name,
+            )
+
     def _mean_cosine(self, out: Place, kind: str) -> Part:
+        if kind == RAYLEIGH:
+            return lambda v: np.zeros((len(v), 3))
         if kind != HENYEY_GREENSTEIN:
             told = kind.replace("_", " ").title()
             self.notes.unsupported(
