@@ -136,3 +136,13 @@ def test_a_scene_of_which_nothing_can_be_seen_is_empty_and_no_error():
     frame = pipeline.render(dark((0, -20, 0)))
     assert not frame.passes["Combined"][..., :3].any()
     assert frame.report["volumes"] == []
+
+
+def test_what_volumes_scatter_reaches_everything():
+    scene = dark((0, 0, 0), (0, -20, 0))
+    assert reached(scene) == [True, False]
+    look = model.Look(model.nothing, model.nothing)
+    field = model.Field("fog", None, "", (), look=look)
+    assert reached(dataclasses.replace(scene, fields=(field,))) == [True, True]
+    solid = dataclasses.replace(field, look=None)
+    assert reached(dataclasses.replace(scene, fields=(solid,))) == [True, False]

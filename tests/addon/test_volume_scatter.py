@@ -72,7 +72,7 @@ def test_volumes_scatter_as_in_cycles(lamp, g, bounces, tmp_path):
     scene.cycles.volume_bounces = scene.leapray.volume_bounces = bounces
     theirs, ours, told = beside(scene, [fog])
     assert not told
-    agree(theirs, ours)
+    agree(theirs, ours, 0.03 if bounces else 0.02)  # light scattered often has more noise
 
 
 SHADERS = {
