@@ -39,6 +39,7 @@ STEPS = (4.0, 2.0, 1.0, 0.5, 0.25)  # voxels
 TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6)
 STOPS = (0.9, 0.99, 0.999)
 SINGLE_STEPS, PYRAMID = "Amanatides", "Levoy 1990"  # the methods whose culling is compared
+APART = 0.08  # logarithms of points of a chart that both have their number
 STOP = 0.99  # where rays end in the comparison of what culling brings
 COLUMNS = "setting", "seconds", "least", "most", "error, 90 %", "99 %", "largest", "cells", "pieces"
 
@@ -65,7 +66,8 @@ def main(args: argparse.Namespace) -> int:
         told: dict[str, Any] = {"size": size, "image": [width, subject.height], "judged": judged}
         told |= {"rounds": rounds}
         told = write_figures(folder, "volume", told, rows=rows, culling=culling, modes=modes)
-        draw(folder, rows, subject)
+        draw(folder, rows)
+        show(folder, subject)
         write_page(folder, told, rows, culling, modes)
     return 0
 
@@ -248,25 +250,32 @@ def series(rows: list[Row]) -> dict[str, list[Row]]:
     return found
 
 
-def draw(folder: Path, rows: list[Row], subject: Subject) -> None:
-    """Error against seconds, and the picture itself."""
+def draw(folder: Path, rows: list[Row]) -> None:
+    """Error against seconds."""
     with charts.chart(folder / "volume", width=9.0, height=5.4) as (figure, axes):
         axis = axes[0, 0]
         for k, (name, found) in enumerate(series(rows).items()):
             x, y = [row.seconds for row in found], [max(row.error_99, 1e-12) for row in found]
             axis.plot(x, y, label=name, **charts.look(k))
+            told = np.full(2, np.inf)
             for row, at in zip(found, zip(x, y, strict=True), strict=True):
-                axis.annotate(
-                    f"{row.number:g}", at, xytext=(5, 5), textcoords="offset points", fontsize=8
-                )
+                if np.abs(np.log(at) - told).max() > APART:  # else it would cover another's
+                    told = np.log(at)
+                    axis.annotate(
+                        f"{row.number:g}", at, xytext=(5, 5), textcoords="offset points", fontsize=8
+                    )
         axis.set_xscale("log")
         axis.set_yscale("log")
         axis.set_xlabel("seconds of one thread")
         axis.set_ylabel("error of a colour in 99 % of the pixels")
-        figure.legend(*axis.get_legend_handles_labels(), loc="outside right upper")
+        figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=4)
         charts.plain_ticks(axis)
         axis.set_yscale("log")
-    shown = Way("exact", 0.0).picture(subject)[:, :3] + 0.0
+
+
+def show(folder: Path, subject: Subject) -> None:
+    """The picture itself."""
+    shown = Way("exact", 0.0).picture(subject)[:, :3]
     image = charts.as_bytes(srgb(shown.reshape(subject.height, subject.width, 3)))
     (folder / "picture.png").write_bytes(charts.png(image))
 
