@@ -204,7 +204,7 @@ def test_visibility_follows_the_object_and_its_instancer(scene):
     got = {instance.name: instance for instance in read().instances}
     assert set(got) == {"Camera only", "Inner"}
     flags = [getattr(got["Camera only"], flag) for flag in scene_module.VISIBILITIES]
-    assert flags == [True, False, False, True, True]
+    assert flags == [True, False, False, True, True, True]
     inner = got["Inner"]
     assert (inner.visible_camera, inner.visible_shadow, inner.object_index) == (False, True, 7)
 

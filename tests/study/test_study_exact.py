@@ -115,9 +115,9 @@ def test_entries_into_solids_are_where_they_are_known_to_be():
     origins = np.array([[0, 0, 3.0], [0, 0, 3.0], [-3, 0, 0], [0, 0.88, 3.0], [0, 0.886, 3.0]])
     forward = np.array([[0, 0, -1.0], [0, 0, -1.0], [1, 0, 0], [0, 0, -1.0], [0, 0, -1.0]])
     sphere, torus = exact.SOLIDS
-    early, late = exact.entries(sphere, origins[:1], forward[:1], 0.01)
+    early, late = exact.entrances(sphere, origins[:1], forward[:1], 0.01)
     np.testing.assert_allclose((early[0], late[0]), (2.09, 2.11), atol=1e-6)
-    early, late = exact.entries(torus, origins[1:], forward[1:], 0.01)
+    early, late = exact.entrances(torus, origins[1:], forward[1:], 0.01)
     assert np.isinf(early[0]) and np.isinf(late[0])  # through the hole
     np.testing.assert_allclose((early[1], late[1]), (2.11, 2.13), atol=1e-6)
     assert np.isfinite(early[2:]).all() and np.isinf(late[2:]).all()  # grazing
