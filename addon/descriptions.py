@@ -16,6 +16,11 @@ import leapray
 WHOLE_MAX = 2**31 - 1  # that Blender holds
 
 
+def sentence(text: str) -> str:
+    """It begins with a capital letter."""
+    return text[:1].upper() + text[1:]
+
+
 @dataclass(frozen=True)
 class Choice:
     """An entry of a menu; without a name the heading of those that follow."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import leapray
 
-from .descriptions import Choice
+from .descriptions import Choice, sentence
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ PROJECTIONS = (
 
 def _of_image(entry: leapray.ImageMethod) -> Method:
     """The entry of one of the core's, called as in charts, and as on the command line."""
-    about = f"{entry.about[:1].upper()}{entry.about[1:]} ({entry.source})"
+    about = f"{sentence(entry.about)} ({entry.source})"
     return Method(entry.spec, f"{entry.label} ({entry.spec})", about, image=entry)
 
 

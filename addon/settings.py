@@ -21,7 +21,7 @@ from leapray.arrays import INTERPOLATIONS, SAMPLE_TYPES, about
 from leapray.voxelization import EXACT, FILTERS, KINDS, filter_info
 
 from . import methods
-from .descriptions import WHOLE_MAX, Choice, Switch, described, setting
+from .descriptions import WHOLE_MAX, Choice, Switch, described, sentence, setting
 
 # ---- choices -----------------------------------------------------------------
 
@@ -36,11 +36,6 @@ LABELS = {
 
 def label_of(name: str) -> str:
     return LABELS.get(name, name.capitalize())
-
-
-def sentence(text: str) -> str:
-    """It begins with a capital letter."""
-    return text[:1].upper() + text[1:]
 
 
 def choices(members: Mapping[str, IntEnum], auto: str = "") -> tuple[Choice, ...]:

@@ -41,8 +41,8 @@ def first_of(source: str) -> leapray.Traverser:
     return next(entry for entry in leapray.traversers() if entry.source.startswith(source))
 
 
-def label(entry: leapray.Traverser) -> str:
-    """A traverser's label with those options that are not the default."""
+def label(entry: leapray.Traverser | leapray.ImageMethod) -> str:
+    """A method's label with those options that are not the default."""
     _, _, options = entry.spec.partition(":")
     return (
         f"{entry.label}, {options.replace('=', ' ').replace(',', ', ')}" if options else entry.label

@@ -29,7 +29,7 @@ from . import charts, metrics, page
 from .clouds import cloud
 from .folder import study_folder, write_figures
 from .options import chosen, number
-from .scenes import SAMPLES
+from .scenes import write_head
 
 STUDY = True
 
@@ -200,8 +200,7 @@ def speed(folder: Path, size: int, rounds: int) -> list[Run]:
     from . import isosurface_runs
 
     path = folder / "head.nii"
-    phantom = [sys.executable, str(SAMPLES / "head_phantom.py"), str(path), "--size", str(size)]
-    subprocess.run(phantom, check=True, capture_output=True)
+    write_head(path, size)
     has_vtk = importlib.util.find_spec("vtkmodules") is not None
     if not has_vtk:
         print("isosurfaces: no vtk here, so no other program", file=sys.stderr)

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 import leapray
 
+from .entries import label
+
 DISTANCE, HALF = 2.1, 0.42  # of a perspective camera by the cube's side; tangent
 TURNS = (0.05, 0.25, 1.0)  # degrees a frame
 
@@ -73,7 +75,7 @@ def orbits(
                 Leap(
                     n,
                     method.spec,
-                    spelled(method),
+                    label(method),
                     turn,
                     frame,
                     middle - began,
@@ -89,16 +91,6 @@ def orbits(
 
 def visited(image: leapray.Image) -> int:
     return image.counters["cells"] + image.counters["nodes"]
-
-
-def spelled(method: leapray.ImageMethod) -> str:
-    """A method's label with those options that are not the default."""
-    _, _, options = method.spec.partition(":")
-    return (
-        f"{method.label}, {options.replace('=', ' ').replace(',', ', ')}"
-        if options
-        else method.label
-    )
 
 
 def by_phantom(leaps: list[Leap], turn: float) -> dict[str, list[Leap]]:

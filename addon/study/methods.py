@@ -26,7 +26,7 @@ import leapray
 from . import charts, page
 from .entries import default, first_of, label, seconds
 from .folder import study_folder, write_figures
-from .leaps import TURNS, Leap, by_phantom, looking, of_leaps, orbits, spelled
+from .leaps import TURNS, Leap, by_phantom, looking, of_leaps, orbits
 from .options import chosen, number, numbers
 from .phantom import phantom
 from .skips import camera as parallel
@@ -195,7 +195,7 @@ def as_image(structure: leapray.Structure, rays, like: leapray.Image) -> leapray
 
 
 def name_of(entry: leapray.Traverser | leapray.ImageMethod) -> str:
-    return f"rays: {label(entry)}" if isinstance(entry, leapray.Traverser) else spelled(entry)
+    return f"{'rays: ' * isinstance(entry, leapray.Traverser)}{label(entry)}"
 
 
 def pays_after(prepare: float, frame: float, other_prepare: float, other: float) -> float | None:

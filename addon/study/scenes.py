@@ -7,6 +7,8 @@ Embree's, through the pixels' centres, on the triangles themselves.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,6 +33,14 @@ def sample(name: str) -> Path:
     if not path.is_file():
         raise LeapRayError(f"There is no {path}: samples come with the sources only")
     return path
+
+
+def write_head(path: Path, size: int) -> None:
+    """The phantom of a head, of size^3 samples. Raises LeapRayError where it cannot be made."""
+    command = [sys.executable, str(SAMPLES / "head_phantom.py"), str(path), "--size", str(size)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise LeapRayError(f"the phantom of a head was not made: {done.stderr[-300:]}")
 
 
 def read(path: Path, percentage: int = 100) -> model.Scene:

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 import leapray
 
 from . import light_integrals
-from .scenes import SAMPLES
+from .scenes import write_head
 
 # Hounsfield units, per millimetre: air and fat hidden, skin thin, bone dense.
 VALUES = (-600.0, -400.0, -150.0, 150.0, 300.0, 800.0)
@@ -35,10 +33,7 @@ SEED = 1988
 def head(folder: Path, size: int) -> leapray.ScalarGrid:
     """The phantom of size^3 samples. Raises LeapRayError where it is not installed."""
     path = folder / "head.nii"
-    command = [sys.executable, str(SAMPLES / "head_phantom.py"), str(path), "--size", str(size)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise leapray.LeapRayError(f"the phantom of a head was not made: {done.stderr[-300:]}")
+    write_head(path, size)
     grid = leapray.read_volume(path)
     path.unlink()
     return grid
