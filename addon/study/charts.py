@@ -7,9 +7,9 @@ import contextlib
 import io
 import os
 import platform
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import matplotlib
 import numpy as np
@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 
 from .. import pipeline
 from ..arrays import LUMINANCE, from_srgb
+
+Item = TypeVar("Item")
 
 # Okabe and Ito's colours, told apart by the colour-blind too; black stays for references.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A800")
@@ -102,6 +104,14 @@ def bars(axis, names: Sequence[str], seconds: Sequence[float]) -> None:
         axis.text(value, y, f" {value:.3g}", va="center", fontsize=9)
     axis.set_yticks(place, names)
     axis.invert_yaxis()
+
+
+def grouped(rows: Iterable[Item], key: Callable[[Item], str]) -> dict[str, list[Item]]:
+    """The rows of every series, in the order in which they come."""
+    found: dict[str, list[Item]] = {}
+    for row in rows:
+        found.setdefault(key(row), []).append(row)
+    return found
 
 
 def plain_ticks(axis) -> None:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 import leapray
 
+from . import charts
+from .cameras import perspective
 from .entries import label
 
 DISTANCE, HALF = 2.1, 0.42  # of a perspective camera by the cube's side; tangent
@@ -23,11 +25,8 @@ TURNS = (0.05, 0.25, 1.0)  # degrees a frame
 
 def looking(forward: NDArray[np.float64], size: int, image: int) -> leapray.Camera:
     """In perspective at the middle of a cube of size^3 samples."""
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
-    dx, dy = 2 * HALF / image * right, 2 * HALF / image * np.cross(right, forward)
     eye = np.full(3, (size - 1) / 2) - DISTANCE * size * forward
-    return leapray.Camera("perspective", eye, forward, forward - image / 2 * (dx + dy), dx, dy)
+    return perspective(eye, forward, HALF, image, image)
 
 
 @dataclass(frozen=True)
@@ -95,11 +94,8 @@ def visited(image: leapray.Image) -> int:
 
 def by_phantom(leaps: list[Leap], turn: float) -> dict[str, list[Leap]]:
     """The frames of every orbit with that turn."""
-    found: dict[str, list[Leap]] = {}
-    for leap in leaps:
-        if leap.turn == turn:
-            found.setdefault(f"{leap.label}, N = {leap.n}", []).append(leap)
-    return found
+    seen = [leap for leap in leaps if leap.turn == turn]
+    return charts.grouped(seen, lambda leap: f"{leap.label}, N = {leap.n}")
 
 
 def of_leaps(leaps: list[Leap]) -> list[str]:

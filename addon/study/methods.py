@@ -24,12 +24,12 @@ import numpy as np
 import leapray
 
 from . import charts, page
+from .cameras import parallel
 from .entries import default, first_of, label, seconds
 from .folder import study_folder, write_figures
 from .leaps import TURNS, Leap, by_phantom, looking, of_leaps, orbits
 from .options import chosen, number, numbers
 from .phantom import phantom
-from .skips import camera as parallel
 
 STUDY = True
 
@@ -298,10 +298,7 @@ def draw(folder: Path, rows: list[Row], leaps: list[Leap]) -> None:
 
 def series(rows: list[Row]) -> dict[str, list[Row]]:
     """The rows by the label of their method."""
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        found.setdefault(row.label, []).append(row)
-    return found
+    return charts.grouped(rows, lambda row: row.label)
 
 
 def write_page(

@@ -242,11 +242,8 @@ def measure(size: int, image: int, counts, rounds: int) -> tuple[list[Row], list
 
 def series(rows: list[Row], camera: str) -> dict[str, list[Row]]:
     """The rows of a camera by the traverser's label, in the order of N."""
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        if row.camera == camera:
-            found.setdefault(row.label, []).append(row)
-    return found
+    seen = [row for row in rows if row.camera == camera]
+    return charts.grouped(seen, lambda row: row.label)
 
 
 def draw(folder: Path, rows: list[Row], size: int, image: int) -> None:

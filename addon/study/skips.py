@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 import leapray
 
-from .phantom import frame, phantom
-
-MARGIN = 1.02  # of the film around the cube
+from .cameras import parallel
+from .phantom import phantom
 
 
 @dataclass(frozen=True)
@@ -36,15 +35,6 @@ class Skip:
     seconds_traced: float  # the same by tracing every ray
 
 
-def camera(forward: NDArray[np.float64], size: int, image: int) -> leapray.Camera:
-    """Parallel rays along a unit vector; the film holds a volume of size^3 samples."""
-    right, up = frame(forward) if abs(forward[1]) < 1 else (np.eye(3)[0], np.eye(3)[2])
-    extent = np.sqrt(3) * (size + 1) * MARGIN
-    dx, dy = extent / image * right, extent / image * up
-    eye = np.full(3, (size - 1) / 2) - extent * forward
-    return leapray.Camera("orthographic", eye, forward, -image / 2 * (dx + dy), dx, dy)
-
-
 def measure(counts, directions: NDArray, size: int, image: int) -> list[Skip]:
     """Rows per phantom and skip."""
     found = []
@@ -57,7 +47,7 @@ def measure(counts, directions: NDArray, size: int, image: int) -> list[Skip]:
         sums = {skip: np.zeros(3) for skip in prepared}
         traced = 0.0
         for forward in directions:
-            seen = camera(forward, size, image)
+            seen = parallel(forward, size, image)
             rays = leapray.camera_rays(seen, image, image)
             began = time.perf_counter()
             want = leapray.trace(structure, *rays, mode="binary", threads=0, count=False)

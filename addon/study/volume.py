@@ -244,10 +244,7 @@ def of_modes(subject: Subject, rounds: int) -> list[Leap]:
 
 def series(rows: list[Row]) -> dict[str, list[Row]]:
     """The rows by their names."""
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        found.setdefault(row.name, []).append(row)
-    return found
+    return charts.grouped(rows, lambda row: row.name)
 
 
 def draw(folder: Path, rows: list[Row]) -> None:

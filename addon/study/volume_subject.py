@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import leapray
 
 from . import light_integrals
+from .cameras import perspective
 from .scenes import write_head
 
 # Hounsfield units, per millimetre: air and fat hidden, skin thin, bone dense.
@@ -57,7 +58,8 @@ class Subject:
     @classmethod
     def of(cls, grid: leapray.ScalarGrid, width: int, judged: int) -> Subject:
         height = max(width * 9 // 16, 1)
-        camera = looking(np.array(EYE), width, height)
+        eye = np.array(EYE)
+        camera = perspective(eye, -eye / np.linalg.norm(eye), HALF, width, height)
         rays = leapray.camera_rays(camera, width, height)
         transfer = leapray.TransferFunction(VALUES, EXTINCTION, COLORS)
         samples = leapray.FieldSamples(grid)
@@ -91,15 +93,3 @@ class Subject:
             volume = self.visible if leaps else self.everything
             self.built[spec, leaps] = leapray.build(volume, spec)
         return self.built[spec, leaps]
-
-
-def looking(eye: NDArray[np.float64], width: int, height: int) -> leapray.Camera:
-    """From a point at the origin, z above."""
-    forward = -eye / np.linalg.norm(eye)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
-    dx = right * (2 * HALF / width)
-    dy = np.cross(right, forward) * (2 * HALF / width)
-    return leapray.Camera(
-        "perspective", eye, forward, forward - width / 2 * dx - height / 2 * dy, dx, dy
-    )
