@@ -23,6 +23,8 @@ from pathlib import Path
 
 from pycparser import c_ast, c_parser
 
+import build_core
+
 NATIVE = Path(__file__).resolve().parent
 HEADER = NATIVE / "include" / "leapray.h"
 TARGET = NATIVE / "leapray" / "_abi.py"
@@ -52,7 +54,8 @@ SCALARS = {
 
 def preprocess(header: Path) -> str:
     """The header without comments, macros and system includes."""
-    command = [sys.executable, "-m", "ziglang", "cc", "-E", "-P", "-nostdinc", "-DLR_API="]
+    command = [*build_core.compiler()[0], *build_core.TARGET]
+    command += ["-E", "-P", "-nostdinc", "-DLR_API="]
     with tempfile.TemporaryDirectory() as folder:
         fixed = (name for name in SCALARS if name.endswith("_t"))
         text = "".join(f"typedef int {name};\n" for name in fixed)

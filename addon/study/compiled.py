@@ -19,6 +19,10 @@ from leapray.threads import cores
 
 PART = 1 << 15  # rays that a thread takes at a time
 
+# A named target is compiled against the headers that come with the compiler, whatever C library
+# the machine has, or has half of.
+TARGET = ("-target", "x86_64-linux-gnu.2.28", "-mcpu=x86_64_v2")
+
 
 @functools.cache
 def library(name: str) -> ctypes.CDLL:
@@ -29,8 +33,8 @@ def library(name: str) -> ctypes.CDLL:
     with tempfile.TemporaryDirectory(prefix=f"leapray-{name}-") as folder:
         target = Path(folder) / f"{name}.so"
         flags = ["-O2", "-shared", "-fPIC", "-fno-sanitize=all"]
-        command = [sys.executable, "-m", "ziglang", "cc", *flags, str(source), "-o", str(target)]
-        done = subprocess.run(command, capture_output=True, text=True)
+        command = [sys.executable, "-m", "ziglang", "cc", *TARGET, *flags, str(source)]
+        done = subprocess.run([*command, "-o", str(target)], capture_output=True, text=True)
         if done.returncode:
             raise LeapRayError(f"{name}.c does not compile: {done.stderr.strip()[-500:]}")
         return ctypes.CDLL(str(target))  # stays, once loaded
