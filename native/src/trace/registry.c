@@ -1,6 +1,7 @@
 /* The table of traversers, and structures built through it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "grid/surface_bounds.h"
 #include "trace/traverser.h"
 
 static const struct {
@@ -64,6 +65,7 @@ lr_status lr_structure_build(const lr_volume *volume, int32_t traverser, const i
         return status;
     }
     s->nbytes += sizeof *s;
+    lr_surface_bounds(volume, s->lo, s->hi);
     lr_progress(watch, 1.0);
     *structure = s;
     return LR_OK;

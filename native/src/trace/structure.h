@@ -23,6 +23,7 @@ struct lr_structure {
     const lr_traverser_ops *ops;
     void *data;
     uint64_t nbytes;
+    double lo[3], hi[3]; /* the box of the surface, see lr_surface_bounds */
 };
 
 LR_INLINE const lr_volume *lr_structure_volume(const lr_structure *structure)

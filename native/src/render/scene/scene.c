@@ -127,24 +127,23 @@ static lr_status check(const lr_scene_desc *desc, lr_error *error)
     return status;
 }
 
-/* The world box of the surface cells; empty where there are none. */
+/* The world box of what rays can hit; empty where there is nothing. */
 static void bound(const lr_instance *instance, lr_box *box)
 {
-    lr_volume_info info;
-    lr_volume_get_info(lr_structure_volume(instance->structure), &info);
+    const lr_structure *structure = instance->structure;
     double m[16];
-    lr_affine_multiply(instance->world_from_object, info.desc.object_from_index, m);
+    lr_affine_multiply(instance->world_from_object,
+                       lr_structure_volume(structure)->object_from_storage, m);
     for (int a = 0; a < 3; a++) {
         box->lo[a] = INFINITY;
         box->hi[a] = -INFINITY;
     }
-    if (info.surface_lo[0] > info.surface_hi[0])
+    if (structure->lo[0] > structure->hi[0])
         return;
     for (int corner = 0; corner < 8; corner++) {
         double p[3], q[3];
         for (int a = 0; a < 3; a++)
-            p[a] =
-                corner >> a & 1 ? info.surface_hi[a] + (1 + MARGIN) : info.surface_lo[a] - MARGIN;
+            p[a] = corner >> a & 1 ? structure->hi[a] + MARGIN : structure->lo[a] - MARGIN;
         lr_map_point(m, p, q);
         for (int a = 0; a < 3; a++) {
             box->lo[a] = fmin(box->lo[a], q[a]);
