@@ -251,11 +251,11 @@ class _Reader:
 
 
 def _box(instance: leapray.Instance) -> NDArray[np.float64]:
-    """(2, 3): around the surface cells of the instance's volume, in world space."""
-    info = instance.structure.volume.info
-    ends = np.array([info.surface_lo, np.add(info.surface_hi, 1)], np.float64)
-    corners = np.stack(np.meshgrid(*ends.T, indexing="ij"), axis=-1).reshape(-1, 3)
-    matrix = np.asarray(instance.world_from_object, np.float64) @ info.object_from_index
+    """(2, 3): around what rays can hit of the instance, in world space."""
+    structure = instance.structure
+    corners = np.stack(np.meshgrid(*structure.bounds.T, indexing="ij"), axis=-1).reshape(-1, 3)
+    matrix = np.asarray(instance.world_from_object, np.float64)
+    matrix = matrix @ structure.volume.info.object_from_index
     corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
     return np.array([corners.min(axis=0), corners.max(axis=0)])
 

@@ -30,7 +30,7 @@ C_MODULES = {
     "mesh": "triangles alone: topology, islands, closest triangle, winding number, sign",
     "distance": "distance transforms of cells, and how far it is empty around a cell",
     "voxelize": "from a mesh to samples: filters, inside and outside, bricks as parallel jobs",
-    "trace": "rays, the registry, the walk template, the hit test in a cell, roots, hit records",
+    "trace": "rays, the registry, the walk template, hit tests, roots, hit records, triangle trees",
     "traversers": "one file per traverser: its structure, and its walk to the next surface cell",
     "imaging": "whole-image methods, a file each, and their registry",
     "render/film": "cameras, pixel filters, sampling patterns, sums over samples",

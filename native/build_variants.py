@@ -39,6 +39,7 @@ FAULTS = NATIVE.parent / "tests" / "c" / "faulty_memory.c"
 VECTOR = (
     *("closest_triangle_avx2.c", "closest_triangle_avx512.c", "cd_packet8.c"),
     *("cell_lanes_avx2.c", "cell_lanes_avx512.c"),
+    *("triangle_tree_avx2.c", "triangle_tree_avx512.c"),
 )
 WRAPPED = ("malloc", "calloc", "realloc", "aligned_alloc", "mmap", "munmap", "free")
 

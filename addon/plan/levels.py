@@ -130,6 +130,11 @@ class Levels:
         made = *made, work.own_normals, work.mesh.modelling.kind
         return made if what == "volume" else (*made, s.traverser)
 
+    def may_choose_cells(self, work: Work) -> bool:
+        """Whether it is for the plan to say which cells keep their triangles, and how fine."""
+        automatic = self.settings.exact == "auto" and work.mesh.solids is None
+        return automatic and not (work.fixed or self.settings.resolution)
+
     def _filter(self, mesh: model.Mesh) -> str:
         return mesh.modelling.filter or self.settings.filter
 

@@ -45,6 +45,7 @@ from .planned import Plan
 from .separation import TRIANGLE_NBYTES, Separation
 
 COARSEST = 16  # voxels along the longest side at the start, but for meshes with more than
+FEW_TRIANGLES = 64  # of a mesh: it is kept as it is
 MOST_CROWD = 64  # triangles in a cell, about: to sort them takes longer than finer voxels,
 FINEST_START = 512  # of which they get so many at most
 # Shares of the memory, counted without structures, so that traversers see the same volumes:
@@ -115,6 +116,8 @@ class Planner(Separation):
                 work.turn = sample_types.permitted_turn(self.scene.materials[m] for m in used)
                 work.refracts = any(self.scene.materials[m].refracts for m in used)
                 work.exact = "sheets" if self.settings.exact == "auto" else self.settings.exact
+                if self.may_choose_cells(work) and len(work.mesh.triangles) <= FEW_TRIANGLES:
+                    work.exact, work.own_normals = "every", True
                 self._start_one(work)
             self.advance(0.3 * (done + 1) / len(by_mesh))
         self.warnings += self.color_sets.warnings

@@ -24,7 +24,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI     39 /* raised whenever a struct or a signature below changes */
+#define LR_ABI     40 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -767,6 +767,9 @@ LR_API lr_status lr_structure_build(const lr_volume *volume, int32_t traverser,
                                     lr_structure **structure, lr_error *error);
 LR_API void lr_structure_free(lr_structure *structure);             /* NULL is fine */
 LR_API uint64_t lr_structure_nbytes(const lr_structure *structure); /* without the volume */
+/* The box in which scenes look for what rays can hit, in lattice coordinates; lo > hi: there is
+ * nothing. */
+LR_API void lr_structure_bounds(const lr_structure *structure, double lo[3], double hi[3]);
 
 /* ---- tracing ----------------------------------------------------------- */
 

@@ -9,7 +9,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 39
+LR_ABI = 40
 LR_PROGRAM_REGISTERS = 256
 LR_EUCLID_MAX = 26754
 LR_BOUNCES_MAX = 1024
@@ -1325,6 +1325,11 @@ PROTOTYPES = {
     )),
     "lr_structure_nbytes": (ctypes.c_uint64, (
         ctypes.POINTER(lr_structure),
+    )),
+    "lr_structure_bounds": (None, (
+        ctypes.POINTER(lr_structure),
+        ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_double),
     )),
     "lr_trace": (ctypes.c_int, (
         ctypes.POINTER(lr_structure),

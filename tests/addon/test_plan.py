@@ -503,7 +503,8 @@ def test_the_report_is_plain_json():
 def test_corners_look_sharp():
     """A turned box is no voxels finer than it starts: its creases keep their triangles."""
     view = scenes.camera(eye=(2.0, -5.0, 2.0), width=320, height=240)
-    scene = scenes.scene([scenes.box(turn=0.5)], view=view, width=320, height=240)
+    box = scenes.divided(scenes.box(turn=0.5), 2)
+    scene = scenes.scene([box], view=view, width=320, height=240)
     row = make(scene).volumes[0]
     assert row["kind"] == "solid" and 0.1 < row["exact_share"] < 0.9
     assert row["crease_footprints"] < 0.01 and row["crease_voxel_footprints"] == 0
@@ -512,6 +513,17 @@ def test_corners_look_sharp():
     assert rounded["exact_share"] == 0 and rounded["nbytes"] > 10 * row["nbytes"]
     assert rounded["crease_footprints"] > 0.05
     assert 0.5 < rounded["crease_voxel_footprints"] <= error_metric.SHARP_VOXEL
+
+
+@pytest.mark.parametrize("make_mesh", [scenes.box, scenes.plane])
+def test_meshes_of_few_triangles_are_kept_as_they_are(make_mesh):
+    """Rays meet them exactly, at the coarsest level, whatever the pixel error."""
+    scene = scenes.scene([make_mesh()], width=960, height=640, pixel_error=0.001)
+    row = make(scene).volumes[0]
+    assert row["exact_share"] == 1 and row["error_footprints"] == 0 and row["stuck"] == ""
+    assert row["nbytes"] < 100_000
+    asked = make(scenes.replace(scene, exact="sheets")).volumes[0]
+    assert asked["exact_share"] < 1  # who chooses triangle cells has them as chosen
 
 
 # ---- thin things --------------------------------------------------------------------------------

@@ -15,6 +15,11 @@
 
 #include "grid/triangle_cells.h"
 
+/* The box is grown by so much of a cell. Rays are transformed to a volume's space with an error of
+ * some 2^-50 of their origin's coordinates, so surfaces in a face of the box are found from a
+ * distance of 2^40 cells. */
+static const double MARGIN = 0x1p-10;
+
 /* Of a cell's corners, as f - T: how far along an axis, from the face on `side`, nothing of the
  * surface lies; 0..1. */
 static double clearance(const double f[8], int axis, int side)
@@ -77,15 +82,9 @@ static double layer_clearance(const lr_volume *v, int axis, int side, int32_t la
     return least;
 }
 
-void lr_surface_bounds(const lr_volume *v, double lo[3], double hi[3])
+/* Make the box of the cells that of the surface. */
+static void tighten(const lr_volume *v, double lo[3], double hi[3])
 {
-    const bool trilinear = v->transfer == NULL && v->objects == NULL && !lr_is_cubic(v);
-    for (int a = 0; a < 3; a++) {
-        lo[a] = v->surface_lo[a];
-        hi[a] = v->surface_hi[a] + 1.0;
-    }
-    if (!trilinear || v->n_surface_cells == 0)
-        return;
     for (int a = 0; a < 3; a++) {
         double low = lo[a] + layer_clearance(v, a, 0, v->surface_lo[a]);
         double high = hi[a] - layer_clearance(v, a, 1, v->surface_hi[a]);
@@ -96,5 +95,20 @@ void lr_surface_bounds(const lr_volume *v, double lo[3], double hi[3])
         }
         lo[a] = fmax(lo[a], fmin(low, high));
         hi[a] = fmin(hi[a], fmax(low, high));
+    }
+}
+
+void lr_surface_bounds(const lr_volume *v, double lo[3], double hi[3])
+{
+    const bool trilinear = v->transfer == NULL && v->objects == NULL && !lr_is_cubic(v);
+    for (int a = 0; a < 3; a++) {
+        lo[a] = v->surface_lo[a];
+        hi[a] = v->surface_hi[a] + 1.0;
+    }
+    if (trilinear && v->n_surface_cells > 0)
+        tighten(v, lo, hi);
+    for (int a = 0; a < 3; a++) {
+        lo[a] -= MARGIN;
+        hi[a] += MARGIN;
     }
 }

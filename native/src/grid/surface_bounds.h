@@ -7,8 +7,8 @@
 #include "base/base.h"
 
 /* Where rays that come from outside can meet the surface of a finished volume, in storage space,
- * but for rounding; lo > hi: nowhere. Of a volume with a transfer function, that of what is
- * visible. */
+ * with a margin for rounding; lo > hi: nowhere. Of a volume with a transfer function, the box of
+ * what is visible. */
 void lr_surface_bounds(const lr_volume *volume, double lo[3], double hi[3]);
 
 #endif

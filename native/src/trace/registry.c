@@ -3,6 +3,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "grid/surface_bounds.h"
 #include "trace/traverser.h"
+#include "trace/triangle_tree.h"
 
 static const struct {
     lr_traverser about;
@@ -64,6 +65,15 @@ lr_status lr_structure_build(const lr_volume *volume, int32_t traverser, const i
         free(s);
         return status;
     }
+    if (lr_has_only_triangles(volume)) {
+        uint64_t nbytes = 0;
+        status = lr_triangle_tree_build(volume, &s->tree, &nbytes, error);
+        if (status != LR_OK) {
+            lr_structure_free(s);
+            return status;
+        }
+        s->nbytes += nbytes;
+    }
     s->nbytes += sizeof *s;
     lr_surface_bounds(volume, s->lo, s->hi);
     lr_progress(watch, 1.0);
@@ -76,12 +86,21 @@ void lr_structure_free(lr_structure *s)
     if (s == NULL)
         return;
     s->ops->free(s->data);
+    lr_triangle_tree_free(s->tree);
     free(s);
 }
 
 uint64_t lr_structure_nbytes(const lr_structure *s)
 {
     return s->nbytes;
+}
+
+void lr_structure_bounds(const lr_structure *s, double lo[3], double hi[3])
+{
+    for (int a = 0; a < 3; a++) {
+        lo[a] = s->lo[a] - LR_PAD;
+        hi[a] = s->hi[a] - LR_PAD;
+    }
 }
 
 /* What cubic volumes do not take. */

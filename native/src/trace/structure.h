@@ -23,7 +23,8 @@ struct lr_structure {
     const lr_traverser_ops *ops;
     void *data;
     uint64_t nbytes;
-    double lo[3], hi[3]; /* the box of the surface, see lr_surface_bounds */
+    double lo[3], hi[3];           /* the box of the surface, see lr_surface_bounds */
+    struct lr_triangle_tree *tree; /* all that there is to meet; NULL: no tree can tell */
 };
 
 LR_INLINE const lr_volume *lr_structure_volume(const lr_structure *structure)

@@ -38,12 +38,6 @@ static const double BARELY = 1e-4;
 /* Rays through edges and corners of cells may pass by the cell that holds the hit. */
 static const double SLACK = 1e-6;
 
-/* The ray as an axis. */
-typedef struct shear {
-    int x, y, z;
-    double sx, sy, sz;
-} shear;
-
 /* A triangle that the ray's line meets. */
 typedef struct met {
     double t;
@@ -80,21 +74,8 @@ typedef struct scene {
     uint64_t *n_samples;
 } scene;
 
-static shear shear_of(const lr_ray *r)
-{
-    shear s = {.z = 0};
-    for (int a = 1; a < 3; a++)
-        s.z = fabs(r->d[a]) > fabs(r->d[s.z]) ? a : s.z;
-    s.x = (s.z + 1) % 3;
-    s.y = (s.z + 2) % 3;
-    s.sz = 1.0 / r->d[s.z];
-    s.sx = r->d[s.x] * s.sz;
-    s.sy = r->d[s.y] * s.sz;
-    return s;
-}
-
 /* False where the line passes by or lies in the plane. */
-static bool meet(const lr_triangle_cells *e, const lr_ray *r, const shear *s, uint32_t triangle,
+static bool meet(const lr_triangle_cells *e, const lr_ray *r, const lr_shear *s, uint32_t triangle,
                  met *m)
 {
     const double *p[3];
@@ -119,11 +100,11 @@ static bool meet(const lr_triangle_cells *e, const lr_ray *r, const shear *s, ui
     return true;
 }
 
-static double plane_speed(const scene *s, uint32_t triangle)
+double lr_plane_speed(const lr_volume *v, const lr_ray *r, uint32_t triangle)
 {
     double n[3];
-    lr_triangle_cell_normal(s->v->triangle_cells, triangle, n);
-    return fabs(lr_dot(n, s->r->d)) / sqrt(lr_dot(n, n));
+    lr_triangle_cell_normal(v->triangle_cells, triangle, n);
+    return fabs(lr_dot(n, r->d)) / sqrt(lr_dot(n, n));
 }
 
 /* ---- faces ------------------------------------------------------------- */
@@ -292,7 +273,7 @@ static bool starts_beyond(const scene *s, const lr_cursor *u)
 
 static bool accept(scene *s, met *m)
 {
-    m->per_t = plane_speed(s, m->triangle);
+    m->per_t = lr_plane_speed(s->v, s->r, m->triangle);
     if (!in_front(s, m))
         return false;
     const double slack = SLACK * s->per_voxel;
@@ -350,7 +331,7 @@ static bool is_beside(const scene *s, double value)
     double start[3];
     lr_point_at(s->r, s->leaving->t, start);
     for (uint32_t i = 0; i < s->n; i++)
-        if (fabs(value) + gone * plane_speed(s, s->list[i]) <= LR_FIELD_OFF &&
+        if (fabs(value) + gone * lr_plane_speed(s->v, s->r, s->list[i]) <= LR_FIELD_OFF &&
             lr_triangle_cell_distance2(e, s->list[i], start) <= s->off * s->off &&
             lr_triangle_cell_distance2(e, s->list[i], s->out.p) <= LR_EXACT_NEAR * LR_EXACT_NEAR)
             return true;
@@ -491,7 +472,7 @@ bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *
     s.per_voxel = 1.0 / sqrt(lr_dot(r->d, r->d));
     find_gates(&s, r, leaving->t);
     s.carried = abs(*side) > 1 ? *side : 0;
-    const shear frame = shear_of(r);
+    const lr_shear frame = lr_shear_of(r);
     s.off = leaving->side != 0 ? lr_start_off(v) : 0.0;
     s.beyond = starts_beyond(&s, u);
     met best = {.t = INFINITY};

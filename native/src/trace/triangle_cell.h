@@ -27,6 +27,28 @@ LR_INLINE lr_leaving lr_leaving_of(const lr_start *start, double t_min)
     return leaving;
 }
 
+/* A frame in which the ray is an axis: what x and y lose along it. */
+typedef struct lr_shear {
+    int x, y, z; /* axes; z: the longest of the direction */
+    double sx, sy, sz;
+} lr_shear;
+
+LR_INLINE lr_shear lr_shear_of(const lr_ray *r)
+{
+    lr_shear s = {.z = 0};
+    for (int a = 1; a < 3; a++)
+        s.z = fabs(r->d[a]) > fabs(r->d[s.z]) ? a : s.z;
+    s.x = (s.z + 1) % 3;
+    s.y = (s.z + 2) % 3;
+    s.sz = 1.0 / r->d[s.z];
+    s.sx = r->d[s.x] * s.sz;
+    s.sy = r->d[s.y] * s.sz;
+    return s;
+}
+
+/* How far the ray gets from a triangle's plane per unit of t, voxels. */
+double lr_plane_speed(const lr_volume *v, const lr_ray *r, uint32_t triangle);
+
 /* Does the ray meet a triangle in the triangle cell it stands on? *side: see lr_hit. */
 bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *u,
                           const lr_leaving *leaving, const lr_trace_options *options, int *side,

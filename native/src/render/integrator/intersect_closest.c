@@ -12,6 +12,7 @@
 
 #include "base/affine.h"
 #include "base/error.h"
+#include "trace/triangle_tree.h"
 
 enum { DIGIT_BITS = 11, N_DIGITS = 1 << DIGIT_BITS };
 
@@ -142,8 +143,12 @@ static lr_status trace_batch(const lr_context *context, const lr_intersect_optio
     if (!options->steps)
         all.steps = NULL;
     const lr_watch stop = lr_stop_of(context);
-    return lr_trace(context->scene->instances[instance].structure, &rays, n, &context->tile->trace,
-                    only_t ? &distances : &all, context->counters, &stop, context->error);
+    const lr_structure *structure = context->scene->instances[instance].structure;
+    if (options->steps) /* cells are counted in which a ray stood: it has to walk */
+        return lr_trace(structure, &rays, n, &context->tile->trace, &all, context->counters, &stop,
+                        context->error);
+    return lr_trace_scene(structure, &rays, n, &context->tile->trace, only_t,
+                          only_t ? &distances : &all, context->counters, &stop, context->error);
 }
 
 /* A ray that has passed through so many surfaces that are cut away misses. */

@@ -15,11 +15,6 @@ enum {
     LR_VISIBLE_GLOSSY | LR_VISIBLE_TRANSMISSION | LR_VISIBLE_VOLUME_SCATTER
 };
 
-/* Boxes are grown by this fraction of a cell. Rays are transformed to an instance's space
- * with an error of some 2^-50 of their origin's coordinates, so surfaces in a face of the box
- * are found from a distance of 2^40 cells. */
-static const double MARGIN = 0x1p-10;
-
 static lr_status check_camera(const lr_camera *c, lr_error *error)
 {
     if (c->projection != LR_PERSPECTIVE && c->projection != LR_ORTHOGRAPHIC)
@@ -143,7 +138,7 @@ static void bound(const lr_instance *instance, lr_box *box)
     for (int corner = 0; corner < 8; corner++) {
         double p[3], q[3];
         for (int a = 0; a < 3; a++)
-            p[a] = corner >> a & 1 ? structure->hi[a] + MARGIN : structure->lo[a] - MARGIN;
+            p[a] = corner >> a & 1 ? structure->hi[a] : structure->lo[a];
         lr_map_point(m, p, q);
         for (int a = 0; a < 3; a++) {
             box->lo[a] = fmin(box->lo[a], q[a]);

@@ -8,7 +8,7 @@
 #include "render/bsdf/phase.h"
 #include "render/lights/environment.h"
 #include "render/lights/light_tree.h"
-#include "render/scene/bvh.h"
+#include "trace/bvh.h"
 #include "render/scene/clip.h"
 #include "render/scene/field_color.h"
 

@@ -1,21 +1,23 @@
-/* Bounding volume hierarchy over the world boxes of a scene's instances.
+/* Bounding volume hierarchy over boxes: of a scene's instances, of triangles.
  *
  * A binary tree whose nodes hold the boxes of both children side by side, so that
- * one visit compares the two (as in Aila, Laine 2009). Every leaf is one
- * instance. A ray's traversal is a small stack that can be stored and resumed; it
- * yields one instance at a time, the nearer child first.
+ * one visit compares the two (as in Aila, Laine 2009). Every leaf is one box.
+ * A ray's traversal is a small stack that can be stored and resumed; it
+ * yields one box at a time, the nearer child first.
  *
  * Boxes are f32, rounded outwards: a node is less than a cache line.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef LR_RENDER_SCENE_BVH_H
-#define LR_RENDER_SCENE_BVH_H
+#ifndef LR_TRACE_BVH_H
+#define LR_TRACE_BVH_H
 
 #include "base/base.h"
 #include "base/sse2.h"
 
 #define LR_NOWHERE UINT32_MAX
-#define LR_LEAF    0x80000000u /* flag of a child that is an instance, not a node */
+#define LR_LEAF    0x80000000u /* flag of a child that is no node */
+
+enum { LR_HEIGHT_MAX = 64 };
 
 typedef struct lr_box {
     double lo[3], hi[3]; /* lo > hi: empty */
@@ -23,7 +25,7 @@ typedef struct lr_box {
 
 typedef struct lr_node {
     float bound[2][3][2]; /* lower and upper, per axis, of the two children */
-    uint32_t child[2];    /* a node, or an instance | LR_LEAF */
+    uint32_t child[2];    /* a node, or the number of a box | LR_LEAF */
 } lr_node;
 
 /* An entry of a traversal's stack. */
@@ -101,7 +103,7 @@ LR_INLINE uint32_t lr_node_descend(const lr_node *node, const lr_slabs *ray, dou
     return crossed != 0 ? node->child[crossed - 1] : LR_NOWHERE;
 }
 
-/* The next instance that the ray may meet at t <= t_max, or LR_NOWHERE. The
+/* The next box that the ray may meet at t <= t_max, or LR_NOWHERE. The
  * stack begins as {{t_min, 0}} with *n = 1. */
 LR_INLINE uint32_t lr_hierarchy_next(const lr_hierarchy *hierarchy, const lr_slabs *ray,
                                      double t_min, double t_max, lr_branch *stack, uint32_t *n)

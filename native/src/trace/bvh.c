@@ -2,22 +2,22 @@
  *
  * Source: Wald, On fast construction of SAH-based bounding volume hierarchies,
  * 2007.
- * Departures: 1. one instance per leaf, so no cost decides about leaves; 2. the
+ * Departures: 1. one box per leaf, so no cost decides about leaves; 2. the
  * height is bounded: where no plane separates the boxes, or only halving still fits
- * under HEIGHT_MAX, the list is halved in its present order.
+ * under LR_HEIGHT_MAX, the list is halved in its present order.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "render/scene/bvh.h"
+#include "trace/bvh.h"
 
 #include <float.h>
 
 #include "base/error.h"
 
-enum { N_BINS = 16, HEIGHT_MAX = 64 };
+enum { N_BINS = 16 };
 
 typedef struct lr_builder {
     const lr_box *boxes;
-    uint32_t *order; /* instances; a node owns a range of them */
+    uint32_t *order; /* boxes; a node owns a range of them */
     lr_hierarchy *out;
 } lr_builder;
 
@@ -103,7 +103,7 @@ static uint32_t log2_up(uint32_t n)
     return k;
 }
 
-/* How many of the n instances go left. */
+/* How many of the n boxes go left. */
 static uint32_t partition(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level)
 {
     lr_split best = {INFINITY, 0, 0};
@@ -126,15 +126,15 @@ static uint32_t partition(lr_builder *b, uint32_t *order, uint32_t n, uint32_t l
         }
         best_of_axis(&bins[a], a, &best);
     }
-    if (!(best.cost < INFINITY) || level + 1 + log2_up(n) >= HEIGHT_MAX)
+    if (!(best.cost < INFINITY) || level + 1 + log2_up(n) >= LR_HEIGHT_MAX)
         return n / 2;
     uint32_t left = 0;
     for (uint32_t i = 0; i < n; i++) {
-        const uint32_t instance = order[i];
-        if (bin_of(&bins[best.axis], &b->boxes[instance], best.axis) > best.bin)
+        const uint32_t box = order[i];
+        if (bin_of(&bins[best.axis], &b->boxes[box], best.axis) > best.bin)
             continue;
         order[i] = order[left];
-        order[left++] = instance;
+        order[left++] = box;
     }
     return left;
 }
@@ -153,7 +153,7 @@ static float round_up(double x)
 
 static uint32_t build(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level);
 
-/* Make child c of a node from n instances; none leave an empty box. */
+/* Make child c of a node from n boxes; none leave an empty box. */
 static void adopt(lr_builder *b, uint32_t node, int c, uint32_t *order, uint32_t n, uint32_t level)
 {
     lr_box box = EMPTY;
@@ -168,7 +168,7 @@ static void adopt(lr_builder *b, uint32_t node, int c, uint32_t *order, uint32_t
                                             : LR_NOWHERE;
 }
 
-/* A node over n instances. Only the root can have fewer than two. */
+/* A node over n boxes. Only the root can have fewer than two. */
 static uint32_t build(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level)
 {
     const uint32_t node = b->out->n_nodes++;
@@ -186,7 +186,7 @@ lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, lr_hierarchy *hier
     *hierarchy = (lr_hierarchy){.height = 1};
     uint32_t *order = malloc((size_t)n * sizeof *order + 1);
     if (order == NULL)
-        return lr_fail_memory(error, (uint64_t)n * sizeof *order, "the order of the instances");
+        return lr_fail_memory(error, (uint64_t)n * sizeof *order, "the order of boxes");
     uint32_t n_leaves = 0;
     for (uint32_t i = 0; i < n; i++)
         if (boxes[i].lo[0] <= boxes[i].hi[0])
@@ -196,7 +196,7 @@ lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, lr_hierarchy *hier
         hierarchy->nodes = malloc(nbytes);
         if (hierarchy->nodes == NULL) {
             free(order);
-            return lr_fail_memory(error, nbytes, "the hierarchy over the instances");
+            return lr_fail_memory(error, nbytes, "the hierarchy over boxes");
         }
         build(&(lr_builder){boxes, order, hierarchy}, order, n_leaves, 0);
     }

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Volumes of triangle cells alone: scenes meet their triangles by a tree, with the same hits."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import sys
+from pathlib import Path
+
+import meshes
+import numpy as np
+import pytest
+from stage import FAR, camera, centre_rays, one, render
+
+import build_core
+import leapray
+from leapray import Light, _abi
+
+ROOT = Path(__file__).resolve().parents[2]
+SIZE = 96, 96
+SETS = [_abi.LR_SIMD_AVX2, _abi.LR_SIMD_AVX512]
+
+
+def soup(n, seed):
+    """Triangles of all sizes across each other."""
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-1, 1, (n, 1, 3)) + rng.normal(size=(n, 3, 3)) * rng.choice(
+        [0.05, 0.3, 1.0], (n, 1, 1)
+    )
+    return corners.reshape(-1, 3), np.arange(3 * n, dtype=np.int32).reshape(n, 3)
+
+
+BODIES = {
+    **{f"{n} triangles": (soup(n, n), "sheet") for n in (1, 7, 8, 9, 60, 700)},
+    "box in the lattice": (meshes.box((-0.6,) * 3, (0.6,) * 3), "solid"),
+    "box": (meshes.box((-0.61, -0.53, -0.37), (0.71, 0.57, 0.83)), "solid"),
+    "torus": (meshes.torus(), "solid"),
+    "box round a box": (
+        meshes.joined(meshes.box(), meshes.box((-0.5,) * 3, (0.5,) * 3)), "solid"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_scenes_meet_what_the_walk_through_cells_meets_to_the_bit(body):
+    mesh, kind = BODIES[body]
+    volume = leapray.voxelize(*mesh, 0.2, kind=kind, exact="every")
+    assert volume.info.n_triangle_cells == volume.info.n_surface_cells
+    structure = leapray.build(volume)
+    met = 0
+    for eye in ((4, 0, 0), (2.5, -3, 1.7), (0.01, 0.02, 5), (0.13, 0.1, 0.07)):
+        cam = camera(eye, (0.05, -0.03, -0.1), SIZE, 0.9)
+        o, d = centre_rays(cam, SIZE)
+        alone = leapray.trace(structure, o.reshape(-1, 3), d.reshape(-1, 3))
+        got = render(cam, [one(structure)], size=SIZE)
+        want = np.where(np.isfinite(alone.t), alone.t, FAR).astype(np.float32)
+        np.testing.assert_array_equal(got["Depth"].reshape(-1), want)
+        turned = np.where((alone.normal * d.reshape(-1, 3)).sum(-1) > 0, -1, 1)[:, None]
+        np.testing.assert_array_equal(
+            got["Normal"].reshape(-1, 3), (turned * alone.normal).astype(np.float32)
+        )
+        met += np.isfinite(alone.t).sum()
+    assert met > 40
+
+
+@pytest.mark.parametrize("body", ["60 triangles", "700 triangles", "torus"])
+def test_hits_are_those_of_every_triangle_asked_in_turn(body):
+    mesh, kind = BODIES[body]
+    structure = leapray.build(leapray.voxelize(*mesh, 0.2, kind=kind, exact="every"))
+    cam = camera((2.5, -3, 1.7), size=SIZE, width=0.9)
+    o, d = (x.reshape(-1, 3) for x in centre_rays(cam, SIZE))
+    t, *_ = meshes.brute_rays(o, d, *mesh)
+    got = render(cam, [one(structure)], size=SIZE)["Depth"].reshape(-1)
+    seen = np.isfinite(t)
+    assert 0.1 < seen.mean() < 1
+    np.testing.assert_array_equal(got < FAR, seen)
+    np.testing.assert_allclose(got[seen], t[seen], rtol=1e-6)
+
+
+def test_shadows_are_those_of_every_triangle_asked_in_turn():
+    blocker = meshes.torus()
+    floor = meshes.box((-2, -2, -1.5), (2, 2, -1.4))
+    to_sun = np.array([0.3, 0.5, 0.7]) / np.linalg.norm([0.3, 0.5, 0.7])
+    things = [
+        one(leapray.build(leapray.voxelize(*mesh, 0.25, kind="solid", exact="every")))
+        for mesh in (blocker, floor)
+    ]
+    cam = camera((0.01, 0, -1), (0, 0, -2), SIZE, 6.0, kind="orthographic")
+    got = render(cam, things, [Light("sun", (1.0,) * 3, direction=to_sun)], size=SIZE)
+    lit = got["Combined"][..., 0].reshape(-1) > 0
+    points = got["Position"].reshape(-1, 3).astype(float)
+    ground = np.abs(points[:, 2] + 1.4) < 1e-5
+    t, *_ = meshes.brute_rays(points, np.broadcast_to(to_sun, points.shape), *blocker)
+    assert 0.05 < np.isfinite(t[ground]).mean() < 0.95
+    assert (lit == ~np.isfinite(t))[ground].mean() > 0.999  # positions are rounded to f32
+
+
+# ---- instruction sets ----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory) -> ctypes.CDLL:
+    compiled = tmp_path_factory.mktemp("tree") / "tree.so"
+    sources = [
+        f"native/src/trace/triangle_tree_{kind}.c" for kind in ("portable", "avx2", "avx512")
+    ]
+    sources += ["native/src/base/cpu.c", "native/src/base/error.c", "tests/c/tree.c"]
+    flags = ["-std=c17", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno"]
+    flags += [f"-I{ROOT / 'native' / part}" for part in ("include", "src")]
+    command = [sys.executable, "-m", "ziglang", "cc", *build_core.TARGET, *flags]
+    command += [str(ROOT / source) for source in sources]
+    subprocess.run([*command, "-lm", "-o", str(compiled)], check=True)
+    return ctypes.CDLL(str(compiled))
+
+
+@pytest.mark.parametrize("simd", SETS)
+def test_all_instruction_sets_give_the_same_bits(library, simd):
+    if library.tree_simd() < simd:
+        pytest.skip("the processor lacks it")
+    rng, n, met = np.random.default_rng(2), 2000, 0
+
+    def pointer(array):
+        return array.ctypes.data_as(ctypes.c_void_p)
+
+    for _ in range(20):
+        corners = rng.uniform(-5, 5, (64, 1, 3)) + rng.normal(size=(64, 3, 3))
+        corners[:8] = np.round(corners[:8])  # shared planes, rays through corners
+        rays = np.concatenate([rng.uniform(-8, 8, (n, 3)), rng.normal(size=(n, 3))], axis=1)
+        rays[: n // 4] = np.round(rays[: n // 4])
+        rays = rays[rays[:, 3:].any(axis=1)]
+        got = []
+        for which in (_abi.LR_SIMD_PORTABLE, simd):
+            t, triangle, steps = np.zeros(len(rays)), *np.zeros((2, len(rays)), np.uint32)
+            library.tree_run(which, pointer(corners), ctypes.c_uint64(len(rays)), pointer(rays),
+                             pointer(t), pointer(triangle), pointer(steps))  # fmt: skip
+            got.append((t, triangle, steps))
+        for one_set, other in zip(*got, strict=True):
+            np.testing.assert_array_equal(one_set, other)
+        met += np.isfinite(got[0][0]).sum()
+    assert met > 1000
