@@ -278,6 +278,7 @@ def _default(mesh: model.Mesh, name: str, n: int) -> NDArray[np.float64]:
 
 # ---- errors of a volume's colours ----------------------------------------------
 
+WIDEST = 1e9  # texels: no footprint is wider
 SHARPER = 7  # widths that textures are averaged over: a voxel, half of one, ...
 ROOT = 0.5  # of linear light: equal steps look about equal
 
@@ -295,70 +296,93 @@ def color_errors(
 
     points (n, 3) lie in triangles (n,) by barycentric weights (n, 3). Column k
     compares with the texture averaged over 2^-k voxels, which is what a pixel of
-    that width would show. Differences are of square roots, RMS over the channels.
+    that width would show. Differences are of square roots, RMS over the channels. In
+    triangle cells hits have the colours of the triangle that is met: there is no error.
     """
+    errors = np.zeros((len(points), SHARPER), np.float32)
+    off = ~volume.exact_at(points)
+    points, triangles, weights = points[off], triangles[off], weights[off]
+    if not len(points):
+        return errors
     ids = None
     if volume.info.has_ids and mesh.slots is not None:
         ids = mesh.slots[triangles]
-    columns = []
-    for k in range(SHARPER):
+    true = TrueColors(mesh, attributes, triangles, weights)
+    for k in range(SHARPER if true.textured else 1):  # nothing else is averaged
         stored, _ = volume.attributes(points, ids, 1 / 2**k)
         stored = np.nan_to_num(stored, nan=1.0) ** ROOT
-        true = true_colors(mesh, attributes, triangles, weights, voxel_size / 2**k) ** ROOT
-        columns.append(np.sqrt(np.mean((stored - true) ** 2, axis=1)))
-    return np.stack(columns, axis=1).astype(np.float32)
+        difference = stored - true.averaged(voxel_size / 2**k) ** ROOT
+        errors[off, k:] = np.sqrt(np.mean(difference**2, axis=1))[:, None]
+    return errors
 
 
-def true_colors(
-    mesh: model.Mesh,
-    attributes: leapray.Attributes,
-    triangles: NDArray[np.int64],
-    weights: NDArray[np.float64],
-    width: float,
+class TrueColors:
+    """Linear RGB at n points of a mesh: triangles (n,), barycentric weights (n, 3)."""
+
+    def __init__(
+        self,
+        mesh: model.Mesh,
+        attributes: leapray.Attributes,
+        triangles: NDArray[np.int64],
+        weights: NDArray[np.float64],
+    ) -> None:
+        assert attributes.color_sources is not None
+        sources = attributes.color_sources[triangles]
+        self.plain = np.ones((len(triangles), 3))  # where no texture is
+        self.textured: list[tuple] = []  # texture, its points, their (u, v), footprints of width 1
+        painted = sources == VERTEX
+        if painted.any():
+            self.plain[painted] = _vertex_colors(attributes, triangles[painted], weights[painted])
+        for number, texture in enumerate(attributes.textures):
+            chosen = sources == number
+            if not chosen.any():
+                continue
+            if texture.of_corners:
+                assert texture.program is not None
+                rgba = np.ones((int(chosen.sum()), 4))
+                rgba[:, :3] = _vertex_colors(attributes, triangles[chosen], weights[chosen])
+                self.plain[chosen] = np.nan_to_num(texture.program.run(rgba))
+                continue
+            assert attributes.uvs is not None
+            corners = attributes.uvs[triangles[chosen]].astype(np.float64)
+            uv = np.einsum("nk,nkc->nc", weights[chosen], corners)
+            p = mesh.vertices[mesh.triangles[triangles[chosen]]].astype(np.float64)
+            size = texture.pixels.shape[1::-1]
+            self.textured.append((texture, chosen, uv, footprints(p, corners * size)))
+
+    def averaged(self, width: float) -> NDArray[np.float64]:
+        """(n, 3): textures averaged over width in object space."""
+        colors = self.plain.copy()
+        for texture, chosen, uv, seen in self.textured:
+            colors[chosen] = texture.sample(uv, np.minimum(width * seen, WIDEST))
+        return np.clip(colors, 0.0, None)
+
+
+def _vertex_colors(
+    attributes: leapray.Attributes, triangles: NDArray[np.int64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(n, 3) linear RGB at points of the mesh, textures averaged over width in object space."""
-    assert attributes.color_sources is not None
-    sources = attributes.color_sources[triangles]
-    colors = np.ones((len(triangles), 3))
-    painted = sources == VERTEX
-    if painted.any():
-        assert attributes.colors is not None
-        corners = attributes.colors[triangles[painted]]
-        colors[painted] = np.einsum("nk,nkc->nc", weights[painted], corners)
-    for number, texture in enumerate(attributes.textures):
-        chosen = sources == number
-        if not chosen.any():
-            continue
-        if texture.of_corners:
-            assert attributes.colors is not None and texture.program is not None
-            corners = attributes.colors[triangles[chosen]]
-            rgba = np.ones((len(corners), 4))
-            rgba[:, :3] = np.einsum("nk,nkc->nc", weights[chosen], corners)
-            colors[chosen] = np.nan_to_num(texture.program.run(rgba))
-            continue
-        assert attributes.uvs is not None
-        corners = attributes.uvs[triangles[chosen]].astype(np.float64)
-        uv = np.einsum("nk,nkc->nc", weights[chosen], corners)
-        p = mesh.vertices[mesh.triangles[triangles[chosen]]].astype(np.float64)
-        size = texture.pixels.shape[1::-1]
-        colors[chosen] = texture.sample(uv, footprints(p, corners * size, width))
-    return np.clip(colors, 0.0, None)
+    assert attributes.colors is not None
+    return np.einsum("nk,nkc->nc", weights, attributes.colors[triangles])
 
 
-def footprints(
-    p: NDArray[np.float64], texels: NDArray[np.float64], width: float
-) -> NDArray[np.float64]:
-    """(n, 3): what a width of triangles (n, 3, 3) covers of an image, as Texture.sample takes it.
+def footprints(p: NDArray[np.float64], texels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3): what a width of 1 on triangles (n, 3, 3) covers of an image, for Texture.sample.
 
-    texels: (n, 3, 2), where their corners lie. Nothing of triangles without area.
+    texels: (n, 3, 2), where their corners lie. Nothing of triangles without area. A circle in the
+    triangle's plane becomes an ellipse: its longer half axis, and the length of the other.
     """
     sides, moves = p[:, 1:] - p[:, :1], texels[:, 1:] - texels[:, :1]
-    metric = np.einsum("nka,nla->nkl", sides, sides)
-    flat = ~(np.linalg.det(metric) > 0)
-    metric[flat] = np.eye(2)
-    squares = np.einsum("nki,nkl,nlj->nij", moves, np.linalg.inv(metric), moves)
-    values, axes = np.linalg.eigh(np.nan_to_num(squares))
-    lengths = width * np.sqrt(np.maximum(values, 0.0))
+    a, b, c = (np.einsum("na,na->n", sides[:, i], sides[:, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
+    area = a * c - b * b
+    flat = ~(area > 0)
+    area[flat] = 1.0
+    first, second = moves[:, 0], moves[:, 1]
+    crossed = first[:, :, None] * second[:, None, :]
+    squares = c[:, None, None] * first[:, :, None] * first[:, None, :]
+    squares += a[:, None, None] * second[:, :, None] * second[:, None, :]
+    squares -= b[:, None, None] * (crossed + crossed.transpose(0, 2, 1))
+    values, axes = np.linalg.eigh(np.nan_to_num(squares / area[:, None, None]))
+    lengths = np.sqrt(np.maximum(values, 0.0))
     made = np.concatenate([lengths[:, 1:] * axes[:, :, 1], lengths[:, :1]], axis=1)
     made[flat] = 0.0
-    return np.minimum(made, 1e9)
+    return made
