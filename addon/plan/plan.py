@@ -356,6 +356,7 @@ class Planner(Separation):
         """Make what is still missing, and put the instances together."""
         self.share_finest()
         self.clear_rims()
+        self.complete_triangles()
         self.separate()
         for work in self.works:
             self.complete(work)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lets volumes keep all triangles where their errors would be visible through others (no bpy).
+"""Lets volumes keep all triangles where most of their cells do, or errors would be seen (no bpy).
 
-That is where volumes are nearer to each other than their errors, and in smooth-shaded glass
+Errors are seen where volumes are nearer to each other than these, and in smooth-shaded glass
 with creases: near a rim normals turn so fast that refraction changes.
 """
 
@@ -17,6 +17,7 @@ from . import error_metric, objects, proximity
 from .levels import Levels, Work
 
 NO_ERROR = 1e-6  # of a voxel: no more than f32 rounds
+MOSTLY = 3 / 4  # of the surface cells: from so many on that keep triangles, all do
 MOST_FINER = 3  # levels, where cells that keep their triangles would have many,
 SHARE = 1 / 32  # of the memory for that, unless its mesh has many triangles:
 TRIANGLE_NBYTES = 128  # then so much for each
@@ -31,6 +32,16 @@ class Separation(Levels):
             smooth = work.refracts and work.mesh.corner_normals is not None
             own = work.measured.kind == "solid" and work.mesh.solids is None
             if smooth and own and work.exact != "every" and len(self._probes(work).creases):
+                self._keep_every_triangle(work)
+
+    def complete_triangles(self) -> None:
+        """Let volumes most of whose cells keep a few triangles keep them all, if they fit.
+
+        Then rays meet the triangles by a tree, and walk through no cells.
+        """
+        for work in self.works:
+            mostly = MOSTLY <= work.measured.exact_share < 1
+            if mostly and work.measured.crowd <= error_metric.CROWD and self.may_choose_cells(work):
                 self._keep_every_triangle(work)
 
     def separate(self) -> None:

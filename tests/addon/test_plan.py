@@ -515,17 +515,6 @@ def test_corners_look_sharp():
     assert 0.5 < rounded["crease_voxel_footprints"] <= error_metric.SHARP_VOXEL
 
 
-@pytest.mark.parametrize("make_mesh", [scenes.box, scenes.plane])
-def test_meshes_of_few_triangles_are_kept_as_they_are(make_mesh):
-    """Rays meet them exactly, at the coarsest level, whatever the pixel error."""
-    scene = scenes.scene([make_mesh()], width=960, height=640, pixel_error=0.001)
-    row = make(scene).volumes[0]
-    assert row["exact_share"] == 1 and row["error_footprints"] == 0 and row["stuck"] == ""
-    assert row["nbytes"] < 100_000
-    asked = make(scenes.replace(scene, exact="sheets")).volumes[0]
-    assert asked["exact_share"] < 1  # who chooses triangle cells has them as chosen
-
-
 # ---- thin things --------------------------------------------------------------------------------
 
 

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which meshes the plan keeps as they are, triangle by triangle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scenes
+
+import leapray
+from addon import model
+from addon.plan import plan
+from addon.store.memory_cache import Cache
+
+
+def make(scene):
+    return plan.make(scene, Cache(), leapray.Watch(), 1)
+
+
+@pytest.mark.parametrize("make_mesh", [scenes.box, scenes.plane])
+def test_meshes_of_few_triangles_are_kept_as_they_are(make_mesh):
+    """Rays meet them exactly, at the coarsest level, whatever the pixel error."""
+    scene = scenes.scene([make_mesh()], width=960, height=640, pixel_error=0.001)
+    row = make(scene).volumes[0]
+    assert row["exact_share"] == 1 and row["error_footprints"] == 0 and row["stuck"] == ""
+    assert row["nbytes"] < 100_000
+    asked = make(scenes.replace(scene, exact="sheets")).volumes[0]
+    assert asked["exact_share"] < 1  # who chooses triangle cells has them as chosen
+
+
+def test_meshes_most_of_whose_cells_keep_triangles_keep_them_all():
+    """A folded sheet has a crease in nearly every cell; a smooth one keeps its few as they are."""
+    x, y = np.meshgrid(np.linspace(-2, 2, 33), np.linspace(-2, 2, 33))
+    at = np.arange(32 * 33).reshape(32, 33)[:, :-1].reshape(-1, 1)
+    corners = np.array([[0, 1, 34], [0, 34, 33]])
+    triangles = (at[:, :, None] + corners).reshape(-1, 3).astype(np.int32)
+    rows = {}
+    for name, z in (("folded", 0.12 * (np.arange(33) % 2)), ("smooth", 0.2 * np.sin(x[0]))):
+        vertices = np.stack([x, y, np.broadcast_to(z, x.shape)], axis=-1).reshape(-1, 3)
+        mesh = model.Mesh("Sheet", vertices.astype(np.float32), triangles)
+        view = scenes.camera(eye=(0.0, -5.0, 3.0), width=320, height=240)
+        rows[name] = make(scenes.scene([mesh], view=view, width=320, height=240)).volumes[0]
+    assert rows["folded"]["exact_share"] == 1 and rows["folded"]["error_footprints"] == 0
+    assert 0 < rows["smooth"]["exact_share"] < 0.5
