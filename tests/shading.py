@@ -27,6 +27,7 @@ SOURCES = (
     "render/bsdf/albedo_glass",
     "render/bsdf/albedo_reflection",
     "render/bsdf/bsdf",
+    "render/bsdf/gradient_shading",
     "render/bsdf/material",
     "render/bsdf/phase",
     "render/bsdf/shading_frame",
@@ -143,6 +144,23 @@ class Phase:
         out = np.zeros(len(values), dtype)
         _call(name, *self._told, ctypes.c_int64(len(values)), _address(values), _address(out))
         return out
+
+
+class Hybrid(Phase):
+    """A share of a surface whose normal is +z, of that colour, beside a phase function."""
+
+    def __init__(self, kind, g, view, share, color, roughness, specular):
+        super().__init__(kind, g, view)
+        self._numbers = np.array([share, roughness, specular, *color], float)
+        self._told = (*self._told, _address(self._numbers))
+
+    def sample(self, u):
+        """Scattered rays for u (n, 3); pdf 0 where the light is lost."""
+        return self._call("shading_hybrid_sample", u, SCATTER)
+
+    def eval(self, light):
+        """Responses to light from (n, 3)."""
+        return self._call("shading_hybrid_eval", light, RESPONSE)
 
 
 def sample_light(light, p, u):

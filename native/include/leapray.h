@@ -1070,7 +1070,13 @@ typedef struct lr_instance {
                            space */
     double
         anisotropy; /* of what it scatters: mean cosine, -1 to 1, of LR_PHASE_HENYEY_GREENSTEIN */
-    int32_t phase;  /* lr_phase_kind */
+    double gradient_shading; /* 0..1: of what it scatters, how much reflects like a surface whose
+                                normal is the gradient: times 1 - exp(-gradient_scale * slope), */
+    double gradient_scale;   /* of the gradient's length slope in values per unit of object space; 0
+                                or more; */
+    double roughness;        /* and of that surface, 0..1, as of lr_lobe, */
+    double specular;         /* likewise, with an index of refraction of 1.5 */
+    int32_t phase;           /* lr_phase_kind */
     int32_t reserved;
 } lr_instance;
 

@@ -759,6 +759,10 @@ class lr_instance(ctypes.Structure):
         ("field_color", ctypes.POINTER(lr_field_color)),
         ("volume_unit", ctypes.c_double),
         ("anisotropy", ctypes.c_double),
+        ("gradient_shading", ctypes.c_double),
+        ("gradient_scale", ctypes.c_double),
+        ("roughness", ctypes.c_double),
+        ("specular", ctypes.c_double),
         ("phase", ctypes.c_int32),
         ("reserved", ctypes.c_int32),
     )

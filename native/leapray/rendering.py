@@ -227,6 +227,11 @@ class Instance:
     # emission and scattering are for; 0: the unit of object space
     anisotropy: float = 0.0  # of what it scatters: the mean cosine
     phase: str = "henyey_greenstein"  # of PHASES
+    gradient_shading: float = 0.0  # 0..1: of what it scatters, how much reflects like a surface
+    # whose normal is the gradient, times 1 - exp(-gradient_scale * length of the gradient)
+    gradient_scale: float = 0.0  # by values per unit of object space; 0 or more
+    roughness: float = 0.5  # of that surface, 0..1, as of lobes,
+    specular: float = 0.5  # likewise, with an index of refraction of 1.5
 
 
 class Record:
@@ -469,8 +474,9 @@ def _instances(instances: Sequence[Instance], clips: NDArray, colors: NDArray) -
     structures = {id(i.structure): i.structure for i in instances}
     addresses = {key: _address(structure.handle) for key, structure in structures.items()}
     table["structure"] = [addresses[id(i.structure)] for i in instances]
-    names = ("object_index", "first_material", "n_materials", "volume_index", "error")
-    for name in (*names, "volume_unit", "anisotropy"):
+    names = ["object_index", "first_material", "n_materials", "volume_index", "error"]
+    names += ["volume_unit", "anisotropy", "gradient_shading", "gradient_scale"]
+    for name in (*names, "roughness", "specular"):
         values = [getattr(i, name) for i in instances]
         table[name] = numbers(values, table.dtype[name], f"{name} of the instances")
     table["phase"] = [choice(PHASES, i.phase, "phase function") for i in instances]

@@ -2,7 +2,7 @@
  * whole arrays. Compiled by tests/shading.py together with the core's own files.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "render/bsdf/phase.h"
+#include "render/bsdf/gradient_shading.h"
 #include "render/lights/light.h"
 #include "render/lights/light_tree.h"
 
@@ -63,6 +63,40 @@ LR_API void shading_phase_eval(int32_t kind, double g, const double view[3], int
 {
     for (int64_t i = 0; i < n; i++)
         response[i] = lr_phase_eval((lr_phase){kind, g}, view, light[i]);
+}
+
+/* Of numbers: the share, the surface's roughness and specular level, and the colour. */
+static lr_hybrid hybrid(int32_t kind, double g, const double view[3], const double numbers[6],
+                        lr_bsdf *surface)
+{
+    lr_point point = {.normal = {0, 0, 1}, .facing = {0, 0, 1}};
+    lr_hybrid h = {.phase = {kind, g}, .share = numbers[0]};
+    memcpy(point.view, view, sizeof point.view);
+    memcpy(h.color, numbers + 3, sizeof h.color);
+    lr_gradient_surface(&(lr_gradient_shading){1, 1, numbers[1], numbers[2]}, h.color, &point,
+                        surface);
+    return h;
+}
+
+LR_API void shading_hybrid_sample(int32_t kind, double g, const double view[3],
+                                  const double numbers[6], int64_t n, const double (*u)[3],
+                                  lr_scatter *scatter)
+{
+    lr_bsdf surface;
+    const lr_hybrid h = hybrid(kind, g, view, numbers, &surface);
+    for (int64_t i = 0; i < n; i++)
+        if (!lr_hybrid_sample(&h, &surface, view, u[i], &scatter[i]))
+            scatter[i] = (lr_scatter){.pdf = 0};
+}
+
+LR_API void shading_hybrid_eval(int32_t kind, double g, const double view[3],
+                                const double numbers[6], int64_t n, const double (*light)[3],
+                                lr_response *response)
+{
+    lr_bsdf surface;
+    const lr_hybrid h = hybrid(kind, g, view, numbers, &surface);
+    for (int64_t i = 0; i < n; i++)
+        response[i] = lr_hybrid_eval(&h, &surface, view, light[i]);
 }
 
 LR_API void shading_light_sample(const lr_light *light, const double p[3], int64_t n,

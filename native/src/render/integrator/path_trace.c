@@ -288,7 +288,7 @@ static lr_status scatter_in_volumes(const lr_context *context, lr_queues *queues
         return LR_OK;
     for (uint32_t k = 0; k < shading_points->n; k++)
         lr_volume_point_find(context->scene, &queues->volume_points.points[k],
-                             &shading_points->points[k]);
+                             context->tile->trace.normal, &shading_points->points[k]);
     const lr_status status =
         lr_light_shading_points(context, shading_points, &queues->shadow_rays, &queues->wave, film);
     for (uint32_t k = 0; k < shading_points->n && status == LR_OK; k++)

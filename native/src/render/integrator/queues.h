@@ -152,12 +152,12 @@ typedef struct lr_shading_point {
     bool sure[LR_RAY_KINDS];          /* kinds that are all continued, */
     bool chooses_one;                 /* and one more of the others, chosen at random */
     double probability[LR_RAY_KINDS]; /* that rays of this kind are continued: 1 where sure */
-    double share;   /* part of it that is left by a volume before the surface; 1: all, */
-    bool gives_way; /* nothing: its rays are continued, and none of these */
-    bool in_volume; /* no surface: of the members above only position, origin, the path, the
-                       instance and its indices, and what decides on rays, hold */
-    lr_phase phase; /* of light in a volume */
-    lr_bsdf bsdf;   /* large, and mostly not used: so it comes last */
+    double share;     /* part of it that is left by a volume before the surface; 1: all, */
+    bool gives_way;   /* nothing: its rays are continued, and none of these */
+    bool in_volume;   /* no surface: of the members above only position, origin, the path, the
+                         instance and its indices, and what decides on rays, hold */
+    lr_hybrid hybrid; /* of light in a volume, with the bsdf where a share of it is a surface's */
+    lr_bsdf bsdf;     /* large, and mostly not used: so it comes last */
 } lr_shading_point;
 
 /* A ray towards a light. */
@@ -175,6 +175,7 @@ typedef struct lr_volume_point {
     uint32_t owner; /* place of the path that goes on behind it */
     uint32_t instance;
     double t;           /* of the wave's ray */
+    double color[3];    /* of what it scatters, beside the throughput */
     double probability; /* that its ray is continued, */
     bool continues;     /* as is the case */
 } lr_volume_point;

@@ -1,7 +1,8 @@
 /* Continues paths from the surfaces that they have hit.
  *
  * A surface spawns rays of several kinds: by its diffuse lobes, by its glossy ones,
- * refracted, straight through. A point in a volume spawns one, by its phase function. Where the
+ * refracted, straight through. A point in a volume spawns one, by its phase function or as a
+ * surface does. Where the
  * queue has slots for all kinds that matter, each is spawned; else those of the largest throughput
  * are, and one of the others, chosen at random by its albedo. Paths of low throughput end by
  * Russian roulette. Both are weighted by the inverse probability.
@@ -172,9 +173,8 @@ static bool scatter_direction(const lr_tile *tile, const lr_shading_point *s, in
     double u[3];
     lr_sample_pair(lr_key(s->path->key, TURN + (uint32_t)kind), s->path->sample, u);
     u[2] = lr_sample_one(lr_key(s->path->key, TURN_MORE + (uint32_t)kind), s->path->sample);
-    if (s->in_volume)
-        sample = lr_phase_sample(s->phase, s->point.view, u);
-    else if (!lr_bsdf_sample(&s->bsdf, kind, u, &sample))
+    if (!(s->in_volume ? lr_hybrid_sample(&s->hybrid, &s->bsdf, s->point.view, u, &sample)
+                       : lr_bsdf_sample(&s->bsdf, kind, u, &sample)))
         return false;
     for (int a = 0; a < 3; a++) {
         child->direction[a] = sample.direction[a];

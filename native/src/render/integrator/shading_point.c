@@ -24,6 +24,7 @@
 #include "grid/attributes/attributes.h"
 #include "grid/triangle_cells.h"
 #include "grid/trilinear.h"
+#include "grid/value_gradient.h"
 #include "render/integrator/medium_stack.h"
 #include "trace/structure.h"
 
@@ -209,7 +210,44 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
     lr_bsdf_at(shading_point->material, point, &shading_point->bsdf);
 }
 
-void lr_volume_point_find(const lr_scene *scene, const lr_volume_point *point, lr_shading_point *s)
+/* The gradient of values at a point of world space, in object space; false where there is none. */
+static bool gradient_at(const lr_placed *placed, const double world[3], int32_t normal_kind,
+                        double gradient[3])
+{
+    const lr_volume *v = lr_structure_volume(placed->structure);
+    double object[3], p[3];
+    int32_t c[3];
+    lr_map_point(placed->object_from_world, world, object);
+    lr_map_point(v->storage_from_object, object, p);
+    for (int a = 0; a < 3; a++) {
+        c[a] = (int32_t)lr_clamp(floor(p[a]), lr_first_cell(v), lr_last_cell(v, a));
+        p[a] = lr_clamp(p[a] - c[a], 0, 1);
+    }
+    return lr_value_gradient(v, c, p, normal_kind, gradient);
+}
+
+/* Let a point of a volume, all of which is known but this, be a surface in part: writes its share,
+ * its normals, and its BSDF. */
+static void shade_by_gradient(const lr_placed *placed, const double color[3], int32_t normal_kind,
+                              lr_shading_point *s)
+{
+    double gradient[3];
+    if (!gradient_at(placed, s->position, normal_kind, gradient))
+        return;
+    s->hybrid.share = lr_gradient_share(&placed->gradient, sqrt(lr_dot(gradient, gradient)));
+    if (!(s->hybrid.share > 0))
+        return;
+    lr_point *at = &s->point;
+    const double d[3] = {-at->view[0], -at->view[1], -at->view[2]};
+    world_normal(placed, gradient, d, at->normal);
+    const double side = lr_dot(d, at->normal) > 0 ? -1 : 1;
+    for (int a = 0; a < 3; a++)
+        at->normal[a] = at->facing[a] = side * at->normal[a];
+    lr_gradient_surface(&placed->gradient, color, at, &s->bsdf);
+}
+
+void lr_volume_point_find(const lr_scene *scene, const lr_volume_point *point, int32_t normal_kind,
+                          lr_shading_point *s)
 {
     static const lr_material scatters = {.flags = LR_MATERIAL_SCATTERS};
     const lr_placed *placed = &scene->instances[point->instance];
@@ -227,13 +265,16 @@ void lr_volume_point_find(const lr_scene *scene, const lr_volume_point *point, l
     s->object_index = placed->object_index;
     s->share = 1;
     s->in_volume = true;
-    s->phase = placed->phase;
+    s->hybrid = (lr_hybrid){.phase = placed->phase};
+    memcpy(s->hybrid.color, point->color, sizeof s->hybrid.color);
     s->sure[LR_RAY_VOLUME] = point->continues;
     s->probability[LR_RAY_VOLUME] = point->probability;
     s->bsdf.bent = false;
     s->bsdf.n = 0;
     memset(s->bsdf.albedo, 0, sizeof s->bsdf.albedo);
     memset(s->bsdf.transparency, 0, sizeof s->bsdf.transparency);
+    if (placed->gradient.amount > 0)
+        shade_by_gradient(placed, point->color, normal_kind, s);
     s->bsdf.albedo[LR_RAY_VOLUME] = 1;
 }
 

@@ -13,8 +13,9 @@
 void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_hit_queue *hits,
                      uint32_t i, const lr_medium_stack *media, lr_shading_point *shading_point);
 
-/* The point of a volume that scatters light: reads it; writes what holds of the shading point. */
-void lr_volume_point_find(const lr_scene *scene, const lr_volume_point *point,
+/* The point of a volume that scatters light: reads it; writes what holds of the shading point.
+ * normal_kind: lr_normal, of its gradient. */
+void lr_volume_point_find(const lr_scene *scene, const lr_volume_point *point, int32_t normal_kind,
                           lr_shading_point *shading_point);
 
 /* What a ray is in after it has gone through the surface; true where that was too
@@ -46,7 +47,7 @@ LR_INLINE void lr_point_respond(const lr_shading_point *s, const double light[3]
                                 lr_response response[LR_RAY_KINDS])
 {
     if (s->in_volume)
-        response[LR_RAY_VOLUME] = lr_phase_eval(s->phase, s->point.view, light);
+        response[LR_RAY_VOLUME] = lr_hybrid_eval(&s->hybrid, &s->bsdf, s->point.view, light);
     else
         lr_bsdf_eval(&s->bsdf, light, response + LR_RAY_DIFFUSE);
 }

@@ -57,6 +57,19 @@ static lr_status find_places(const lr_context *context, uint32_t m, double t_min
     return status;
 }
 
+/* The albedo of a point as what its throughput takes and a colour that is left to its response:
+ * surfaces reflect their highlights in white. Where there are none, all of it is throughput. */
+static void part_albedo(const lr_placed *placed, const double albedo[3], double taken[3],
+                        double color[3])
+{
+    const double most = fmax(albedo[0], fmax(albedo[1], albedo[2]));
+    const bool parts = placed->gradient.amount > 0 && most > 0;
+    for (int a = 0; a < 3; a++) {
+        taken[a] = parts ? most : albedo[a];
+        color[a] = parts ? albedo[a] / most : 1;
+    }
+}
+
 /* Make the point of ray i, which is scattered; false where nothing is left of its light. */
 static lr_status make_point(const lr_context *context, double t_min, const lr_path *path,
                             lr_wave *wave, uint32_t i, lr_volume_point *point)
@@ -75,10 +88,12 @@ static lr_status make_point(const lr_context *context, double t_min, const lr_pa
                                        path->visibility, participant->instance, &wave->memory.batch,
                                        &others);
     lr_path *to = &point->path;
+    double albedo[3];
+    part_albedo(&scene->instances[point->instance], scatter->albedo[i], albedo, point->color);
     const double unit = sqrt(lr_dot(path->direction, path->direction));
     lr_medium_stack_absorb(scene, &path->media, point->t * unit, to->throughput);
     for (int a = 0; a < 3; a++) {
-        to->throughput[a] *= scatter->opacity[i] * others * scatter->albedo[i][a];
+        to->throughput[a] *= scatter->opacity[i] * others * albedo[a];
         to->origin[a] += point->t * path->direction[a];
         to->direction[a] /= unit;
     }

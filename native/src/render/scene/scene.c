@@ -33,6 +33,23 @@ static lr_status check_camera(const lr_camera *c, lr_error *error)
     return LR_OK;
 }
 
+static lr_status check_gradient_shading(const lr_instance *instance, uint64_t i, lr_error *error)
+{
+    const double shares[] = {instance->gradient_shading, instance->roughness, instance->specular};
+    static const char *const names[] = {"gradient shading", "roughness", "specular level"};
+    for (int k = 0; k < 3; k++)
+        if (!(shares[k] >= 0 && shares[k] <= 1))
+            return lr_fail(error, LR_E_ARGUMENT,
+                           "the %s of instance %llu must lie between 0 and 1, it is %g", names[k],
+                           (unsigned long long)i, shares[k]);
+    if (!(instance->gradient_scale >= 0 && instance->gradient_scale < INFINITY))
+        return lr_fail(
+            error, LR_E_ARGUMENT,
+            "the gradient scale of instance %llu must be finite and not negative, it is %g",
+            (unsigned long long)i, instance->gradient_scale);
+    return LR_OK;
+}
+
 static lr_status check_instance(const lr_scene_desc *desc, uint64_t i, lr_error *error)
 {
     const lr_instance *instance = &desc->instances[i];
@@ -62,6 +79,9 @@ static lr_status check_instance(const lr_scene_desc *desc, uint64_t i, lr_error 
         return lr_fail(error, LR_E_ARGUMENT,
                        "the anisotropy of instance %llu must lie between -1 and 1, it is %g",
                        (unsigned long long)i, instance->anisotropy);
+    const lr_status status = check_gradient_shading(instance, i, error);
+    if (status != LR_OK)
+        return status;
     if (instance->clips == NULL && instance->n_clips > 0)
         return lr_fail(error, LR_E_ARGUMENT, "the clips of instance %llu are NULL but not empty",
                        (unsigned long long)i);
@@ -161,6 +181,8 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
         .volume_unit = instance->volume_unit,
         .phase = {instance->phase,
                   lr_clamp(instance->anisotropy, -LR_ANISOTROPY_MAX, LR_ANISOTROPY_MAX)},
+        .gradient = {instance->gradient_shading, instance->gradient_scale, instance->roughness,
+                     instance->specular},
         .holdout = instance->holdout != 0,
     };
     if (!lr_affine_invert(instance->world_from_object, placed->object_from_world))

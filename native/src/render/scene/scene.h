@@ -4,8 +4,8 @@
 #ifndef LR_RENDER_SCENE_SCENE_H
 #define LR_RENDER_SCENE_SCENE_H
 
+#include "render/bsdf/gradient_shading.h"
 #include "render/bsdf/material.h"
-#include "render/bsdf/phase.h"
 #include "render/lights/environment.h"
 #include "render/lights/light_tree.h"
 #include "trace/bvh.h"
@@ -22,9 +22,10 @@ typedef struct lr_placed {
     int32_t volume_index;
     double error; /* of its surface, in world space */
     double volume_unit;
-    lr_phase phase; /* of what its volume scatters */
-    bool clear;     /* lets some light straight through */
-    bool enterable; /* a solid that bends or absorbs light */
+    lr_phase phase;               /* of what its volume scatters, */
+    lr_gradient_shading gradient; /* and how that is shaded */
+    bool clear;                   /* lets some light straight through */
+    bool enterable;               /* a solid that bends or absorbs light */
     bool holdout;
     const lr_placed_clip *clips; /* [n_clips] */
     uint64_t n_clips;
