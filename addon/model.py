@@ -98,6 +98,16 @@ def nothing(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
+class GradientShading:
+    """How a field that scatters light is shaded by its gradient."""
+
+    amount: float = 0.0  # 0..1: what boundaries reflect like surfaces
+    scale: float = 10.0  # by the change of values over a voxel, as a share of the range shown
+    roughness: float = 0.5  # of such surfaces, 0..1
+    specular: float = 0.5  # likewise
+
+
+@dataclass(frozen=True)
 class Look:
     """What a field looks like that is seen without a surface: functions of its values (n,)."""
 
@@ -108,6 +118,7 @@ class Look:
     key: bytes = b""  # what they do
     phase: str = "henyey_greenstein"  # of leapray.rendering.PHASES
     per_world_unit: bool = False  # else objects that are scaled stay as dense as they look
+    shading: GradientShading = GradientShading()
 
 
 @dataclass(frozen=True)

@@ -424,6 +424,35 @@ class Isosurfaces:
         WHOLE_MAX,
     )
     shown: str = setting("auto", "Show", "What the values stand for", choices=SHOWN_CHOICES)
+    gradient_shading: float = setting(
+        0.0,
+        "Gradient Shading",
+        "Of a volume that scatters light: how much of that boundaries in the data reflect like "
+        "surfaces, whose normal is the gradient; the rest goes as the shader's phase function says",
+        0.0,
+        1.0,
+        zero=Switch("Use Gradient Shading", "Shade boundaries like surfaces", 1.0, False),
+    )
+    gradient_scale: float = setting(
+        10.0,
+        "Gradient Scale",
+        "How soon a change of the values counts as a boundary. At 10, values that change from one "
+        "voxel to the next by a tenth of the range that the shader shows reflect 63 % like a "
+        "surface, by a third 96 %; raise it for soft boundaries, lower it where noise is shaded",
+        0.0,
+        1e6,
+        soft_maximum=100.0,
+    )
+    gradient_roughness: float = setting(
+        0.5, "Roughness", "Of the highlights of boundaries: 0 is nearly a mirror", 0.0, 1.0
+    )
+    gradient_specular: float = setting(
+        0.5,
+        "Specular",
+        "How strong the highlights of boundaries are, as in a Principled BSDF; 0 has none",
+        0.0,
+        1.0,
+    )
     label_colors: bool = setting(
         True,
         "Color per Label",

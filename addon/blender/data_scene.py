@@ -32,6 +32,7 @@ DARK, BRIGHT = 0.01, 0.99  # shares of the inside's samples between which the cu
 LENS = 85.0  # mm, as for portraits
 ROOM = 1.02  # of the picture round the data
 KEY, FILL = (4.0, (-0.5, -0.9, 0.6)), (0.5, (0.9, -0.3, 0.2))  # strength, and where it comes from
+SHADOWED = 2.0  # of the strengths: half of what a volume reflects stays within its own shadow
 SKY = (0.05, 0.055, 0.065)
 
 
@@ -79,8 +80,9 @@ def make(
         scene.camera.data.type = "ORTHO"
     if preset is not None or chosen != methods.RAYS:
         scene.view_settings.view_transform = "Standard"
+    shadowed = SHADOWED if ob.data.leapray.gradient_shading > 0.0 else 1.0
     for name, (strength, origin) in (("Key", KEY), ("Fill", FILL)):
-        _sun(scene, name, strength, turn @ np.array(origin))
+        _sun(scene, name, strength * shadowed, turn @ np.array(origin))
     _sky(scene)
     return scene
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import leapray
 
@@ -92,7 +92,8 @@ Stop = tuple[float, tuple[float, float, float], float]  # where, 0..1; linear RG
 
 @dataclass(frozen=True)
 class Look:
-    """A transfer function over the values of any data: what they emit, and how opaque they are.
+    """A transfer function over the values of any data: what they emit or, of shaded ones, scatter,
+    and how opaque they are.
 
     Its stops lie between two values: of CT data in Hounsfield units those of the preset, of others
     percentiles of the samples.
@@ -104,36 +105,52 @@ class Look:
     percentiles: tuple[float, float]
     hounsfield: tuple[float, float] | None = None
     opaque: float = 300.0  # optical depth of full opacity along the data's longest side
+    shading: float = 0.0  # 0..1: by the gradient, in the light of the scene; 0: it shines instead
 
 
-LOOKS = {
-    "ct_bone": Look(
-        "CT Bone",
-        "Bone and teeth of a CT, from 150 to 1500 HU, without soft tissue",
-        (
-            (0.00, (0.45, 0.20, 0.12), 0.0),
-            (0.15, (0.55, 0.30, 0.18), 0.02),
-            (0.40, (0.75, 0.62, 0.42), 0.4),
-            (0.70, (0.90, 0.84, 0.68), 1.0),
-            (1.00, (1.00, 0.98, 0.92), 1.0),
-        ),
-        (90.0, 99.9),
-        (150.0, 1500.0),
+def _shaded(look: Look, about: str) -> Look:
+    """The same, lit by the scene."""
+    return replace(look, label=f"{look.label} Shaded", about=about, shading=1.0)
+
+
+CT_BONE = Look(
+    "CT Bone",
+    "Bone and teeth of a CT, from 150 to 1500 HU, without soft tissue",
+    (
+        (0.00, (0.45, 0.20, 0.12), 0.0),
+        (0.15, (0.55, 0.30, 0.18), 0.02),
+        (0.40, (0.75, 0.62, 0.42), 0.4),
+        (0.70, (0.90, 0.84, 0.68), 1.0),
+        (1.00, (1.00, 0.98, 0.92), 1.0),
     ),
-    "ct_skin": Look(
-        "CT Skin",
-        "Skin like a veil over the bone of a CT, from -600 to 1200 HU",
-        (
-            (0.00, (0.70, 0.38, 0.26), 0.0),
-            (0.10, (0.75, 0.42, 0.30), 0.025),
-            (0.22, (0.70, 0.30, 0.20), 0.004),
-            (0.36, (0.55, 0.12, 0.08), 0.001),
-            (0.47, (0.60, 0.30, 0.16), 0.004),
-            (0.60, (0.85, 0.74, 0.54), 0.5),
-            (1.00, (1.00, 0.98, 0.92), 1.0),
-        ),
-        (10.0, 99.9),
-        (-600.0, 1200.0),
+    (90.0, 99.9),
+    (150.0, 1500.0),
+)
+CT_SKIN = Look(
+    "CT Skin",
+    "Skin like a veil over the bone of a CT, from -600 to 1200 HU",
+    (
+        (0.00, (0.70, 0.38, 0.26), 0.0),
+        (0.10, (0.75, 0.42, 0.30), 0.025),
+        (0.22, (0.70, 0.30, 0.20), 0.004),
+        (0.36, (0.55, 0.12, 0.08), 0.001),
+        (0.47, (0.60, 0.30, 0.16), 0.004),
+        (0.60, (0.85, 0.74, 0.54), 0.5),
+        (1.00, (1.00, 0.98, 0.92), 1.0),
+    ),
+    (10.0, 99.9),
+    (-600.0, 1200.0),
+)
+LOOKS = {
+    "ct_bone": CT_BONE,
+    "ct_bone_shaded": _shaded(
+        CT_BONE, "Bone and teeth of a CT, from 150 to 1500 HU, lit by the scene like surfaces"
+    ),
+    "ct_skin": CT_SKIN,
+    "ct_skin_shaded": _shaded(
+        CT_SKIN,
+        "Skin like a veil over the bone of a CT, from -600 to 1200 HU, lit by the scene like "
+        "surfaces",
     ),
     "mr": Look(
         "MR",

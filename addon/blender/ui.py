@@ -350,6 +350,14 @@ def _draw_thresholds(column, region, own, values) -> None:
         column.prop(own, name)
 
 
+def _draw_shading(column, own) -> None:
+    """How a volume that scatters light is shaded."""
+    optional(column, own, "gradient_shading")
+    if own.gradient_shading > 0.0:
+        for name in ("gradient_scale", "gradient_roughness", "gradient_specular"):
+            column.prop(own, name)
+
+
 class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
     """Which surfaces of a volume's data are rendered."""
 
@@ -378,6 +386,7 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         column.menu("DATA_MT_leapray_volume_presets")
         if own.shown == "volume":
             column.prop(own, "smoothing")
+            _draw_shading(column, own)
         elif _asks_for_labels(own, values):
             column.prop(own, "label_colors")
             column.prop(own, "label_index")

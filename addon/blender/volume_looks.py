@@ -2,8 +2,9 @@
 """Volume materials of presets: nodes of Blender's own, which Cycles renders as well.
 
 An Attribute node gives the value, a Map Range the place between two values of the data, a Color
-Ramp what is emitted and how opaque that is. What is opaque has the ramp's colour whatever the
-light: the look of classical volume rendering.
+Ramp the colour and how opaque that is. What is opaque has the ramp's colour whatever the light: the
+look of classical volume rendering. Of shaded looks the colour is what is scattered of the scene's
+light.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ def wear(ob, grid: leapray.ScalarGrid, name: str) -> str:
     else:
         ob.data.materials.append(material)
     ob.data.leapray.shown = "volume"
+    ob.data.leapray.gradient_shading = look.shading
     ob.data.update_tag()
     return f"{look.label} from {low:.6g} to {high:.6g}: {how}"
 
@@ -91,7 +93,7 @@ def made(ob, grid: leapray.ScalarGrid, look: Look, low: float, high: float):
     _fill(ramp.color_ramp, look, grid, high)
     dense.operation = "MULTIPLY"
     dense.inputs[1].default_value = look.opaque / _longest(grid)
-    for name in ("Color", "Absorption Color"):
+    for name in ("Color", "Absorption Color"):  # all is extinguished, of which Color is scattered
         shader.inputs[name].default_value = (0.0, 0.0, 0.0, 1.0)
     shader.inputs["Density Attribute"].default_value = ""
     shader.inputs["Temperature Attribute"].default_value = ""
@@ -100,9 +102,15 @@ def made(ob, grid: leapray.ScalarGrid, look: Look, low: float, high: float):
         (place.outputs["Result"], ramp.inputs["Fac"]),
         (ramp.outputs["Alpha"], dense.inputs[0]),
         (dense.outputs[0], shader.inputs["Density"]),
-        (dense.outputs[0], shader.inputs["Emission Strength"]),
-        (ramp.outputs["Color"], shader.inputs["Emission Color"]),
         (shader.outputs[0], output.inputs["Volume"]),
+        *(
+            [(ramp.outputs["Color"], shader.inputs["Color"])]
+            if look.shading > 0.0
+            else [
+                (dense.outputs[0], shader.inputs["Emission Strength"]),
+                (ramp.outputs["Color"], shader.inputs["Emission Color"]),
+            ]
+        ),
     ):
         tree.links.new(start, end)
     return material

@@ -12,7 +12,7 @@ import functools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ class Surface:
     volume_nbytes: int  # with samples that surfaces share on the first of them
     scale: float = 1.0  # the value is offset + scale * occupancy
     offset: float = 0.0
-    anisotropy: float = 0.0  # of the light that it scatters, without a surface
+    light: dict[str, Any] | None = None  # members of its instances: what it scatters, without one
 
     @property
     def error(self) -> float:
@@ -294,8 +294,8 @@ class Fields:
         own = *self._seen_key(field, factor), field.look.key
         structure = self._structure(own, made, room, samples.nbytes)
         nbytes = structure.volume.info.nbytes
-        more = {"anisotropy": transfer.anisotropy}
-        return [Surface(n, 0, structure, factor, nbytes, **more)], transfer.doubts(name)
+        light = looks.light_of(field, transfer)
+        return [Surface(n, 0, structure, factor, nbytes, light=light)], transfer.doubts(name)
 
     def _whole(self, field: model.Field, factor: int, room: float) -> leapray.Volume:
         key = "labels", *self._key(field, factor), label_solids.key(field, None, factor)
@@ -505,8 +505,7 @@ class Fields:
             clips=clipped,
             field_color=color,
             volume_unit=looks.unit(look, instance.world_from_object) if look else 0.0,
-            anisotropy=surface.anisotropy,
-            phase=look.phase if look else leapray.Instance.phase,
+            **(surface.light or {}),
         )
 
     def _cut_row(self, n: int) -> dict[str, object]:

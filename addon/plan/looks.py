@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ SAMPLES = 4097  # at which a look is asked
 ACCURACY = 1e-4  # what leaving out knots may change, as a share of the largest
 GREY = 0.02  # channels of extinction that differ by less are not told,
 EVEN = 0.01  # nor anisotropy
+JUMP = 0.01  # a share of all values within which a look jumps: ramps are tables of 256 colours
 
 
 @dataclass(frozen=True)
@@ -23,13 +25,20 @@ class Transfer:
     """A look as the core takes it."""
 
     function: leapray.TransferFunction
+    shaded: bool  # by its gradient
+    scatters: bool
     anisotropy: float  # mean cosine of what is scattered
+    width: float  # of the range of values over which the look changes; 0: there is but one value
     grey: bool  # extinction is the same for all colours; else it is their mean
     even: bool  # the anisotropy is the same for all values; else it is their mean
 
     def doubts(self, name: str) -> list[str]:
         """Sentences on what is not as the look of a field of that name has it."""
         told = []
+        if self.shaded and not self.scatters:
+            told.append(
+                f"{name!r} is not shaded by its gradient, for its shader scatters no light."
+            )
         if not self.grey:
             told.append(f"{name!r} absorbs all colors alike: the mean of its own.")
         if not self.even:
@@ -50,7 +59,8 @@ def transfer(look: model.Look, low: float, high: float) -> Transfer:
     mean = extinction.mean(1)
     scattering = np.where(mean[:, None] > 0, scattering, 0.0)
     grey = bool((np.ptp(extinction, axis=1) <= GREY * mean.max(initial=0.0)).all())
-    kept = knots(values, np.column_stack([mean, emission, scattering]))
+    columns = np.column_stack([mean, emission, scattering])
+    kept = knots(values, columns)
     dark = (0.0, 0.0, 0.0)
     made = leapray.TransferFunction(
         values[kept], mean[kept], dark, emission[kept], scattering[kept]
@@ -58,7 +68,32 @@ def transfer(look: model.Look, low: float, high: float) -> Transfer:
     total = scattering.sum()
     anisotropy = float(np.clip(forward.sum() / total, -1, 1)) if total > 0 else 0.0
     off = np.abs(forward - anisotropy * scattering).max(initial=0.0)
-    return Transfer(made, anisotropy, grey, bool(off <= EVEN * scattering.max(initial=0.0)))
+    even = bool(off <= EVEN * scattering.max(initial=0.0))
+    width = _width(values[kept], columns[kept])
+    return Transfer(made, look.shading.amount > 0, bool(total > 0), anisotropy, width, grey, even)
+
+
+def _width(values: NDArray[np.float64], columns: NDArray[np.float64]) -> float:
+    """Of the range of values over which a look changes; of a jump, of all values."""
+    whole = float(values[-1] - values[0])
+    turns = np.flatnonzero((np.diff(columns, axis=0) != 0).any(1))
+    width = float(values[turns[-1] + 1] - values[turns[0]]) if len(turns) else 0.0
+    return width if width > JUMP * whole else whole
+
+
+def light_of(field: model.Field, transfer: Transfer) -> dict[str, Any]:
+    """How instances of a field scatter light, as members of leapray.Instance."""
+    assert field.look is not None
+    shading = field.look.shading
+    voxel = abs(np.linalg.det(np.asarray(field.grid.world_from_index)[:3, :3])) ** (1 / 3)
+    return {
+        "anisotropy": transfer.anisotropy,
+        "phase": field.look.phase,
+        "gradient_shading": shading.amount,
+        "gradient_scale": shading.scale * voxel / transfer.width if transfer.width > 0 else 0.0,
+        "roughness": shading.roughness,
+        "specular": shading.specular,
+    }
 
 
 def unit(look: model.Look, world_from_object: NDArray[np.float64]) -> float:

@@ -80,6 +80,8 @@ def read_field(
         look = looks.read_look(material, grid.name, notes)
         if isinstance(original, bpy.types.Volume):
             look = replace(look, per_world_unit=original.render.space == "WORLD")
+        shading = own.gradient_shading, own.gradient_scale, own.gradient_roughness
+        look = replace(look, shading=model.GradientShading(*shading, own.gradient_specular))
         return model.Field(
             grid=grid,
             contents=contents,
