@@ -340,6 +340,9 @@ typedef struct lr_transfer_desc {
                                  extinction brings; or NULL: none */
     const double *scattering; /* [n][3], per unit of object space: what of extinction scatters light
                                  instead of absorbing it, 0 where that is 0; or NULL: none */
+    double full_gradient; /* 0: all of it is seen everywhere; else times the gradient's length, by
+                             central differences at the samples and linear between, as a share of
+                             this one, per unit of object space, at most 1 */
 } lr_transfer_desc;
 
 typedef struct lr_transfer lr_transfer;

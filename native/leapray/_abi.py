@@ -440,6 +440,7 @@ class lr_transfer_desc(ctypes.Structure):
         ("colors", ctypes.POINTER(ctypes.c_double)),
         ("emission", ctypes.POINTER(ctypes.c_double)),
         ("scattering", ctypes.POINTER(ctypes.c_double)),
+        ("full_gradient", ctypes.c_double),
     )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, check, lib
-from .arrays import pointer
+from .arrays import numbers, pointer
 
 
 class TransferFunction:
@@ -23,9 +23,12 @@ class TransferFunction:
     linear RGB: radiance per unit of object space, beside what extinction brings; None: none.
     scattering: (n, 3) or (3,), linear RGB, per unit of object space: what of the extinction
     scatters light in the instances of a scene, instead of absorbing it; None: none. All lie between
-    0 and 1e30. Raises LeapRayError for others and for other shapes, and for scattering where
-    nothing is extinguished.
-    Attributes: those five, as arrays that cannot be written; visible: whether any value is.
+    0 and 1e30. full_gradient: 0, or what makes boundaries stand out: extinction, emission and
+    scattering are times the length of the gradient as a share of this one, in values per unit of
+    object space, at most 1. The length is that of central differences at the samples, one-sided
+    beside what is no value, and linear between. Raises LeapRayError for others and for other
+    shapes, and for scattering where nothing is extinguished.
+    Attributes: those six, arrays of which cannot be written; visible: whether any value is.
     """
 
     def __init__(
@@ -35,6 +38,7 @@ class TransferFunction:
         colors: ArrayLike = (1.0, 1.0, 1.0),
         emission: ArrayLike | None = None,
         scattering: ArrayLike | None = None,
+        full_gradient: float = 0.0,
     ) -> None:
         self.values = _column(values, "values", None)
         n = len(self.values)
@@ -43,6 +47,7 @@ class TransferFunction:
         self.emission = _triples((0.0, 0.0, 0.0) if emission is None else emission, "emission", n)
         scattering = (0.0, 0.0, 0.0) if scattering is None else scattering
         self.scattering = _triples(scattering, "scattering", n)
+        self.full_gradient = numbers(full_gradient, np.float64, "full_gradient").item()
         self.visible = bool(self.extinction.any() or self.emission.any())
         self.handle = ctypes.POINTER(_abi.lr_transfer)()
         desc = _abi.lr_transfer_desc(
@@ -52,6 +57,7 @@ class TransferFunction:
             pointer(self.colors),
             pointer(self.emission),
             pointer(self.scattering),
+            self.full_gradient,
         )
         error = _abi.lr_error()
         status = lib.lr_transfer_new(
@@ -67,14 +73,16 @@ class TransferFunction:
     def sees_as(self, other: TransferFunction) -> bool:
         """Whether what is visible by another transfer function is so by this one, and no more.
 
-        other: whose values, extinction and emission are compared; False where those differ.
+        other: whose values, extinction and emission are compared, and whether gradients count;
+        False where those differ.
         """
         pairs = (
             (self.values, other.values),
             (self.extinction, other.extinction),
             (self.emission, other.emission),
         )
-        return all(np.array_equal(a, b) for a, b in pairs)
+        reach = (each.full_gradient > 0 for each in (self, other))  # of differences
+        return all(np.array_equal(a, b) for a, b in pairs) and len(set(reach)) == 1
 
     def greatest(
         self, low: ArrayLike, high: ArrayLike

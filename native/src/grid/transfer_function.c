@@ -53,6 +53,10 @@ static lr_status check_desc(const lr_transfer_desc *d, lr_error *error)
                            "%.17g, the one before at %.17g",
                            (unsigned long long)i, d->values[i], d->values[i - 1]);
     }
+    if (!(d->full_gradient >= 0.0 && d->full_gradient <= MOST_VALUE))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the gradient at which all is seen must lie between 0 and %g, it is %g",
+                       MOST_VALUE, d->full_gradient);
     lr_status status = check_column(d->extinction, d->n, "extinction", error);
     if (status == LR_OK)
         status = check_column(d->colors, 3 * d->n, "colours of a transfer function", error);
@@ -136,6 +140,7 @@ lr_status lr_transfer_new(const lr_transfer_desc *d, lr_transfer **transfer, lr_
     if (status != LR_OK)
         return status;
     lr_transfer *f = *transfer;
+    f->full_gradient = d->full_gradient;
     memcpy(f->values, d->values, d->n * sizeof *f->values);
     for (uint64_t i = 0; i < d->n; i++) {
         f->knots[i][0] = d->extinction[i];
@@ -167,6 +172,7 @@ lr_status lr_transfer_of_numbers(const lr_transfer *f, double scale, double offs
         return status;
     lr_transfer *g = *of_numbers;
     g->simd = lr_cpu_simd();
+    g->full_gradient = fmin(f->full_gradient / fabs(scale), MOST_VALUE);
     for (uint64_t i = 0; i < f->n; i++) {
         const uint64_t from = scale > 0.0 ? i : f->n - 1 - i;
         g->values[i] = lr_clamp((f->values[from] - offset) / scale, -MOST_VALUE, MOST_VALUE);

@@ -27,8 +27,9 @@ struct lr_transfer {
     double *values;            /* [n]: of the knots */
     lr_transfer_piece *pieces; /* [n + 1] */
     double (*knots)[10];       /* [n]: extinction, colour, emission, scattering */
-    bool scatters;             /* scattering is not 0 throughout */
-    int32_t simd;              /* lr_simd, of numbers: what light is added up by */
+    double full_gradient; /* of values per unit of object space, at which all is seen; 0: off */
+    bool scatters;        /* scattering is not 0 throughout */
+    int32_t simd;         /* lr_simd, of numbers: what light is added up by */
 };
 
 /* The same of numbers: a value is offset + scale * number. */

@@ -18,6 +18,7 @@
 
 #include "trace/cell.h"
 #include "trace/light_rule.h"
+#include "trace/modulated_light.h"
 
 enum { MOST_HALVINGS = 60 };
 
@@ -110,27 +111,11 @@ LR_INLINE void integrate(const stretch *s, double sums[3])
     sums[2] *= start * s->half;
 }
 
-/* Light that a piece adds, where the last of its depth is left as `after` = exp(-depth). */
-static void add_light(lr_light_sum *sum, const lr_transfer_piece *p, const stretch *s, double after,
-                      const double integrals[3])
-{
-    for (int k = 0; k < 3; k++) {
-        double light = lr_linear(p->color[k], s->middle) * (1.0 - after);
-        light += p->color[k][1] * integrals[0];
-        if (p->emits)
-            light += lr_linear(p->emission[k], s->middle) * integrals[1] +
-                     p->emission[k][1] * integrals[2];
-        sum->color[k] += sum->transmittance * light;
-    }
-    sum->transmittance *= after;
-    sum->pieces++;
-}
-
 /* Emission alone: exact. */
 static void add_emission(lr_light_sum *sum, const lr_transfer_piece *p, const stretch *s)
 {
     const double integrals[3] = {0.0, 2.0 * s->half, s->y[1] * s->half * (2.0 / 3.0)};
-    add_light(sum, p, s, 1.0, integrals);
+    lr_light_sum_add(sum, p, s->middle, 1.0, integrals);
 }
 
 /* What is so short that it has one value, and may be as deep as numbers go. */
@@ -139,7 +124,7 @@ static void add_point(lr_light_sum *sum, const lr_transfer_piece *p, const stret
     const double after = exp(-s->depth);
     const double seen = s->depth > 0.0 ? (1.0 - after) / s->depth : 1.0;
     const double integrals[3] = {0.0, 2.0 * s->half * seen, 0.0};
-    add_light(sum, p, s, after, integrals);
+    lr_light_sum_add(sum, p, s->middle, after, integrals);
 }
 
 /* Where the piece is as deep: x from -1 to 1. Newton's steps, kept inside a bracket. */
@@ -186,10 +171,14 @@ static void end_in_piece(lr_light_sum *sum, const lr_transfer_piece *p, const do
 }
 
 /* The cubic from a to b on one piece of the transfer function. */
-static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const double c[4], double a,
-                      double b, double length)
+static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const double c[4],
+                      const double *m, double a, double b, double length)
 {
     static const double none[3] = {0.0, 0.0, 0.0};
+    if (m != NULL) {
+        lr_add_modulated(sum, p, c, m, a, b, length);
+        return;
+    }
     if (sum->stop > 0.0) {
         end_in_piece(sum, p, c, a, b, length);
         return;
@@ -203,7 +192,8 @@ static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const doubl
         set_up(&s, p, c, a, b, length);
         const bool closed = p->one_color && !p->emits;
         if (closed) {
-            add_light(sum, p, &s, s.depth <= DEEPEST ? lr_rule_exp(-s.depth) : exp(-s.depth), none);
+            lr_light_sum_add(sum, p, s.middle,
+                             s.depth <= DEEPEST ? lr_rule_exp(-s.depth) : exp(-s.depth), none);
         } else if (!p->absorbs) {
             add_emission(sum, p, &s);
         } else if (!(s.depth <= DEEPEST && within(&s, p, sum->tolerance))) {
@@ -217,7 +207,7 @@ static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const doubl
         } else {
             double integrals[3];
             integrate(&s, integrals);
-            add_light(sum, p, &s, lr_rule_exp(-s.depth), integrals);
+            lr_light_sum_add(sum, p, s.middle, lr_rule_exp(-s.depth), integrals);
         }
         const double size = b - a;
         a = b;
@@ -227,8 +217,8 @@ static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const doubl
 }
 
 /* The cubic from a to b, where it runs one way from fa to fb: cut where it passes knots. */
-static void add_monotone(lr_light_sum *sum, const lr_transfer *f, const double c[4], double a,
-                         double b, double fa, double fb, double length)
+static void add_monotone(lr_light_sum *sum, const lr_transfer *f, const double c[4],
+                         const double *m, double a, double b, double fa, double fb, double length)
 {
     const bool up = fb > fa;
     uint64_t piece = up ? lr_piece_of(f, fa) : lr_piece_below(f, fa);
@@ -241,12 +231,12 @@ static void add_monotone(lr_light_sum *sum, const lr_transfer *f, const double c
         const lr_bracket bracket = {a, b, fa, fb, !up};
         uint64_t n_samples = 0;
         const double at = lr_root_newton(c, level, bracket, &n_samples);
-        add_piece(sum, &f->pieces[piece], c, a, at, length);
+        add_piece(sum, &f->pieces[piece], c, m, a, at, length);
         a = at;
         fa = level;
         piece = up ? piece + 1 : piece - 1;
     }
-    add_piece(sum, &f->pieces[piece], c, a, b, length);
+    add_piece(sum, &f->pieces[piece], c, m, a, b, length);
 }
 
 /* Bounds of the cubic on a..b, by its Bernstein coefficients. */
@@ -261,14 +251,14 @@ LR_INLINE void hull(const double c[4], double a, double b, double *low, double *
     *high = fmax(fmax(d0, b1), fmax(b2, b3));
 }
 
-void lr_add_cubic(lr_light_sum *sum, const lr_transfer *f, const double c[4], double a, double b,
-                  double length)
+void lr_add_cubic(lr_light_sum *sum, const lr_transfer *f, const double c[4], const double *m,
+                  double a, double b, double length)
 {
     double low, high, x[2];
     hull(c, a, b, &low, &high);
     const uint64_t piece = lr_piece_of(f, low);
     if (piece == f->n || high < f->values[piece]) {
-        add_piece(sum, &f->pieces[piece], c, a, b, length);
+        add_piece(sum, &f->pieces[piece], c, m, a, b, length);
         return;
     }
     const int n = lr_cubic_extrema(c, x);
@@ -278,7 +268,7 @@ void lr_add_cubic(lr_light_sum *sum, const lr_transfer *f, const double c[4], do
         if (!(end > a) || end > b)
             continue;
         const double fb = lr_cubic(c, end);
-        add_monotone(sum, f, c, a, end, fa, fb, length);
+        add_monotone(sum, f, c, m, a, end, fa, fb, length);
         a = end;
         fa = fb;
     }

@@ -4,22 +4,12 @@
 #ifndef LR_TRACE_EMISSION_ABSORPTION_H
 #define LR_TRACE_EMISSION_ABSORPTION_H
 
-#include "grid/transfer_function.h"
-
-/* Of the parts so far, front to back. */
-typedef struct lr_light_sum {
-    double tolerance;
-    double color[3], transmittance;
-    uint64_t pieces; /* integrals taken */
-    double stop;     /* the transmittance at which it ends, without colours; 0: none */
-    bool ended;      /* there: */
-    double at;       /* in x */
-    double albedo[3];
-} lr_light_sum;
+#include "trace/light_sum.h"
 
 /* Add the part on which the value is sum c[i] x^i, x from a to b; length: of x from 0 to 1 in
- * object space. */
-void lr_add_cubic(lr_light_sum *sum, const lr_transfer *f, const double c[4], double a, double b,
-                  double length);
+ * object space. m: of all extinction, emission and scattering the part sum m[i] x^i is seen, 0 to
+ * 1; NULL: all. */
+void lr_add_cubic(lr_light_sum *sum, const lr_transfer *f, const double c[4], const double *m,
+                  double a, double b, double length);
 
 #endif

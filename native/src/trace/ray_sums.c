@@ -12,6 +12,7 @@
 #include "trace/ray_sums.h"
 
 #include "base/cpu.h"
+#include "grid/value_gradient.h"
 #include "trace/cell.h"
 #include "trace/emission_absorption.h"
 #include "trace/hit_record.h"
@@ -98,15 +99,16 @@ LR_INLINE bool way_through(const lr_ray_sums *sums, const lr_ray *r, lr_lattice 
 
 /* ---- exact light -------------------------------------------------------------- */
 
-/* Light of a cell, or a part of it, by the cubic, whose x from 0 to 1 is t_low..t_high. */
-static void add_cubic(lr_ray_sums *sums, const lr_volume *v, const double c[4],
+/* Light of a cell, or a part of it, by the cubics of the value and of what is seen (NULL: all),
+ * whose x from 0 to 1 is t_low..t_high. */
+static void add_cubic(lr_ray_sums *sums, const lr_volume *v, const double c[4], const double *m,
                       const double part[2], double t_low, double t_high)
 {
     lr_light_sum sum = {.tolerance = sums->options->tolerance,
                         .transmittance = sums->transmittance,
                         .stop = sums->stop};
     memcpy(sum.color, sums->color, sizeof sum.color);
-    lr_add_cubic(&sum, v->transfer, c, part[0], part[1], (t_high - t_low) * sums->ray.speed);
+    lr_add_cubic(&sum, v->transfer, c, m, part[0], part[1], (t_high - t_low) * sums->ray.speed);
     memcpy(sums->color, sum.ended ? sum.albedo : sum.color, sizeof sum.color);
     sums->transmittance = sum.transmittance;
     sums->pieces += sum.pieces;
@@ -200,7 +202,7 @@ static bool add_waiting(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r)
             add_lane(sums, p, &k, l);
         } else {
             const double c[4] = {k.c[0][l], k.c[1][l], k.c[2][l], k.c[3][l]};
-            add_cubic(sums, v, c, whole, k.t_low[l], k.t_high[l]);
+            add_cubic(sums, v, c, NULL, whole, k.t_low[l], k.t_high[l]);
         }
         note_beginning(sums, k.t_low[l]);
         if (!goes_on(sums))
@@ -231,26 +233,26 @@ static void classify(const lr_transfer *f, double value, double length, double l
                          length * lr_linear(p->emission[k], from);
 }
 
-/* As classified at the corners, each light apart. */
-static void classify_corners(const lr_transfer *f, const double corner[8], double length,
-                             double lights[LIGHTS][8])
+/* As classified at the corners, each light apart; m: how much is seen, or NULL. */
+static void classify_corners(const lr_transfer *f, const lr_chord *h, const lr_chord *m,
+                             double length, double lights[LIGHTS][8])
 {
     for (int b = 0; b < 8; b++) {
         double light[LIGHTS];
-        classify(f, corner[b], length, light);
+        classify(f, h->corner[b], m != NULL ? length * m->corner[b] : length, light);
         for (int k = 0; k < LIGHTS; k++)
             lights[k][b] = light[k];
     }
 }
 
-static void add_samples(lr_ray_sums *sums, const lr_volume *v, const lr_chord *h)
+static void add_samples(lr_ray_sums *sums, const lr_volume *v, const lr_chord *h, const lr_chord *m)
 {
     const bool before = sums->options->sampling == LR_SAMPLING_PRE;
     const double size = h->t_out - h->t_in, length = sums->step * sums->ray.speed;
     const double low = fmax(h->t_in, sums->ray.t_min), high = fmin(h->t_out, sums->ray.t_max);
     double lights[LIGHTS][8];
     if (before)
-        classify_corners(v->transfer, h->corner, length, lights);
+        classify_corners(v->transfer, h, m, length, lights);
     double k = ceil(low / sums->step);
     for (double t = k * sums->step; t < high; t = k * sums->step) {
         double light[LIGHTS];
@@ -262,7 +264,8 @@ static void add_samples(lr_ray_sums *sums, const lr_volume *v, const lr_chord *h
             for (int i = 0; i < LIGHTS; i++)
                 light[i] = lr_trilinear(lights[i], p);
         } else {
-            classify(v->transfer, lr_cubic(h->c, x), length, light);
+            const double seen = m != NULL ? lr_clamp(lr_cubic(m->c, x), 0.0, 1.0) : 1.0;
+            classify(v->transfer, lr_cubic(h->c, x), length * seen, light);
         }
         for (int i = 0; i < 3; i++)
             sums->color[i] += sums->transmittance * light[RED + i];
@@ -315,6 +318,35 @@ static void add_mean(lr_ray_sums *sums, const lr_chord *h, const double part[2])
     sums->length += size * (part[1] - part[0]);
 }
 
+/* ---- light of one cell ---------------------------------------------------------- */
+
+/* How much is seen along the chord h, in the place of its values; false: nothing, for the cell has
+ * a sample that is no value. */
+static bool modulate(const lr_volume *v, const lr_ray *r, const lr_cursor *u, int axis_out,
+                     const lr_chord *h, lr_chord *m)
+{
+    *m = *h;
+    if (!lr_modulation_at(v, u->c, v->transfer->full_gradient, m->corner))
+        return false;
+    lr_chord_values(m, r, u, axis_out);
+    lr_chord_cubic(m);
+    return true;
+}
+
+/* Add the light of a part of the chord. */
+static void add_chord(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, const lr_cursor *u,
+                      int axis_out, const lr_chord *h, const double part[2])
+{
+    const bool modulated = v->transfer->full_gradient > 0.0;
+    lr_chord m;
+    if (modulated && !modulate(v, r, u, axis_out, h, &m))
+        return;
+    if (sums->options->sampling == LR_SAMPLING_EXACT)
+        add_cubic(sums, v, h->c, modulated ? m.c : NULL, part, h->t_in, h->t_out);
+    else
+        add_samples(sums, v, h, modulated ? &m : NULL);
+}
+
 /* ---- all of it ---------------------------------------------------------------- */
 
 bool lr_sums_cell(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, lr_lattice lattice,
@@ -325,7 +357,7 @@ bool lr_sums_cell(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, lr_lat
     double part[2];
     int axis_out;
     if (lattice == LR_REGULAR && sums->options->mode == LR_MODE_VOLUME &&
-        sums->options->sampling == LR_SAMPLING_EXACT)
+        sums->options->sampling == LR_SAMPLING_EXACT && !(v->transfer->full_gradient > 0.0))
         return let_wait(sums, v, r, c);
     const int32_t mode = sums->options->mode;
     const bool extreme = mode == LR_MODE_MAXIMUM || mode == LR_MODE_MINIMUM;
@@ -341,13 +373,10 @@ bool lr_sums_cell(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, lr_lat
         add_extremes(sums, &h, part);
         return true;
     }
-    if (mode == LR_MODE_MEAN) {
+    if (mode == LR_MODE_MEAN)
         add_mean(sums, &h, part);
-    } else if (sums->options->sampling == LR_SAMPLING_EXACT) {
-        add_cubic(sums, v, h.c, part, h.t_in, h.t_out);
-    } else {
-        add_samples(sums, v, &h);
-    }
+    else
+        add_chord(sums, v, r, &u, axis_out, &h, part);
     note_beginning(sums, h.t_in + part[0] * (h.t_out - h.t_in));
     return goes_on(sums);
 }

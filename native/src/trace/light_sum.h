@@ -1,0 +1,39 @@
+/* The light of parts of a ray, added up front to back.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_TRACE_LIGHT_SUM_H
+#define LR_TRACE_LIGHT_SUM_H
+
+#include "grid/transfer_function.h"
+
+/* Of the parts so far, front to back. */
+typedef struct lr_light_sum {
+    double tolerance;
+    double color[3], transmittance;
+    uint64_t pieces; /* integrals taken */
+    double stop;     /* the transmittance at which it ends, without colours; 0: none */
+    bool ended;      /* there: */
+    double at;       /* in x */
+    double albedo[3];
+} lr_light_sum;
+
+/* Add the light of a part on one piece of the transfer function, of which `after` = exp(-depth) is
+ * let through. middle: a value of it, as p->from; y: the value's distance from that, A: the depth
+ * behind the part's beginning. integrals: of y dA exp(-A), and by the length that emits of exp(-A)
+ * and y exp(-A). */
+LR_INLINE void lr_light_sum_add(lr_light_sum *sum, const lr_transfer_piece *p, double middle,
+                                double after, const double integrals[3])
+{
+    for (int k = 0; k < 3; k++) {
+        double light = lr_linear(p->color[k], middle) * (1.0 - after);
+        light += p->color[k][1] * integrals[0];
+        if (p->emits)
+            light +=
+                lr_linear(p->emission[k], middle) * integrals[1] + p->emission[k][1] * integrals[2];
+        sum->color[k] += sum->transmittance * light;
+    }
+    sum->transmittance *= after;
+    sum->pieces++;
+}
+
+#endif
