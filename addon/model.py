@@ -119,6 +119,12 @@ class Look:
     phase: str = "henyey_greenstein"  # of leapray.rendering.PHASES
     per_world_unit: bool = False  # else objects that are scaled stay as dense as they look
     shading: GradientShading = GradientShading()
+    modulation: float = 0.0  # the gradient at which all is seen, as for the scale; 0: off
+
+    @property
+    def seen_key(self) -> tuple[bytes, float]:
+        """What of it decides on what is seen."""
+        return self.key, self.modulation
 
 
 @dataclass(frozen=True)

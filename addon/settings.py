@@ -453,6 +453,17 @@ class Isosurfaces:
         0.0,
         1.0,
     )
+    gradient_modulation: float = setting(
+        0.0,
+        "Gradient Modulation",
+        "Of a volume: fade out what is homogeneous, so that boundaries show through it. The change "
+        "of the values from one voxel to the next, as a share of the range that the shader shows, "
+        "from which on all is seen; what changes half as much is half as dense. 0 is off",
+        0.0,
+        1e6,
+        soft_maximum=1.0,
+        zero=Switch("Use Gradient Modulation", "Fade out what is homogeneous", 0.2, False),
+    )
     label_colors: bool = setting(
         True,
         "Color per Label",

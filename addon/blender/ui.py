@@ -386,6 +386,7 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         column.menu("DATA_MT_leapray_volume_presets")
         if own.shown == "volume":
             column.prop(own, "smoothing")
+            optional(column, own, "gradient_modulation")
             _draw_shading(column, own)
         elif _asks_for_labels(own, values):
             column.prop(own, "label_colors")

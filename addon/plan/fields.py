@@ -270,10 +270,10 @@ class Fields:
         except leapray.OutOfMemory:
             self._drop_samples(n, factor)
         assert field.look is not None
-        look, key = field.look, self._own_key(field, factor)
+        look, voxel, key = field.look, looks.voxel(field), self._own_key(field, factor)
         made = functools.partial(
             leapray.FieldSamples,
-            transfer=lambda low, high: looks.transfer(look, low, high).function,
+            transfer=lambda low, high: looks.transfer(look, low, high, voxel).function,
         )
         samples = self._stored(key, field, 0.0, factor, room, made)
         return self._shown(n, name, factor, room, samples)
@@ -285,13 +285,13 @@ class Fields:
         assert field.look is not None
         if not samples.low <= samples.high:
             return [], [f"{name!r} shows nothing, for its data hold no value."]
-        transfer = looks.transfer(field.look, samples.low, samples.high)
+        transfer = looks.transfer(field.look, samples.low, samples.high, looks.voxel(field))
         if not transfer.function.visible:
             return [], [f"{name!r} shows nothing, for nothing of its values is opaque or emits."]
         made = functools.partial(
             samples.at, transfer.function, threads=self.threads, watch=self.watch
         )
-        own = *self._seen_key(field, factor), field.look.key
+        own = *self._seen_key(field, factor), *field.look.seen_key
         structure = self._structure(own, made, room, samples.nbytes)
         nbytes = structure.volume.info.nbytes
         light = looks.light_of(field, transfer)
@@ -366,7 +366,7 @@ class Fields:
 
     def _own_key(self, field: model.Field, factor: int) -> tuple:
         """Of the samples that a field's own look needs."""
-        return *self._seen_key(field, factor), field.look and field.look.key, "alone"
+        return *self._seen_key(field, factor), field.look and field.look.seen_key, "alone"
 
     def _key(self, field: model.Field, factor: int) -> tuple[str, str]:
         told = field.above, field.capped, field.smoothing, field.interpolation, field.least, factor

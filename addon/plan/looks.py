@@ -17,6 +17,7 @@ SAMPLES = 4097  # at which a look is asked
 ACCURACY = 1e-4  # what leaving out knots may change, as a share of the largest
 GREY = 0.02  # channels of extinction that differ by less are not told,
 EVEN = 0.01  # nor anisotropy
+TINY = float(np.finfo(np.float64).tiny)
 JUMP = 0.01  # a share of all values within which a look jumps: ramps are tables of 256 colours
 
 
@@ -49,8 +50,11 @@ class Transfer:
         return told
 
 
-def transfer(look: model.Look, low: float, high: float) -> Transfer:
-    """A look over values from low to high. Raises LeapRayError where a number of it is none."""
+def transfer(look: model.Look, low: float, high: float, voxel: float = 1.0) -> Transfer:
+    """A look over values from low to high, by which gradients are told as changes over that length.
+
+    Raises LeapRayError where a number of it is none.
+    """
     values = np.linspace(low, high, SAMPLES) if high > low else np.array([low])
     extinction, emission = look.extinction(values), look.emission(values)
     scattering, forward = look.scattering(values), look.forward(values)
@@ -61,15 +65,18 @@ def transfer(look: model.Look, low: float, high: float) -> Transfer:
     grey = bool((np.ptp(extinction, axis=1) <= GREY * mean.max(initial=0.0)).all())
     columns = np.column_stack([mean, emission, scattering])
     kept = knots(values, columns)
+    width = _width(values[kept], columns[kept])
+    full = look.modulation * width / voxel
+    if look.modulation > 0:
+        full = max(full, TINY)  # of one value nothing is seen
     dark = (0.0, 0.0, 0.0)
     made = leapray.TransferFunction(
-        values[kept], mean[kept], dark, emission[kept], scattering[kept]
+        values[kept], mean[kept], dark, emission[kept], scattering[kept], full
     )
     total = scattering.sum()
     anisotropy = float(np.clip(forward.sum() / total, -1, 1)) if total > 0 else 0.0
     off = np.abs(forward - anisotropy * scattering).max(initial=0.0)
     even = bool(off <= EVEN * scattering.max(initial=0.0))
-    width = _width(values[kept], columns[kept])
     return Transfer(made, look.shading.amount > 0, bool(total > 0), anisotropy, width, grey, even)
 
 
@@ -85,15 +92,21 @@ def light_of(field: model.Field, transfer: Transfer) -> dict[str, Any]:
     """How instances of a field scatter light, as members of leapray.Instance."""
     assert field.look is not None
     shading = field.look.shading
-    voxel = abs(np.linalg.det(np.asarray(field.grid.world_from_index)[:3, :3])) ** (1 / 3)
+    scale = shading.scale * voxel(field) / transfer.width if transfer.width > 0 else 0.0
     return {
         "anisotropy": transfer.anisotropy,
         "phase": field.look.phase,
         "gradient_shading": shading.amount,
-        "gradient_scale": shading.scale * voxel / transfer.width if transfer.width > 0 else 0.0,
+        "gradient_scale": scale,
         "roughness": shading.roughness,
         "specular": shading.specular,
     }
+
+
+def voxel(field: model.Field) -> float:
+    """The side of a cube as large as a voxel of the data, in object space."""
+    matrix = np.asarray(field.grid.world_from_index)[:3, :3]
+    return float(abs(np.linalg.det(matrix)) ** (1 / 3))
 
 
 def unit(look: model.Look, world_from_object: NDArray[np.float64]) -> float:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Volumes shaded by their gradient in Blender: what the panel's numbers mean, presets, warnings."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
@@ -62,9 +64,31 @@ def test_a_scale_is_for_a_change_by_a_voxel_as_a_share_of_what_the_look_shows(
     assert told["gradient_scale"] * slope == pytest.approx(1.0, rel=0.01)
 
 
+def test_modulation_is_by_the_same_changes_and_thins_what_is_even(tmp_path):
+    """Of the ball of fog, whose values fall over eight voxels, the even inside goes."""
+    scene = dark()
+    ob = smoke(driven(shaded("VolumeAbsorption", Color=(0, 0, 0, 1)), "Density"), tmp_path)
+    scene.render.film_transparent = True
+    seen = {}
+    for modulation in (0.0, 0.125, 0.25):  # of a range of 2; the fog falls by 1/4 over a voxel
+        ob.data.leapray.gradient_modulation = modulation
+        bpy.context.view_layer.update()
+        field = read(8, 8).fields[0]
+        told = looks.transfer(field.look, 0.0, 2.0, looks.voxel(field))
+        assert told.function.full_gradient == pytest.approx(2 * modulation / VOXEL)
+        alpha = render(scene, "LEAPRAY", 4)["Combined"][..., 3]
+        seen[modulation] = -np.log(1 - alpha[7:9, 7:9]).mean()
+    assert not warnings()
+    # 2 x 14 of 36 voxels of the inside have the density 2, 8 at each end 1 in the mean.
+    assert seen[0.0] == pytest.approx((28 * 2 + 16) * VOXEL, rel=0.05)
+    assert seen[0.125] == pytest.approx(16 * VOXEL, rel=0.1)
+    assert seen[0.25] == pytest.approx(8 * VOXEL, rel=0.1)
+
+
 def test_of_even_data_nothing_is_a_boundary():
     even = model.Look(*[lambda v: np.ones((len(v), 3))] * 2)
     assert looks.transfer(even, 3.0, 3.0).width == 0.0
+    assert looks.transfer(replace(even, modulation=0.5), 3.0, 3.0).function.full_gradient > 0
 
 
 def test_boundaries_are_darker_where_they_turn_from_the_light(tmp_path):

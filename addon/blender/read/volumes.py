@@ -81,7 +81,11 @@ def read_field(
         if isinstance(original, bpy.types.Volume):
             look = replace(look, per_world_unit=original.render.space == "WORLD")
         shading = own.gradient_shading, own.gradient_scale, own.gradient_roughness
-        look = replace(look, shading=model.GradientShading(*shading, own.gradient_specular))
+        look = replace(
+            look,
+            shading=model.GradientShading(*shading, own.gradient_specular),
+            modulation=own.gradient_modulation,
+        )
         return model.Field(
             grid=grid,
             contents=contents,
