@@ -219,6 +219,8 @@ static bool gradient_at(const lr_placed *placed, const double world[3], int32_t 
     int32_t c[3];
     lr_map_point(placed->object_from_world, world, object);
     lr_map_point(v->storage_from_object, object, p);
+    if (!lr_all_finite(p, 3))
+        return false;
     for (int a = 0; a < 3; a++) {
         c[a] = (int32_t)lr_clamp(floor(p[a]), lr_first_cell(v), lr_last_cell(v, a));
         p[a] = lr_clamp(p[a] - c[a], 0, 1);
