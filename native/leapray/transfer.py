@@ -73,16 +73,14 @@ class TransferFunction:
     def sees_as(self, other: TransferFunction) -> bool:
         """Whether what is visible by another transfer function is so by this one, and no more.
 
-        other: whose values, extinction and emission are compared, and whether gradients count;
-        False where those differ.
+        other: whose values, extinction and emission are compared; False where those differ.
         """
         pairs = (
             (self.values, other.values),
             (self.extinction, other.extinction),
             (self.emission, other.emission),
         )
-        reach = (each.full_gradient > 0 for each in (self, other))  # of differences
-        return all(np.array_equal(a, b) for a, b in pairs) and len(set(reach)) == 1
+        return all(np.array_equal(a, b) for a, b in pairs)
 
     def greatest(
         self, low: ArrayLike, high: ArrayLike

@@ -24,13 +24,13 @@ static bool is_seen(const lr_samples *s, const lr_transfer *numbers, const int32
     return low <= high && lr_transfer_sees(numbers, low, high);
 }
 
-/* Mark a brick, and those that its cells reach into; with gradients, whose differences reach one
- * sample further. */
-static void need(const lr_samples *s, const int32_t b[3], bool gradients, uint8_t *needed)
+/* Mark a brick, and those that its cells reach into. Those below it, where differences at its
+ * samples reach, are marked as well, for what is seen of it is within their range, too. */
+static void need(const lr_samples *s, const int32_t b[3], uint8_t *needed)
 {
-    for (int n = 0; n < lr_support_count(gradients); n++) {
+    for (int n = 0; n < lr_support_count(false); n++) {
         int32_t to[3];
-        lr_support_brick(gradients, n, b, to);
+        lr_support_brick(false, n, b, to);
         if (lr_has_brick(s->table_size, to))
             needed[lr_place_of(s->table_size, to[0], to[1], to[2])] = 1;
     }
@@ -54,7 +54,7 @@ lr_status lr_samples_hide(lr_samples *s, const lr_transfer *transfer, double sca
     int32_t b[3] = {-1, 0, 0};
     while (lr_next_brick(s->table_size, b))
         if (is_seen(s, numbers, b))
-            need(s, b, numbers->full_gradient > 0.0, needed);
+            need(s, b, needed);
     for (size_t at = 0; at < count; at++) {
         if (needed[at])
             continue;
