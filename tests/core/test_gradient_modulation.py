@@ -247,7 +247,7 @@ def test_samples_that_take_no_memory_change_nothing():
     values = 0.5 - np.abs(np.sqrt((x - 24.5) ** 2 + (y - 24.4) ** 2 + (z - 24.6) ** 2) - 9) / 3
     grid = grid_of(values, np.eye(4))
     look = leapray.TransferFunction(KNOTS, [0, 2.0, 1.0], COLORS, full_gradient=0.4)
-    o, d = rays(300, size=(n, n, n), matrix=np.eye(4))
+    o, d = rays(2000, size=(n, n, n), matrix=np.eye(4))
     dropped = leapray.FieldSamples(grid, transfer=look)
     assert dropped.nbytes < 0.9 * leapray.FieldSamples(grid).nbytes
     pictures = [traced(samples.at(look), o, d) for samples in (dropped, leapray.FieldSamples(grid))]
