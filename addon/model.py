@@ -188,16 +188,20 @@ class FieldInstance(Placed):
 
 @dataclass(frozen=True)
 class Material:
-    """What a surface does to light: the sum of its lobes."""
+    """What a surface does to light, the sum of its lobes, and what fills solids that wear it."""
 
     name: str
     lobes: tuple[Lobe, ...]
     color_source: str = ""  # of textured lobes: "vertex" | "image"
     attribute: str = ""  # the colours' or UVs' name in the mesh
     image: Image | None = None
-    absorption: Color = (0.0, 0.0, 0.0)  # inside solids, per unit of world length
+    absorption: Color = (0.0, 0.0, 0.0)  # inside solids, per unit of world length,
+    scattering: Color = (0.0, 0.0, 0.0)  # likewise,
+    glow: Color = (0.0, 0.0, 0.0)  # and the radiance that is added
+    anisotropy: float = 0.0  # of what is scattered: the mean cosine
+    phase: str = "henyey_greenstein"  # of leapray.rendering.PHASES
     index: int = 0  # Blender's pass index
-    has_surface: bool = True  # else it is one of volumes alone, and clear
+    bare: bool = False  # no surface, and no lobes: what is inside alone
 
     @property
     def refracts(self) -> bool:
@@ -207,11 +211,15 @@ class Material:
         )
 
     @property
+    def fills(self) -> bool:
+        """Whether light meets something inside."""
+        return any(self.absorption + self.scattering + self.glow)
+
+    @property
     def is_clear(self) -> bool:
         """Whether one sees through it."""
-        return self.refracts or any(
-            lobe.kind == "transparent" or lobe.alpha < 1 for lobe in self.lobes
-        )
+        through = self.bare or self.refracts
+        return through or any(lobe.kind == "transparent" or lobe.alpha < 1 for lobe in self.lobes)
 
     @property
     def base_color(self) -> Color:

@@ -32,6 +32,7 @@ def reached(scene: model.Scene, instances: Sequence[model.Placed]) -> NDArray[np
     used = {material for instance in instances for material in instance.materials}
     kinds = {lobe.kind for material in used for lobe in scene.materials[material].lobes}
     scatters = not kinds <= set(STRAIGHT) or any(f.look is not None for f in scene.fields)
+    scatters |= any(any(scene.materials[material].scattering) for material in used)
     spreads = scene.settings.diffuse_bounces > 0 or "Ambient Occlusion" in scene.passes
     names = (*STRAIGHT_FLAGS, *SCATTERED_FLAGS) if scatters else STRAIGHT_FLAGS
     flags = np.array([[getattr(i, name) for name in names] for i in instances], bool)

@@ -41,7 +41,8 @@ class Work:
     color_set: mesh_colors.ColorSet = field(default_factory=mesh_colors.ColorSet)
     carries: str = ""  # a digest of what the colour set takes from the mesh; "": nothing
     turn: float = sample_types.TURN  # of normals, that its materials do not show
-    refracts: bool = False  # some material of it
+    refracts: bool = False  # some material of it,
+    fills: bool = False  # likewise
     weights: probes.Weights | None = None
     measure: error_metric.Measure | None = None
     errors: error_metric.Errors = field(init=False, repr=False, compare=False)  # as seen

@@ -31,6 +31,7 @@ from .. import model
 from ..store import disk_cache, memory_cache
 from . import (
     culling,
+    doubts,
     error_metric,
     fields,
     light_planes,
@@ -115,6 +116,7 @@ class Planner(Separation):
                 work.dtype = self._asked_type(mesh)
                 work.turn = sample_types.permitted_turn(self.scene.materials[m] for m in used)
                 work.refracts = any(self.scene.materials[m].refracts for m in used)
+                work.fills = any(self.scene.materials[m].fills for m in used)
                 work.exact = "sheets" if self.settings.exact == "auto" else self.settings.exact
                 if self.may_choose_cells(work) and len(work.mesh.triangles) <= FEW_TRIANGLES:
                     work.exact, work.own_normals = "every", True
@@ -376,8 +378,7 @@ class Planner(Separation):
             volumes=[self._row(w) for w in self.works],
             warnings=self.warnings
             + [s for w in self.works if (s := self._complaint(w))]
-            + [s for w in self.works if (s := _crowded(w))]
-            + list(dict.fromkeys(_doubt(w) for w in self.works if w.measured.doubtful)),
+            + doubts.sentences(self.works),
             volume_nbytes=sum(w.measured.volume_nbytes for w in self.works),
             structure_nbytes=sum(w.measured.structure_nbytes for w in self.works),
             scratch_nbytes=self.scratch,
@@ -471,25 +472,6 @@ class Planner(Separation):
         if self.settings.resolution or work.fixed or not what:
             return ""
         return f"{work.name!r} has {what}: {work.stuck}."
-
-
-def _doubt(work: Work) -> str:
-    """The sentence on a kind that the user may not have meant."""
-    return (
-        f"{work.name!r} is taken for a {work.measured.kind}, since "
-        f"{work.built.volume.mesh_info.why}; the object's settings can say otherwise."
-    )
-
-
-def _crowded(work: Work) -> str:
-    """The sentence on samples that would have to hold more than two objects, or ""."""
-    lost = work.built.volume.info.n_dropped
-    if not lost:
-        return ""
-    return (
-        f"In {work.name!r} more than two objects meet in {lost} samples, which hold two: there a "
-        "third one is as large as the second."
-    )
 
 
 def fixed_size(mesh: model.Mesh, n: int) -> float:

@@ -28,12 +28,17 @@ from ..arrays import unit
 TURN = math.radians(0.15)  # of normals, the mean: diffuse light changes by a quarter of a per cent
 LOBE_SHARE = 1 / 60  # likewise, of the width of a glossy lobe
 STRAIGHT = ("diffuse", "emission", "transparent")  # lobes that do not scatter light
+NONE = -1.0  # less than any
 ROUNDING = 1e-6  # of normals, radians: less is no turn
 PART = 0.5  # of the error: then steps are what it is made of
 
 
 def permitted_turn(materials: Iterable[model.Material]) -> float:
-    """By how much normals may turn, the mean in radians; 0 for mirrors and clear glass."""
+    """By how much normals may turn, the mean in radians; 0 for mirrors and clear glass, NONE for
+    solids that are filled, whose depth shows the steps of u8 where no normal turns."""
+    materials = list(materials)
+    if any(material.fills for material in materials):
+        return NONE
     widths = [
         lobe.roughness**2
         for material in materials

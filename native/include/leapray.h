@@ -1000,11 +1000,22 @@ typedef struct lr_lobe {
 
 #define LR_LOBES_MAX 8
 
+/* Into which directions volumes scatter. */
+typedef enum lr_phase_kind {
+    LR_PHASE_HENYEY_GREENSTEIN = 0,
+    LR_PHASE_RAYLEIGH = 1 /* of particles much smaller than the light's wavelength */
+} lr_phase_kind;
+
 typedef struct lr_material_desc {
     const lr_lobe *lobes; /* [n_lobes], summed up */
     uint32_t n_lobes;     /* at most LR_LOBES_MAX; none: black */
     int32_t index;        /* the value of the material index pass */
-    double absorption[3]; /* inside solids, per unit of world length (Beer's law) */
+    double absorption[3]; /* inside solids, per unit of world length (Beer's law), */
+    double scattering[3]; /* likewise: light that is turned into other directions, */
+    double glow[3];       /* and radiance that is added, which may be negative */
+    double anisotropy;    /* of what is scattered: as of lr_instance */
+    int32_t phase;        /* lr_phase_kind */
+    int32_t bare;         /* nonzero: no surface, and no lobes: rays meet what is inside alone */
 } lr_material_desc;
 
 /* What surrounds the scene. */
@@ -1016,12 +1027,6 @@ typedef struct lr_world {
     uint32_t visibility;     /* lr_visibility; shadow is not read */
     int32_t max_bounces;     /* as of lr_light; of a world with an image */
 } lr_world;
-
-/* Into which directions volumes scatter. */
-typedef enum lr_phase_kind {
-    LR_PHASE_HENYEY_GREENSTEIN = 0,
-    LR_PHASE_RAYLEIGH = 1 /* of particles much smaller than the light's wavelength */
-} lr_phase_kind;
 
 /* A solid that cuts an instance: hits of the instance on one side of it count, the others are
  * passed through. The faces of the cut are an instance of the solid's own structure, of which the

@@ -709,6 +709,11 @@ class lr_material_desc(ctypes.Structure):
         ("n_lobes", ctypes.c_uint32),
         ("index", ctypes.c_int32),
         ("absorption", ctypes.c_double * 3),
+        ("scattering", ctypes.c_double * 3),
+        ("glow", ctypes.c_double * 3),
+        ("anisotropy", ctypes.c_double),
+        ("phase", ctypes.c_int32),
+        ("bare", ctypes.c_int32),
     )
 
 

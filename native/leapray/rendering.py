@@ -140,11 +140,16 @@ class Lobe:
 
 @dataclass(frozen=True)
 class Material:
-    """What a surface does to light: the sum of its lobes."""
+    """What a surface does to light, the sum of its lobes, and what fills solids that wear it."""
 
     lobes: Sequence[Lobe]
-    absorption: Vector = (0.0, 0.0, 0.0)  # inside solids, per unit of world length
+    absorption: Vector = (0.0, 0.0, 0.0)  # inside solids, per unit of world length,
     index: int = 0
+    scattering: Vector = (0.0, 0.0, 0.0)  # likewise,
+    glow: Vector = (0.0, 0.0, 0.0)  # and the radiance that is added
+    anisotropy: float = 0.0  # of what is scattered: the mean cosine
+    phase: str = "henyey_greenstein"  # of PHASES
+    bare: bool = False  # no surface, and no lobes: rays meet what is inside alone
 
     @classmethod
     def diffuse(cls, color: Vector) -> Material:
@@ -555,7 +560,11 @@ def _materials(materials: Sequence[Material], lobes: NDArray) -> NDArray:
         row["lobes"] = lobes.ctypes.data + first * lobes.itemsize
         row["n_lobes"] = len(material.lobes)
         row["index"] = numbers(material.index, np.int32, f"the index of material {i}")
-        row["absorption"] = _vector(material.absorption, f"the absorption of material {i}")
+        for name in ("absorption", "scattering", "glow"):
+            row[name] = _vector(getattr(material, name), f"the {name} of material {i}")
+        row["anisotropy"] = numbers(material.anisotropy, float, f"the anisotropy of material {i}")
+        row["phase"] = choice(PHASES, material.phase, f"phase function of material {i}")
+        row["bare"] = bool(material.bare)
         first += len(material.lobes)
     return table
 

@@ -3,13 +3,13 @@
 
 Extinction and emission of Principled Volume, Volume Absorption, Volume Scatter, Volume Coefficients
 and Emission, as Cycles has them. Their sockets may depend on the field through any nodes that work
-on one value: an Attribute node of its name, or Volume Info.
+on one value: an Attribute node of its name, or Volume Info. What fills a mesh depends on nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from leapray import LeapRayError, Step, compile_program
 from leapray.programs import INPUTS
 
 from ... import model
-from . import phases
+from . import colors, phases
 from .links import Values, average
 from .nodes import Folder, Place, Unfolded, output_of, own_value, title
 from .shaders import Constants
@@ -27,6 +27,8 @@ Part = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # values (n,) to (n
 
 OWN = "value", "density"  # what any field may be called
 CHANNEL = INPUTS[0]  # through which programs get a value
+STEFAN_BOLTZMANN = 5.670373e-8 * 1e-6 / np.pi  # radiance by kelvin^4, as Cycles scales it
+LEAST_POWER = 1e-5  # as in Cycles: less is nothing
 SOME = np.linspace(-2.0, 2.0, 41)  # values at which anisotropies are compared
 ALIKE = 0.01  # those that differ by less are not told
 HENYEY_GREENSTEIN, RAYLEIGH = "HENYEY_GREENSTEIN", "RAYLEIGH"  # phase functions of Blender's
@@ -41,12 +43,36 @@ def read_look(material, grid: str, notes) -> model.Look:
     return _Reader(material.name, grid, notes).read(output)
 
 
-class _Reader(Constants):
-    """The look that one material gives to fields of one name."""
+def read_inside(material: Constants, socket) -> dict[str, Any] | None:
+    """What the shaders at a volume socket of a material fill meshes with: members of
+    model.Material; None where there is no shader. What is not understood is told to the
+    material."""
+    reader = _Reader(material.name, None, material.notes)
+    reader.strange = material.strange
+    found = reader.flattened(socket)
+    if not found:
+        return None
+    look = reader.look(found)
+    one = np.zeros(1)  # of the values that there are not
+    scattering, forward = look.scattering(one)[0], look.forward(one)[0]
+    absorption = np.maximum(look.extinction(one)[0] - scattering, 0.0)
+    total = scattering.sum()
+    return {
+        "absorption": tuple(absorption.tolist()),
+        "scattering": tuple(scattering.tolist()),
+        "glow": tuple(look.emission(one)[0].tolist()),
+        "anisotropy": float(np.clip(forward.sum() / total, -1, 1)) if total > 0 else 0.0,
+        "phase": look.phase,
+    }
 
-    def __init__(self, name: str, grid: str, notes) -> None:
+
+class _Reader(Constants):
+    """The look that one material gives to fields of one name, or to meshes (None)."""
+
+    def __init__(self, name: str, grid: str | None, notes) -> None:
         super().__init__(name, notes)
         self.grid = grid
+        self.own = () if grid is None else (grid, *OWN)  # what its values are called
         self.extinction: list[Part] = []
         self.emission: list[Part] = []
         self.scattering: list[Part] = []
@@ -59,13 +85,18 @@ class _Reader(Constants):
         found = self.flattened(output.node.inputs.get("Volume"))
         if not found:
             raise LeapRayError(f"its material {self.name!r} has no volume shader")
+        look = self.look(found)
+        self.tell()
+        return look
+
+    def look(self, found: list[tuple[Place, float]]) -> model.Look:
+        """Of these shaders, with their weights."""
         for out, weight in found:
             kind = out.node.bl_idname
             if kind in _SHADERS:
                 _SHADERS[kind](self, out, weight)
             else:
                 self.strange[title(out.node)] = None
-        self.tell()
         phase = RAYLEIGH if self.phases == {RAYLEIGH} else HENYEY_GREENSTEIN
         if phase == HENYEY_GREENSTEIN:
             self._tell_mixture()
@@ -95,19 +126,30 @@ class _Reader(Constants):
         self.extinction.append(extinction)
         power, glow = self._part(out, "Emission Strength"), self._part(out, "Emission Color")
         self.emission.append(lambda v: weight * np.maximum(power(v), 0) * np.maximum(glow(v), 0))
-        self._blackbody(out)
+        self._blackbody(out, weight)
 
-    def _blackbody(self, out: Place) -> None:
+    def _blackbody(self, out: Place, weight: float) -> None:
+        """The light of a temperature, which of a field is another grid."""
         socket = out.node.inputs["Blackbody Intensity"]
-        if socket.is_linked or socket.default_value > 0:
+        if not (socket.is_linked or socket.default_value > 0):
+            return
+        if self.grid is not None:
             self.strange["Blackbody Intensity"] = None
+            return
+        share, kelvin = self.number(out, "Blackbody Intensity"), self.number(out, "Temperature")
+        kelvin, share = max(kelvin, 0.0), min(max(share, 0.0), 1.0)
+        power = STEFAN_BOLTZMANN * (1 - share + share * kelvin**4)
+        tint = np.maximum(self.value(out, "Blackbody Tint"), 0.0)
+        glow = power * colors.blackbody(np.array(kelvin)) * tint
+        if power > LEAST_POWER:
+            self.emission.append(lambda v: np.broadcast_to(weight * glow, (len(v), 3)))
 
     def _density(self, out: Place) -> Part:
         """Of a Principled Volume: that of its socket times its attribute."""
         density, name = self._part(out, "Density"), self._text(out, "Density Attribute")
-        if name in (self.grid, *OWN):
+        if name in self.own:
             return lambda v: np.maximum(density(v) * v[:, None], 0)
-        if name:
+        if name and self.grid is not None:
             self.strange[f"Density Attribute {name!r}"] = None
         return lambda v: np.maximum(density(v), 0)
 
@@ -224,10 +266,12 @@ class _Reader(Constants):
         """The output of a node that tells of the field."""
         node, kind = out.node, out.node.bl_idname
         grey = (CHANNEL,) * 3
+        if self.grid is None:
+            raise Unfolded(title(node))
         if kind == "ShaderNodeVolumeInfo" and out.socket.name == "Density":
             return CHANNEL
         if kind == "ShaderNodeAttribute" and node.attribute_type == "GEOMETRY":
-            if node.attribute_name in (self.grid, *OWN):
+            if node.attribute_name in self.own:
                 return average(grey) if out.socket.type == "VALUE" else grey
             raise Unfolded(f"{title(node)} ({node.attribute_name})")
         raise Unfolded(title(node))

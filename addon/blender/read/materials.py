@@ -15,12 +15,12 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from leapray import Step, numbers_of
 from leapray._abi import LR_LOBES_MAX
 
 from ... import model
+from . import looks
 from .links import Triple, Values, tree_of
 from .nodes import Folder, Place, Unfolded, output_of, own_value, title
 from .shaders import Constants
@@ -64,7 +64,8 @@ def read(material, notes, images: dict | None = None) -> tuple[model.Material, T
 
 def _is_sound(material: model.Material) -> bool:
     """Whether all its numbers are such, as f32 holds them."""
-    if not np.abs(material.absorption).max() <= np.finfo(np.float32).max:  # so of NaN
+    inside = np.array([material.absorption, material.scattering, material.glow])
+    if not np.abs(inside).max() <= np.finfo(np.float32).max:  # so of NaN
         return False
     return all(np.isfinite(model.numbers(lobe)).all() for lobe in material.lobes)
 
@@ -91,16 +92,12 @@ class _Reader(Constants):
         displaced = inputs.get("Displacement")
         if displaced and self.source(Place(displaced)):
             self.notes.unsupported("Displacement is", self.material.name)
-        volumes = self.flattened(inputs.get("Volume"))
-        absorption = np.zeros(3)
-        for out, weight in volumes:
-            absorption += weight * self._absorption(out)
+        inside = looks.read_inside(self, inputs.get("Volume"))
         surfaces = self.flattened(inputs.get("Surface"))
         for out, weight in surfaces:
             self._shader(out, weight)
-        if volumes and not surfaces:
-            self._add("transparent", 1.0, color=WHITE)
-        if not self.lobes:
+        bare = inside is not None and not surfaces
+        if not self.lobes and not bare:
             self._add("diffuse", 1.0, color=BLACK)
         if len(self.lobes) > LR_LOBES_MAX:
             self.strange[f"more than {LR_LOBES_MAX} shaders"] = None
@@ -111,10 +108,10 @@ class _Reader(Constants):
             lobes=tuple(self.lobes),
             color_source=self.texture.source if self.texture else "",
             attribute=self.texture.layer if self.texture else "",
-            has_surface=bool(surfaces) or not volumes,
             image=self.image,
-            absorption=tuple(absorption.tolist()),
             index=self.material.pass_index,
+            bare=bare,
+            **(inside or {}),
         )
         return made, self.texture
 
@@ -229,17 +226,6 @@ class _Reader(Constants):
         if level > 1.0:
             self.strange["Specular IOR Level above 1"] = None
         return _within(level, 0.0, 1.0)
-
-    # -- volume
-
-    def _absorption(self, out: Place) -> NDArray[np.float64]:
-        """What a metre of the inside takes away, as a coefficient."""
-        kind = out.node.bl_idname
-        if kind == "ShaderNodeVolumeAbsorption":
-            color = np.clip(self._constant(out, "Color"), 0.0, 1.0)
-            return _within(self.number(out, "Density"), 0.0, np.inf) * (1.0 - color)
-        self.strange[title(out.node)] = None
-        return np.zeros(3)
 
     # -- values
 

@@ -439,7 +439,7 @@ class _Objects:
     def _on_surface(self, at: int) -> int:
         """The material with that index; with the default surface, if it is one of volumes alone."""
         made = self.materials[at]
-        if made.has_surface:
+        if not made.bare:
             return at
         if at not in self._surface_at:
             self._surface_at[at] = len(self.materials)

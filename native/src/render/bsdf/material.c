@@ -73,6 +73,39 @@ static lr_status check_lobe(const lr_lobe *lobe, uint64_t i, lr_error *error)
     return status;
 }
 
+static lr_status check_glow(const double glow[3], uint64_t i, lr_error *error)
+{
+    if (lr_all_finite(glow, 3))
+        return LR_OK;
+    return lr_fail(error, LR_E_ARGUMENT,
+                   "material %llu must have a finite glow, it is (%g, %g, %g)",
+                   (unsigned long long)i, glow[0], glow[1], glow[2]);
+}
+
+static lr_status check_medium(const lr_material_desc *desc, uint64_t i, lr_error *error)
+{
+    lr_status status = check_color(desc->absorption, "absorption", i, error);
+    if (status == LR_OK)
+        status = check_color(desc->scattering, "scattering", i, error);
+    if (status == LR_OK)
+        status = check_glow(desc->glow, i, error);
+    if (status != LR_OK)
+        return status;
+    if (desc->phase != LR_PHASE_HENYEY_GREENSTEIN && desc->phase != LR_PHASE_RAYLEIGH)
+        return lr_fail(
+            error, LR_E_ARGUMENT, "the phase function of material %llu must be %d or %d, it is %d",
+            (unsigned long long)i, LR_PHASE_HENYEY_GREENSTEIN, LR_PHASE_RAYLEIGH, desc->phase);
+    if (!(fabs(desc->anisotropy) <= 1))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the anisotropy of material %llu must lie between -1 and 1, it is %g",
+                       (unsigned long long)i, desc->anisotropy);
+    if (desc->bare != 0 && desc->n_lobes > 0)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "material %llu must have no lobes, as it has no surface; it has %u",
+                       (unsigned long long)i, desc->n_lobes);
+    return LR_OK;
+}
+
 lr_status lr_material_check(const lr_material_desc *desc, uint64_t i, lr_error *error)
 {
     if (desc->n_lobes > LR_LOBES_MAX)
@@ -81,7 +114,7 @@ lr_status lr_material_check(const lr_material_desc *desc, uint64_t i, lr_error *
     if (desc->n_lobes > 0 && desc->lobes == NULL)
         return lr_fail(error, LR_E_ARGUMENT, "the lobes of material %llu are NULL",
                        (unsigned long long)i);
-    lr_status status = check_color(desc->absorption, "absorption", i, error);
+    lr_status status = check_medium(desc, i, error);
     for (uint32_t k = 0; k < desc->n_lobes && status == LR_OK; k++)
         status = check_lobe(&desc->lobes[k], i, error);
     return status;
@@ -111,16 +144,35 @@ static uint32_t flags_of(const lr_lobe *lobe)
     }
 }
 
+/* What fills the solids of a material, and its flag. */
+static uint32_t fill(const lr_material_desc *desc, lr_material *material)
+{
+    lr_medium *medium = &material->medium;
+    for (int a = 0; a < 3; a++) {
+        medium->extinction[a] = desc->absorption[a] + desc->scattering[a];
+        medium->scattering[a] = desc->scattering[a];
+        medium->glow[a] = desc->glow[a];
+    }
+    material->phase =
+        (lr_phase){desc->phase, lr_clamp(desc->anisotropy, -LR_ANISOTROPY_MAX, LR_ANISOTROPY_MAX)};
+    return is_black(medium->extinction) && is_black(medium->glow) ? 0 : LR_MATERIAL_FILLS;
+}
+
 void lr_material_make(const lr_material_desc *desc, lr_lobe *lobes, lr_material *material)
 {
     *material = (lr_material){
         .lobes = lobes,
         .n_lobes = desc->n_lobes,
-        .flags = is_black(desc->absorption) ? 0 : LR_MATERIAL_ABSORBS,
         .index = desc->index,
         .ior = 1,
     };
-    memcpy(material->absorption, desc->absorption, sizeof material->absorption);
+    material->flags = fill(desc, material);
+    if (desc->bare != 0) {
+        lobes[0] =
+            (lr_lobe){.kind = LR_LOBE_TRANSPARENT, .weight = 1, .color = {1, 1, 1}, .ior = 1};
+        material->n_lobes = 1;
+        material->flags |= LR_MATERIAL_BARE | LR_MATERIAL_CLEAR;
+    }
     for (uint32_t k = 0; k < desc->n_lobes; k++) {
         lobes[k] = desc->lobes[k];
         const uint32_t flags = flags_of(&lobes[k]);

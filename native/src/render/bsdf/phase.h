@@ -6,14 +6,6 @@
 
 #include "render/bsdf/bsdf.h"
 
-typedef struct lr_phase {
-    int32_t kind; /* lr_phase_kind */
-    double g;     /* mean cosine, within LR_ANISOTROPY_MAX */
-} lr_phase;
-
-/* A beam has no density; as in Cycles. */
-#define LR_ANISOTROPY_MAX 0.999
-
 /* The response to light from a direction, of albedo 1. view: towards the viewer; both unit. */
 lr_response lr_phase_eval(lr_phase phase, const double view[3], const double light[3]);
 

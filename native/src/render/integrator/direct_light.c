@@ -117,14 +117,17 @@ static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
         const bool hit = hits->instance[i] != LR_NOWHERE;
         const double d[3] = {rays->ray.dx[i], rays->ray.dy[i], rays->ray.dz[i]};
         if (scene->has_media)
-            lr_medium_stack_absorb(scene, media, hits->t[i], shadow_ray->contribution);
+            lr_medium_stack_absorb(scene, media, LR_VISIBLE_SHADOW, hits->t[i],
+                                   shadow_ray->contribution);
         for (int a = 0; a < 3 && scene->n_participants > 0; a++)
             shadow_ray->contribution[a] *= light->transmittance[i];
         if (!hit || is_black(shadow_ray->contribution))
             continue;
         lr_shading_point s;
         lr_surface_find(scene, rays, hits, i, media, &s);
-        const bool through = shadow_ray->clear++ <= transparent_bounces;
+        const bool bare = (s.material->flags & LR_MATERIAL_BARE) != 0;
+        const bool through = bare ? shadow_ray->bounds++ < LR_BOUNDS_MAX
+                                  : shadow_ray->clear++ <= transparent_bounces;
         for (int a = 0; a < 3; a++)
             shadow_ray->contribution[a] *= through ? s.bsdf.transparency[a] : 0;
         shadow_ray->ends -= hits->t[i];
@@ -132,7 +135,9 @@ static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
             lr_record_blocked(shadow_ray, hits->instance[i], record);
             continue;
         }
-        spawn_shadow_ray(scene, &s, d, shadow_ray->ends, true, k, rays->n++, rays);
+        const lr_start start = lr_surface_straight_start(&s, rays->from[i], &rays->start[i]);
+        spawn_shadow_ray(scene, &s, d, shadow_ray->ends, true, k, rays->n, rays);
+        rays->start[rays->n++] = start;
         if (scene->has_media)
             lr_surface_cross(scene, &s, media);
     }
@@ -159,7 +164,7 @@ static lr_status trace_shadow_rays(const lr_context *context, lr_shadow_queue *s
     while (status == LR_OK && passes && rays->n > 0) {
         status = lr_intersect_closest(context, &options, rays, hits, &wave->memory);
         if (status == LR_OK && scene->n_participants > 0)
-            status = lr_find_volume_light(context, 0, false, rays, hits->t, &wave->memory.batch,
+            status = lr_find_volume_light(context, 0, NULL, rays, hits->t, &wave->memory.batch,
                                           &wave->volume_light, NULL);
         if (status == LR_OK)
             pass_surfaces(scene, (uint32_t)context->tile->transparent_bounces, hits,
@@ -230,6 +235,7 @@ static void light_by(const lr_context *context, const lr_shading_point *s, uint3
                                                  s->in_volume ? LR_RAY_VOLUME : LR_RAY_DIFFUSE);
     shadow_ray->shading_point = s;
     shadow_ray->clear = s->path->bounces[LR_RAY_TRANSPARENT];
+    shadow_ray->bounds = s->path->bounds;
     shadow_ray->ends = sampled.ray.distance;
     shadow_rays->media[n].n = 0;
     if (scene->has_media)
@@ -283,7 +289,7 @@ lr_status lr_ambient_occlusion(const lr_context *context, const lr_shading_queue
     for (uint32_t k = 0; k < shading_points->n; k++) {
         const lr_shading_point *s = &shading_points->points[k];
         double u[2], d[3];
-        if (!s->path->seen)
+        if (!s->path->seen || (s->material->flags & LR_MATERIAL_BARE) != 0)
             continue;
         lr_sample_pair(lr_key(s->path->key, AMBIENT), s->path->sample, u);
         lr_cosine_direction(s->bsdf.basis.axis[2], u[0], u[1], d);

@@ -30,21 +30,22 @@ static bool in_box(const lr_node *node, int child, const double p[3])
     return true;
 }
 
-static void look(const lr_scene *scene, uint32_t instance, const double p[3], lr_medium_stack *in,
-                 uint32_t *lost)
+static void look(const lr_scene *scene, uint32_t instance, const double p[3], uint32_t visibility,
+                 lr_medium_stack *in, uint32_t *lost)
 {
     const lr_placed *placed = &scene->instances[instance];
     const lr_volume *v = lr_structure_volume(placed->structure);
     double object[3];
     int32_t id;
-    if (!placed->enterable)
+    if (!placed->enterable || (placed->visibility & visibility) == 0)
         return;
     lr_map_point(placed->object_from_world, p, object);
     if (holds(v, object, &id))
         *lost += lr_medium_stack_enter(in, instance, lr_material_of(scene, instance, id, NULL));
 }
 
-uint32_t lr_medium_stack_find(const lr_scene *scene, const double p[3], lr_medium_stack *in)
+uint32_t lr_medium_stack_find(const lr_scene *scene, const double p[3], uint32_t visibility,
+                              lr_medium_stack *in)
 {
     uint32_t held[HELD + 2], n = 0, lost = 0;
     in->n = 0;
@@ -58,7 +59,7 @@ uint32_t lr_medium_stack_find(const lr_scene *scene, const double p[3], lr_mediu
             if ((node->child[c] & LR_LEAF) == 0)
                 held[n++] = node->child[c];
             else if (node->child[c] != LR_NOWHERE)
-                look(scene, node->child[c] & ~LR_LEAF, p, in, &lost);
+                look(scene, node->child[c] & ~LR_LEAF, p, visibility, in, &lost);
         }
     }
     return lost;

@@ -10,6 +10,16 @@ static double footprint(const lr_camera *camera, double depth)
     return camera->projection == LR_PERSPECTIVE ? width * depth : width;
 }
 
+/* Of a point behind something without a surface: as t of the camera's ray. */
+static double depth_of(const lr_camera *camera, const double p[3])
+{
+    double to_point[3];
+    for (int a = 0; a < 3; a++)
+        to_point[a] = p[a] - camera->eye[a];
+    const double depth = lr_dot(to_point, camera->forward);
+    return depth / lr_dot(camera->forward, camera->forward);
+}
+
 void lr_write_geometry(const lr_scene *scene, const lr_shading_queue *shading_points, lr_film *film)
 {
     const lr_passes *passes = film->passes;
@@ -17,10 +27,13 @@ void lr_write_geometry(const lr_scene *scene, const lr_shading_queue *shading_po
         const lr_shading_point *s = &shading_points->points[k];
         const lr_placed *placed = &scene->instances[s->instance];
         const uint64_t p = film->first + s->path->pixel;
-        lr_pass_put(passes->depth, p, s->t);
+        if (!s->path->primary || (s->material->flags & LR_MATERIAL_BARE) != 0)
+            continue;
+        const double depth = s->path->travelled > 0 ? depth_of(&scene->camera, s->position) : s->t;
+        lr_pass_put(passes->depth, p, depth);
         lr_pass_put(passes->object_index, p, s->object_index);
         lr_pass_put(passes->material_index, p, s->material->index);
-        lr_pass_put(passes->error, p, placed->error / footprint(&scene->camera, s->t));
+        lr_pass_put(passes->error, p, placed->error / footprint(&scene->camera, depth));
         lr_pass_put(passes->volume, p, placed->volume_index);
         double normal[3];
         lr_bsdf_normal(&s->bsdf, normal);

@@ -9,6 +9,9 @@
 /* More nested solids than this are rare; the outermost are dropped, and counted. */
 enum { LR_MEDIA_MAX = 6, LR_RAY_KINDS = LR_RAY_VOLUME + 1 };
 
+/* Bounds of what has no surface that light passes on its way, at most; as in Cycles. */
+enum { LR_BOUNDS_MAX = 1024 };
+
 /* The visibility flag of instances and lights for rays of a kind. */
 LR_INLINE uint32_t lr_sees(int kind)
 {
@@ -39,9 +42,11 @@ typedef struct lr_path {
     uint32_t key;                   /* of its choices */
     uint32_t sample;                /* of the sequences that they are made by */
     uint32_t visibility;            /* instances with this flag count */
+    uint16_t bounds;                /* of what has no surface, that it has passed */
     uint16_t bounces[LR_RAY_KINDS]; /* so far, per lr_ray_kind; [LR_RAY_CAMERA] is their sum without
                                        the transparent ones */
     bool seen;                      /* by the camera, at most through transparent surfaces */
+    bool primary;                   /* from the camera on, but for what has no surface */
     bool last;                      /* beyond a limit: it may hit lights, but is not scattered */
     lr_medium_stack media;
 } lr_path;

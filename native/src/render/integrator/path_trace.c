@@ -48,25 +48,27 @@ static double mis_weight_of_hit(const lr_scene *scene, const lr_path *path, uint
     return lr_mis(path->pdf, pdf * lr_light_probability(scene, path, light_index, o));
 }
 
-/* Add the light if the path, scattered at o, meets it before its end: reads the path; writes its
- * pixel's sums. */
+/* Add the light if the path, scattered at o, meets it from a distance to its origin on, and before
+ * its end: reads the path; writes its pixel's sums. */
 static lr_status find_light(const lr_context *context, const lr_path *path, uint64_t light_index,
-                            const double o[3], const double d[3], double length, lr_batch *batch,
-                            lr_film *film)
+                            const double o[3], const double d[3], double begin, double length,
+                            lr_batch *batch, lr_film *film)
 {
     const lr_scene *scene = context->scene;
     const lr_light *light = &scene->lights[light_index];
     double t, color[3], pdf, throughput[3], transmittance;
     if ((light->visibility & path->visibility) == 0 ||
         !lr_light_hit(light, o, d, path->travelled + length, &t, color, &pdf) ||
-        t < path->travelled)
+        t < path->travelled + begin)
         return LR_OK;
-    const lr_status status = lr_find_transmittance(
-        context, o, d, path->travelled, t, path->visibility, LR_NOWHERE, batch, &transmittance);
+    const lr_status status =
+        lr_find_transmittance(context, o, d, path->travelled + begin, t, path->visibility,
+                              LR_NOWHERE, batch, &transmittance);
     if (status != LR_OK)
         return status;
     memcpy(throughput, path->throughput, sizeof throughput);
-    lr_medium_stack_absorb(scene, &path->media, t - path->travelled, throughput);
+    lr_medium_stack_absorb(scene, &path->media, path->visibility, t - path->travelled - begin,
+                           throughput);
     for (int a = 0; a < 3; a++)
         throughput[a] *= transmittance;
     add(path, light_index, color, throughput, mis_weight_of_hit(scene, path, light_index, o, pdf),
@@ -76,10 +78,10 @@ static lr_status find_light(const lr_context *context, const lr_path *path, uint
     return LR_OK;
 }
 
-/* Add lights with extent that the path meets before its end: reads the path; writes its pixel's
- * sums. Uses the batch. */
+/* Add lights with extent that the path meets from a distance on, and before its end: reads the
+ * path; writes its pixel's sums. Uses the batch. */
 static lr_status find_lights(const lr_context *context, const lr_path *path, const double d[3],
-                             double length, lr_batch *batch, lr_film *film)
+                             double begin, double length, lr_batch *batch, lr_film *film)
 {
     const lr_light_tree *light_tree = &context->scene->light_tree;
     lr_status status = LR_OK;
@@ -91,7 +93,7 @@ static lr_status find_lights(const lr_context *context, const lr_path *path, con
     for (uint64_t light_index;
          status == LR_OK &&
          (light_index = lr_light_tree_next(light_tree, &walk, o, d, t_max)) != LR_LIGHT_NONE;)
-        status = find_light(context, path, light_index, o, d, length, batch, film);
+        status = find_light(context, path, light_index, o, d, begin, length, batch, film);
     return status;
 }
 
@@ -100,7 +102,7 @@ static lr_status find_lights(const lr_context *context, const lr_path *path, con
 static void pass_volumes(const lr_volume_light *light, uint32_t i, lr_path *path, lr_film *film)
 {
     const double *color = light->color[i];
-    if (light->n_met[i] == 0)
+    if (light->n_met[i] == 0 && color[0] == 0 && color[1] == 0 && color[2] == 0)
         return;
     add(path, LR_VOLUME_EMISSION, color, path->throughput, 1, film);
     for (int a = 0; a < 3; a++) {
@@ -184,8 +186,8 @@ static bool hold_out(lr_shading_point *s, lr_film *film)
 /* Process the wave's hits of lights, world and surfaces: reads rays, hits and the light of volumes;
  * writes the absorption into the paths' throughputs, the pixels' sums, and shading points. Uses the
  * batch. Some are missing where stopped. */
-static lr_status process_hits(const lr_context *context, bool any, lr_wave *wave, lr_path *paths,
-                              lr_shading_queue *shading_points, lr_film *film)
+static lr_status process_hits(const lr_context *context, double t_min, bool any, lr_wave *wave,
+                              lr_path *paths, lr_shading_queue *shading_points, lr_film *film)
 {
     const lr_scene *scene = context->scene;
     const lr_ray_queue *rays = &wave->rays;
@@ -196,15 +198,16 @@ static lr_status process_hits(const lr_context *context, bool any, lr_wave *wave
         lr_path *path = &paths[rays->owner[i]];
         const bool hit = hits->instance[i] != LR_NOWHERE;
         const double unit = sqrt(lr_dot(path->direction, path->direction));
-        const double length = hits->t[i] * unit;
+        const double begin = t_min * unit, length = hits->t[i] * unit;
         const double d[3] = {path->direction[0] / unit, path->direction[1] / unit,
                              path->direction[2] / unit};
         if (scene->has_lights)
-            status = find_lights(context, path, d, length, &wave->memory.batch, film);
-        if (scene->n_participants > 0)
+            status = find_lights(context, path, d, begin, length, &wave->memory.batch, film);
+        if (scene->n_participants > 0 || scene->has_fog)
             pass_volumes(&wave->volume_light, i, path, film);
         if (path->media.n > 0)
-            lr_medium_stack_absorb(scene, &path->media, length, path->throughput);
+            lr_medium_stack_absorb(scene, &path->media, path->visibility, length - begin,
+                                   path->throughput);
         if (!hit) {
             lr_record_hit(path, hits, i, NULL, context->tile->record);
             miss(scene, path, d, film);
@@ -245,13 +248,13 @@ static lr_status find_volumes(const lr_context *context, double t_min, lr_queues
     const lr_scene *scene = context->scene;
     lr_volume_scatter *scatter = scene->scatters ? &wave->volume_scatter : NULL;
     queues->volume_points.n = 0;
-    if (scene->n_participants == 0)
+    if (scene->n_participants == 0 && !scene->has_fog)
         return LR_OK;
     if (scatter != NULL)
         lr_scatter_draw(queues->now.paths, &wave->rays, scatter);
     const lr_status status =
-        lr_find_volume_light(context, t_min, true, &wave->rays, wave->hits.t, &wave->memory.batch,
-                             &wave->volume_light, scatter);
+        lr_find_volume_light(context, t_min, queues->now.paths, &wave->rays, wave->hits.t,
+                             &wave->memory.batch, &wave->volume_light, scatter);
     if (status != LR_OK || scatter == NULL)
         return status;
     return lr_find_volume_points(context, t_min, queues->now.paths, wave, &queues->volume_points);
@@ -304,7 +307,8 @@ static lr_status trace_batch(const lr_context *context, bool any, bool camera, b
         .t_min = camera ? context->scene->camera.clip_start : 0,
         .any = any,
         .leaving = !camera,
-        .steps = (geometry && film->passes->steps != NULL) || context->tile->record != NULL,
+        .steps =
+            (camera && geometry && film->passes->steps != NULL) || context->tile->record != NULL,
     };
     lr_wave *wave = &queues->wave;
     lr_shading_queue *shading_points = &queues->shading_points;
@@ -312,11 +316,12 @@ static lr_status trace_batch(const lr_context *context, bool any, bool camera, b
         lr_intersect_closest(context, &options, &wave->rays, &wave->hits, &wave->memory);
     if (status != LR_OK)
         return status;
-    if (geometry)
+    if (camera && geometry)
         lr_write_steps(queues->now.paths, &wave->rays, &wave->hits, film);
     status = find_volumes(context, options.t_min, queues);
     if (status == LR_OK)
-        status = process_hits(context, any, wave, queues->now.paths, shading_points, film);
+        status = process_hits(context, options.t_min, any, wave, queues->now.paths, shading_points,
+                              film);
     if (status == LR_OK)
         choose_rays(context, queues);
     if (status == LR_OK)
@@ -361,7 +366,7 @@ lr_status lr_trace_paths(const lr_context *context, bool geometry, lr_queues *qu
             return lr_fail_stopped(context->error);
         if (n == 0)
             return LR_OK;
-        const lr_status status = trace_queue(context, camera, geometry && camera, queues, film);
+        const lr_status status = trace_queue(context, camera, geometry, queues, film);
         if (status != LR_OK)
             return status;
         const lr_path_queue swap = *now;

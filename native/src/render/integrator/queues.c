@@ -42,6 +42,7 @@ static void take_volume_scatter(lr_arena *arena, uint64_t n, lr_wave *wave)
     scatter->opacity = lr_arena_take_doubles(arena, n);
     scatter->own = lr_arena_take_doubles(arena, n);
     scatter->participant = lr_arena_take(arena, n, sizeof *scatter->participant);
+    scatter->medium = lr_arena_take(arena, n, sizeof *scatter->medium);
     scatter->t = lr_arena_take_doubles(arena, n);
     scatter->albedo = lr_arena_take(arena, n, sizeof *scatter->albedo);
 }

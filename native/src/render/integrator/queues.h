@@ -116,13 +116,17 @@ typedef struct lr_volume_light {
     uint32_t *ray_of; /* of those in the batch */
 } lr_volume_light;
 
+/* In place of a participating instance: the medium that the ray is in. */
+#define LR_IN_MEDIUM (LR_NOWHERE - 1)
+
 /* Where volumes scatter each ray before its end: one of those that it meets, chosen by what it
  * extinguishes. */
 typedef struct lr_volume_scatter {
     double (*u)[2];  /* 0..1: by which the place and the volume are chosen; below 0: none is */
     double *opacity; /* of the volumes that scatter, added up, */
     double *own;     /* and of the one that is chosen: */
-    uint32_t *participant; /* its number, or LR_NOWHERE */
+    uint32_t *participant; /* its number, LR_IN_MEDIUM or LR_NOWHERE */
+    uint32_t *medium;      /* which of the ray's medium stack, if it is chosen */
     double *t;             /* infinity: nowhere */
     double (*albedo)[3];   /* there */
 } lr_volume_scatter;
@@ -165,8 +169,9 @@ typedef struct lr_shadow_ray {
     double contribution[3]; /* to the pixel, unless something stops the ray */
     double ends;            /* distance to the light from where its ray is now */
     const lr_shading_point *shading_point;
-    uint32_t clear; /* transparent surfaces that its path has passed */
-    uint64_t event; /* its place in the record, where there is one */
+    uint32_t clear;  /* transparent surfaces that its path has passed, */
+    uint32_t bounds; /* and bounds of what has no surface */
+    uint64_t event;  /* its place in the record, where there is one */
 } lr_shadow_ray;
 
 /* A point in a volume that scatters light. */
@@ -174,6 +179,7 @@ typedef struct lr_volume_point {
     lr_path path;   /* as it gets there, from its last point of a surface or a volume */
     uint32_t owner; /* place of the path that goes on behind it */
     uint32_t instance;
+    lr_phase phase;
     double t;           /* of the wave's ray */
     double color[3];    /* of what it scatters, beside the throughput */
     double probability; /* that its ray is continued, */

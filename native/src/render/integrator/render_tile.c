@@ -92,7 +92,7 @@ static void start_path(const lr_context *context, double x, double y, lr_path *p
     double p[3];
     for (int a = 0; a < 3; a++)
         p[a] = path->origin[a] + scene->camera.clip_start * path->direction[a];
-    const uint32_t forgotten = lr_medium_stack_find(scene, p, &path->media);
+    const uint32_t forgotten = lr_medium_stack_find(scene, p, path->visibility, &path->media);
     if (context->counters != NULL)
         context->counters->forgotten += forgotten;
 }
@@ -121,6 +121,7 @@ static void start_paths(const lr_context *context, uint32_t sample_bits, lr_film
             .sample = turn.first + film->sample,
             .visibility = LR_VISIBLE_CAMERA,
             .seen = true,
+            .primary = true,
         };
         start_path(context, x, y, path);
         paths->n[pixel] = 1;

@@ -57,12 +57,21 @@ double lr_world_distance(const lr_tile *tile, const lr_path *path, int kind)
     return short_sighted ? tile->ambient_distance : INFINITY;
 }
 
+/* Whether it has no surface: to go through it counts for nothing. */
+static bool is_bare(const lr_shading_point *s)
+{
+    return (s->material->flags & LR_MATERIAL_BARE) != 0;
+}
+
 /* Whether a path of this kind may contribute anything. */
 static bool may_contribute(const lr_context *context, const lr_shading_point *s, int kind)
 {
     const bool contributes = context->last_contributes || !is_last(context->tile, s->path, kind);
     if (!(s->bsdf.albedo[kind] > 0))
         return false;
+    if (is_bare(s))
+        return s->path->bounds < LR_BOUNDS_MAX &&
+               (s->path->seen || context->last_contributes || !s->path->last);
     if (kind == LR_RAY_TRANSPARENT && s->path->bounces[kind] > context->tile->transparent_bounces)
         return false;
     if (kind == LR_RAY_TRANSPARENT) /* counts for alpha */
@@ -201,9 +210,11 @@ static void spawn_path(const lr_context *context, const lr_shading_point *s, int
     *child = *s->path;
     for (int a = 0; a < 3; a++)
         child->throughput[a] /= s->probability[kind];
-    child->last = is_last(context->tile, s->path, kind);
+    child->last = is_bare(s) ? s->path->last : is_last(context->tile, s->path, kind);
     child->key = lr_key(s->path->key, CHILD + (uint32_t)kind);
-    child->bounces[kind]++;
+    child->bounces[kind] += !is_bare(s);
+    child->bounds += is_bare(s);
+    child->primary &= is_bare(s);
     if (kind == LR_RAY_TRANSPARENT)
         go_through(s, child);
     else if (!scatter_direction(context->tile, s, kind, child))
@@ -217,7 +228,9 @@ static void spawn_path(const lr_context *context, const lr_shading_point *s, int
         return;
     memcpy(child->origin, beyond ? s->position : s->origin, sizeof child->origin);
     child->from = s->instance;
-    child->start = lr_surface_start(s, beyond);
+    child->start = kind == LR_RAY_TRANSPARENT
+                       ? lr_surface_straight_start(s, s->path->from, &s->path->start)
+                       : lr_surface_start(s, beyond);
     if (beyond && scene->has_media && lr_surface_cross(scene, s, &child->media) &&
         context->counters != NULL)
         context->counters->forgotten++;

@@ -267,7 +267,7 @@ void lr_volume_point_find(const lr_scene *scene, const lr_volume_point *point, i
     s->object_index = placed->object_index;
     s->share = 1;
     s->in_volume = true;
-    s->hybrid = (lr_hybrid){.phase = placed->phase};
+    s->hybrid = (lr_hybrid){.phase = point->phase};
     memcpy(s->hybrid.color, point->color, sizeof s->hybrid.color);
     s->sure[LR_RAY_VOLUME] = point->continues;
     s->probability[LR_RAY_VOLUME] = point->probability;
@@ -284,6 +284,16 @@ lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond)
 {
     lr_start start = shading_point->start;
     start.side = beyond ? -start.side : shading_point->is_offset ? 0 : start.side;
+    return start;
+}
+
+lr_start lr_surface_straight_start(const lr_shading_point *s, uint32_t from, const lr_start *before)
+{
+    lr_start start = lr_surface_start(s, true);
+    const bool again = s->t == 0 && from == s->instance && before->side == start.side &&
+                       memcmp(before->cell, start.cell, sizeof start.cell) == 0;
+    if (again)
+        start.side = 0;
     return start;
 }
 
@@ -306,7 +316,7 @@ lr_start lr_surface_light_start(const lr_scene *scene, const lr_shading_point *s
 bool lr_surface_cross(const lr_scene *scene, const lr_shading_point *shading_point,
                       lr_medium_stack *media)
 {
-    const uint32_t kinds = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
+    const uint32_t kinds = LR_MATERIAL_REFRACTS | LR_MATERIAL_FILLS;
     if (!scene->instances[shading_point->instance].enterable)
         return false;
     if (!shading_point->point.inside && (shading_point->material->flags & kinds) != 0)

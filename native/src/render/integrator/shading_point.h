@@ -27,6 +27,12 @@ bool lr_surface_cross(const lr_scene *scene, const lr_shading_point *shading_poi
  * shading point->origin, those beyond at shading point->position. */
 lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond);
 
+/* Where a ray goes on straight through the surface, which started from that instance so. Where a
+ * ray on a border of cells leaves its cell at once, it may meet what it has just passed; then
+ * nobody knows its side, so that it goes on all the same. */
+lr_start lr_surface_straight_start(const lr_shading_point *shading_point, uint32_t from,
+                                   const lr_start *before);
+
 /* Likewise, and from which point, for a shadow ray along d (unit). */
 lr_start lr_surface_light_start(const lr_scene *scene, const lr_shading_point *shading_point,
                                 bool beyond, const double d[3], double origin[3]);

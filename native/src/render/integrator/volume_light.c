@@ -5,13 +5,16 @@
  * it meets several, they may overlap, and their light and extinction add up at every point: the
  * ray's way through them is cut into intervals, in each of which the light of one is dimmed by half
  * of what the others absorb there, and the number of intervals is doubled until that changes
- * nothing that is seen. Intervals in which one is alone, or nothing emits, are exact at once.
+ * nothing that is seen. Intervals in which one is alone, or nothing emits, are exact at once. So it
+ * is where they lie in solids that are filled; what fills these is homogeneous, and alone it is
+ * a closed form.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "render/integrator/volume_light.h"
 
 #include "base/affine.h"
 #include "grid/trilinear.h"
+#include "render/integrator/medium.h"
 #include "trace/structure.h"
 
 enum { FIRST_INTERVALS = 16, MOST_INTERVALS = 4096 };
@@ -86,14 +89,26 @@ static double get_light(const lr_batch *batch, uint32_t k, double color[3])
 typedef struct crossing {
     double o[3], d[3], begin, end;
     uint32_t visibility;
+    lr_medium medium; /* around them, */
+    double unit;      /* and the length of d */
 } crossing;
 
 enum { AT_ONCE = 64 };
 
+/* Light behind what lets through: color += through * own, then through *= own_through. */
+static void put_behind(const double own[3], const double own_through[3], double color[3],
+                       double through[3])
+{
+    for (int a = 0; a < 3; a++) {
+        color[a] += through[a] * own[a];
+        through[a] *= own_through[a];
+    }
+}
+
 /* Add the light of `count` of n intervals, from the first on, front to back. */
 static lr_status add_intervals(const lr_context *context, const crossing *c, uint32_t first,
                                uint32_t count, uint32_t n, lr_batch *batch, double color[3],
-                               double *transmittance)
+                               double through_all[3])
 {
     const lr_scene *scene = context->scene;
     double sum[AT_ONCE][3] = {{0}}, through[AT_ONCE];
@@ -118,28 +133,35 @@ static lr_status add_intervals(const lr_context *context, const crossing *c, uin
             through[k] *= t;
         }
     }
+    double own[3], medium[3];
+    lr_medium_pass(&c->medium, (c->end - c->begin) / n * c->unit, own, medium);
     for (uint32_t k = 0; k < count; k++) {
-        for (int a = 0; a < 3; a++)
-            color[a] += *transmittance * sum[k][a];
-        *transmittance *= through[k];
+        double through_both[3];
+        for (int a = 0; a < 3; a++) {
+            sum[k][a] = sum[k][a] * sqrt(medium[a]) + own[a] * sqrt(through[k]);
+            through_both[a] = through[k] * medium[a];
+        }
+        put_behind(sum[k], through_both, color, through_all);
     }
     return LR_OK;
 }
 
-/* All light of a crossing, by intervals. */
+/* All light of a crossing, by intervals; and what it lets through. */
 static lr_status add_crossing(const lr_context *context, const crossing *c, lr_batch *batch,
-                              double color[3], double *transmittance)
+                              double color[3], double through[3])
 {
     const uint32_t at_once = batch->capacity < AT_ONCE ? batch->capacity : AT_ONCE;
     for (uint32_t n = FIRST_INTERVALS; n <= MOST_INTERVALS; n *= 2) {
         const double before[3] = {color[0], color[1], color[2]};
         double change = 0, largest = 0;
-        memset(color, 0, 3 * sizeof *color);
-        *transmittance = 1;
+        for (int a = 0; a < 3; a++) {
+            color[a] = 0;
+            through[a] = 1;
+        }
         for (uint32_t first = 0; first < n; first += at_once) {
             const uint32_t count = n - first < at_once ? n - first : at_once;
             const lr_status status =
-                add_intervals(context, c, first, count, n, batch, color, transmittance);
+                add_intervals(context, c, first, count, n, batch, color, through);
             if (status != LR_OK)
                 return status;
         }
@@ -192,11 +214,10 @@ static crossing crossing_of(const lr_scene *scene, double t_min, const lr_ray_qu
     return c;
 }
 
-/* Participant m, which scatters, lets that through of what lies behind ray i: writes which one the
- * ray chooses. */
-static void weigh(lr_volume_scatter *scatter, uint32_t i, uint32_t m, double transmittance)
+/* Participant m, which scatters, or the medium extinguishes that share of ray i: writes which one
+ * the ray chooses. */
+static void weigh(lr_volume_scatter *scatter, uint32_t i, uint32_t m, double own)
 {
-    const double own = 1 - transmittance;
     double *u = &scatter->u[i][1];
     if (!(own > 0) || *u < 0)
         return;
@@ -210,7 +231,44 @@ static void weigh(lr_volume_scatter *scatter, uint32_t i, uint32_t m, double tra
     scatter->participant[i] = m;
 }
 
-lr_status lr_find_volume_light(const lr_context *context, double t_min, bool colors,
+/* The light of ray i, which meets several of participating instances and media; reads what it met
+ * of the instances. */
+static lr_status add_several(const lr_context *context, double t_min, const lr_ray_queue *rays,
+                             uint32_t i, double end, const lr_medium *medium, lr_batch *batch,
+                             lr_volume_light *light)
+{
+    double *color = light->color[i], own[3], own_through[3], through[3];
+    crossing c = crossing_of(context->scene, t_min, rays, i, end);
+    c.medium = *medium;
+    c.unit = sqrt(lr_dot(c.d, c.d));
+    const lr_status status = add_crossing(context, &c, batch, own, own_through);
+    lr_medium_pass(medium, (c.begin - t_min) * c.unit, color, through);
+    put_behind(own, own_through, color, through);
+    lr_medium_pass(medium, (end - c.end) * c.unit, own, own_through);
+    put_behind(own, own_through, color, through);
+    return status;
+}
+
+/* What the medium of a path adds to its ray i: reads the path; writes light, and whether the medium
+ * scatters the ray. */
+static lr_status meet_medium(const lr_context *context, double t_min, const lr_path *path,
+                             const lr_ray_queue *rays, uint32_t i, double end, lr_batch *batch,
+                             lr_volume_light *light, lr_volume_scatter *scatter)
+{
+    lr_medium medium;
+    double through[3];
+    const bool filled = lr_medium_find(context->scene, &path->media, path->visibility, &medium);
+    const double length = (end - t_min) * sqrt(lr_dot(path->direction, path->direction));
+    if (filled && scatter != NULL)
+        weigh(scatter, i, LR_IN_MEDIUM, lr_medium_opacity(&medium, path->throughput, length));
+    if (filled && light->n_met[i] == 0)
+        lr_medium_pass(&medium, length, light->color[i], through);
+    if (light->n_met[i] + filled < 2 || light->n_met[i] == 0)
+        return LR_OK;
+    return add_several(context, t_min, rays, i, end, &medium, batch, light);
+}
+
+lr_status lr_find_volume_light(const lr_context *context, double t_min, const lr_path *paths,
                                const lr_ray_queue *rays, const double *ends, lr_batch *batch,
                                lr_volume_light *light, lr_volume_scatter *scatter)
 {
@@ -235,15 +293,12 @@ lr_status lr_find_volume_light(const lr_context *context, double t_min, bool col
             light->transmittance[i] *= transmittance;
             light->n_met[i]++;
             if (scatter != NULL && participant->scatters)
-                weigh(scatter, i, m, transmittance);
+                weigh(scatter, i, m, 1 - transmittance);
         }
     }
-    for (uint32_t i = 0; i < rays->n && colors; i++) {
-        if (light->n_met[i] < 2)
-            continue;
-        const crossing c = crossing_of(scene, t_min, rays, i, ends[i]);
-        const lr_status status =
-            add_crossing(context, &c, batch, light->color[i], &light->transmittance[i]);
+    for (uint32_t i = 0; i < rays->n && paths != NULL; i++) {
+        const lr_status status = meet_medium(context, t_min, &paths[rays->owner[i]], rays, i,
+                                             ends[i], batch, light, scatter);
         if (status != LR_OK)
             return status;
     }

@@ -7,10 +7,10 @@
 #include "render/integrator/context.h"
 #include "render/integrator/queues.h"
 
-/* Reads the rays and where they end, in t; writes what comes of each, from t_min on; without colors
- * those may be wrong, and what is let through is right. scatter: which participants scatter rays is
- * to be chosen; or NULL. Uses the batch. The scene has participating instances. */
-lr_status lr_find_volume_light(const lr_context *context, double t_min, bool colors,
+/* Reads the rays and where they end, in t; writes what comes of each, from t_min on. paths: of the
+ * rays, whose media count for colors, not for what is let through; NULL: colors may be wrong.
+ * scatter: which participants or media scatter rays is to be chosen; or NULL. Uses the batch. */
+lr_status lr_find_volume_light(const lr_context *context, double t_min, const lr_path *paths,
                                const lr_ray_queue *rays, const double *ends, lr_batch *batch,
                                lr_volume_light *light, lr_volume_scatter *scatter);
 

@@ -5,7 +5,8 @@
  * volumes. The point is drawn with the density of extinction times transmittance, by the inverse of
  * the transmittance: no steps, and no bound of the extinction. What is left as weight is the albedo
  * there times what the volume extinguishes in all. Of several volumes one is chosen in proportion
- * to what it extinguishes by itself; the others dim the light up to the point.
+ * to what it extinguishes by itself; the others dim the light up to the point. What fills the
+ * solids that a ray is in counts as one more.
  *
  * Source: Novak, Georgiev, Hanika, Jarosz, Monte Carlo methods for volumetric light transport
  * simulation, 2018 (regular tracking). Departure: within cells optical depth is a polynomial.
@@ -14,7 +15,7 @@
 #include "render/integrator/volume_scatter.h"
 
 #include "render/film/sampling.h"
-#include "render/integrator/medium_stack.h"
+#include "render/integrator/medium.h"
 #include "render/integrator/path_record.h"
 #include "render/integrator/volume_light.h"
 
@@ -70,28 +71,54 @@ static void part_albedo(const lr_placed *placed, const double albedo[3], double 
     }
 }
 
+/* The places in what fills solids of the rays that have chosen it. */
+static void find_places_in_media(const lr_scene *scene, double t_min, const lr_path *paths,
+                                 lr_wave *wave)
+{
+    lr_volume_scatter *scatter = &wave->volume_scatter;
+    for (uint32_t i = 0; i < wave->rays.n; i++) {
+        if (scatter->participant[i] != LR_IN_MEDIUM)
+            continue;
+        const lr_path *path = &paths[wave->rays.owner[i]];
+        const double unit = sqrt(lr_dot(path->direction, path->direction));
+        lr_medium medium;
+        lr_medium_find(scene, &path->media, path->visibility, &medium);
+        const double t = lr_medium_draw(scene, &path->media, path->visibility, &medium,
+                                        path->throughput, (wave->hits.t[i] - t_min) * unit,
+                                        scatter->u[i], &scatter->medium[i], scatter->albedo[i]);
+        scatter->t[i] = t_min + t / unit;
+    }
+}
+
 /* Make the point of ray i, which is scattered; false where nothing is left of its light. */
 static lr_status make_point(const lr_context *context, double t_min, const lr_path *path,
                             lr_wave *wave, uint32_t i, lr_volume_point *point)
 {
     const lr_scene *scene = context->scene;
     const lr_volume_scatter *scatter = &wave->volume_scatter;
-    const lr_participant *participant = &scene->participants[scatter->participant[i]];
+    const bool in_medium = scatter->participant[i] == LR_IN_MEDIUM;
     double others = 1;
     lr_status status = LR_OK;
     point->path = *path;
     point->owner = wave->rays.owner[i];
-    point->instance = participant->instance;
     point->t = scatter->t[i];
-    if (wave->volume_light.n_met[i] > 1)
+    if (in_medium) {
+        point->instance = path->media.instance[scatter->medium[i]];
+        point->phase = scene->materials[path->media.material[scatter->medium[i]]].phase;
+    } else {
+        point->instance = scene->participants[scatter->participant[i]].instance;
+        point->phase = scene->instances[point->instance].phase;
+    }
+    if (wave->volume_light.n_met[i] + in_medium > 1)
         status = lr_find_transmittance(context, path->origin, path->direction, t_min, point->t,
-                                       path->visibility, participant->instance, &wave->memory.batch,
-                                       &others);
+                                       path->visibility, in_medium ? LR_NOWHERE : point->instance,
+                                       &wave->memory.batch, &others);
     lr_path *to = &point->path;
     double albedo[3];
     part_albedo(&scene->instances[point->instance], scatter->albedo[i], albedo, point->color);
     const double unit = sqrt(lr_dot(path->direction, path->direction));
-    lr_medium_stack_absorb(scene, &path->media, point->t * unit, to->throughput);
+    lr_medium_stack_absorb(scene, &path->media, path->visibility, (point->t - t_min) * unit,
+                           to->throughput);
     for (int a = 0; a < 3; a++) {
         to->throughput[a] *= scatter->opacity[i] * others * albedo[a];
         to->origin[a] += point->t * path->direction[a];
@@ -110,6 +137,8 @@ lr_status lr_find_volume_points(const lr_context *context, double t_min, const l
     for (uint32_t m = 0; m < scene->n_participants && status == LR_OK; m++)
         if (scene->participants[m].scatters)
             status = find_places(context, m, t_min, wave);
+    if (scene->has_fog && status == LR_OK)
+        find_places_in_media(scene, t_min, paths, wave);
     for (uint32_t i = 0; i < wave->rays.n && status == LR_OK; i++) {
         const lr_path *path = &paths[wave->rays.owner[i]];
         lr_volume_point *point = &points->points[points->n];

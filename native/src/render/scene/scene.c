@@ -243,10 +243,23 @@ static void part(lr_scene *scene, lr_box *boxes)
     }
 }
 
+/* Flags of the scene by what fills a solid. */
+static void add_media(const lr_placed *placed, lr_scene *scene)
+{
+    for (uint32_t k = 0; k < placed->n_materials; k++) {
+        const lr_material *m = &scene->materials[scene->slots[placed->first_material + k]];
+        for (int a = 0; a < 3; a++) {
+            scene->has_fog |= m->medium.scattering[a] > 0 || m->medium.glow[a] != 0;
+            scene->scatters |= m->medium.scattering[a] > 0;
+            scene->emits |= m->medium.glow[a] != 0;
+        }
+    }
+}
+
 /* Flags of the scene by what instances do to rays. */
 static void set_flags(lr_scene *scene)
 {
-    const uint32_t media = LR_MATERIAL_REFRACTS | LR_MATERIAL_ABSORBS;
+    const uint32_t media = LR_MATERIAL_REFRACTS | LR_MATERIAL_FILLS;
     for (uint32_t i = 0; i < scene->n_instances; i++) {
         lr_placed *placed = &scene->instances[i];
         uint32_t flags = 0;
@@ -261,6 +274,8 @@ static void set_flags(lr_scene *scene)
         scene->has_clear |= placed->clear;
         scene->has_media |= placed->enterable;
         scene->emits |= (flags & LR_MATERIAL_EMITS) != 0;
+        if (placed->enterable)
+            add_media(placed, scene);
     }
     for (uint64_t k = 0; k < scene->n_lights; k++)
         scene->has_lights |= lr_light_has_extent(&scene->lights[k]);

@@ -25,7 +25,7 @@ typedef struct lr_placed {
     lr_phase phase;               /* of what its volume scatters, */
     lr_gradient_shading gradient; /* and how that is shaded */
     bool clear;                   /* lets some light straight through */
-    bool enterable;               /* a solid that bends or absorbs light */
+    bool enterable;               /* a solid that bends light or is filled */
     bool holdout;
     const lr_placed_clip *clips; /* [n_clips] */
     uint64_t n_clips;
@@ -45,7 +45,8 @@ struct lr_scene {
     uint32_t n_instances;
     lr_participant *participants;
     uint32_t n_participants;
-    bool scatters;         /* some participant does */
+    bool scatters;         /* some participant or medium does */
+    bool has_fog;          /* media that scatter or emit light */
     lr_placed_clip *clips; /* of all instances */
     lr_light *lights;      /* directions of unit length */
     uint64_t n_lights;
