@@ -154,6 +154,7 @@ class ImagePainter:
         for instance, name in zip(self.planned.instances, self.planned.names, strict=True):
             key = self._key(instance)
             seen = instance.visible_camera and not self._is_cut(instance)
+            seen = seen and not self._is_bare(instance)
             keys.append(key if seen else None)
             if seen:
                 wanted.setdefault(key, (instance, name))
@@ -267,6 +268,10 @@ class ImagePainter:
                 f"The render method {spec} shows base colors alone, without what {film.names(odd)} "
                 "mirrors, lets through or emits."
             )
+        placed = zip(self.planned.instances, self.planned.names, strict=True)
+        filled = list(dict.fromkeys(name for each, name in placed if self._is_bare(each)))
+        if filled:
+            told.append(f"The render method {spec} does not show what fills {film.names(filled)}.")
         cut = [shown.name for shown in self.shown if shown.instance.clips]
         if cut:
             told.append(f"The render method {spec} does not cut {film.names(cut)}.")
@@ -293,6 +298,10 @@ class ImagePainter:
                 "is not the same along all axes."
             )
         return told
+
+    def _is_bare(self, instance: leapray.Instance) -> bool:
+        """Whether it has no surface, but what fills it alone."""
+        return all(self.scene.materials[m].bare for m in self._materials(instance))
 
     def _materials(self, instance: leapray.Instance) -> list[int]:
         first = instance.first_material

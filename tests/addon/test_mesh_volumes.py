@@ -271,3 +271,22 @@ def test_instances_are_filled_as_well():
     told, color = rendered()
     assert not told
     np.testing.assert_allclose(color, np.array([0.3, 0.5, 0.7]) * np.exp(-1.5), rtol=1e-3)
+
+
+def test_smoke_of_a_domain_is_named_and_left_out():
+    close()
+    domain = box(shaded("VolumePrincipled", Density=5.0))
+    fluid = domain.modifiers.new("Fluid", "FLUID")
+    fluid.fluid_type = "DOMAIN"
+    assert fluid.domain_settings.domain_type == "GAS"
+    put("Cube", mesh(), location=(0, 0, -9))
+    found = read(4, 4)
+    assert found.warnings == ("Smoke and fire of fluid domains are not supported yet: 'Box'",)
+    assert [each.name for each in found.instances] == ["Cube"]
+
+
+def test_a_holdout_without_a_surface_is_named():
+    close()
+    box(shaded("VolumeScatter")).is_holdout = True
+    (sentence,), _ = rendered()
+    assert sentence == "Holdout of volumes without a surface is not supported yet: 'Box'"

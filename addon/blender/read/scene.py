@@ -247,6 +247,11 @@ class _Objects:
         if not placed:
             return
         slots = self._slots(ob)
+        if _is_smoke(ob) and any(self.materials[at].fills for at in slots):
+            self.notes.unsupported("Smoke and fire of fluid domains are", ob.name)
+            return
+        if placed["holdout"] and any(self.materials[at].bare for at in slots):
+            self.notes.unsupported("Holdout of volumes without a surface is", ob.name)
         # Of instances `ob` is a passing copy: properties made on it by being read would leak.
         lasting = instance.instance_object if instance.is_instance else ob
         mesh = self._mesh(ob, slots, properties.modelling(lasting or ob.original))
@@ -487,6 +492,17 @@ def _has_hair(ob) -> bool:
         and modifier.show_render
         and modifier.particle_system.settings.type == "HAIR"
         and modifier.particle_system.settings.render_type == "PATH"
+        for modifier in ob.modifiers
+    )
+
+
+def _is_smoke(ob) -> bool:
+    """Whether its volume is a simulation's, and not all that its mesh holds."""
+    return any(
+        modifier.type == "FLUID"
+        and modifier.fluid_type == "DOMAIN"
+        and modifier.domain_settings.domain_type == "GAS"
+        and modifier.show_render
         for modifier in ob.modifiers
     )
 
