@@ -28,6 +28,7 @@ turntable the bone of that scan, round which the camera goes in 48 frames
 labels    the label map of that scan, cut open
 gyroid    a field that geometry nodes make, among meshes
 cloud     a fog of OpenVDB as a surface, above hills
+beam      a spot light in a room of fog
 fog       the same fog without a surface, lit by the sun
 """
 
@@ -77,6 +78,7 @@ from lit_scenes import (  # noqa: E402
     make_textured,
 )
 from volume_scenes import (  # noqa: E402
+    make_beam,
     make_cloud,
     make_fog,
     make_gyroid,
@@ -483,6 +485,7 @@ MAKERS = {
     "gyroid": make_gyroid,
     "cloud": make_cloud,
     "fog": make_fog,
+    "beam": make_beam,
 }
 
 

@@ -183,6 +183,37 @@ def mist(name: str) -> bpy.types.Material:
     return made
 
 
+def make_beam() -> None:
+    """A box of thin fog around everything, in which the beam of a lamp is seen."""
+    new_scene((0.004, 0.006, 0.01), 960, 540)
+    link(plane("Floor", 24.0, material("Stone", (0.35, 0.33, 0.3))), "Floor")
+    link(ball_mesh("Ball", material("Clay", CORAL)), "Ball", at=(0.4, 0, 1.1), scale=0.6)
+    fog = bpy.data.materials.new("Fog")
+    fog.use_nodes = True
+    tree = fog.node_tree
+    tree.nodes.clear()
+    drops, leave = (
+        tree.nodes.new(f"ShaderNode{kind}") for kind in ("VolumeScatter", "OutputMaterial")
+    )
+    drops.inputs["Color"].default_value = (0.9, 0.95, 1.0, 1)
+    drops.inputs["Density"].default_value = 0.12
+    drops.inputs["Anisotropy"].default_value = 0.3
+    tree.links.new(drops.outputs[0], leave.inputs["Volume"])
+    bpy.ops.mesh.primitive_cube_add(size=26.0)
+    room = bpy.context.object
+    room.name = "Room"
+    room.data.materials.append(fog)
+    lamp = bpy.data.lights.new("Lamp", "SPOT")
+    lamp.energy, lamp.spot_size, lamp.spot_blend = 3000.0, 0.42, 0.2
+    lamp.shadow_soft_size = 0.08
+    spot = bpy.data.objects.new("Lamp", lamp)
+    bpy.context.scene.collection.objects.link(spot)
+    spot.location, spot.rotation_euler = (-4.2, 0.0, 4.0), (0.0, -1.0, 0.0)
+    camera((0.3, -8.5, 1.8), (0.3, 0, 1.5), lens=40)
+    scene = bpy.context.scene
+    scene.leapray.samples = scene.cycles.samples = 64
+
+
 def above_hills() -> bpy.types.Volume:
     """A new scene of hills under a sky, and the fog above them, which shows nothing yet."""
     new_scene((0.30, 0.46, 0.72), 960, 540)

@@ -277,6 +277,8 @@ def test_a_sample_opens_with_leapray_and_its_own_settings(path):
     scene = bpy.context.scene
     assert scene.render.engine == ui.ENGINE
     stored = properties.settings(scene)
-    assert stored.samples == (64 if path.stem == "fog" else 16)  # what it scatters has noise
+    assert stored.samples == (
+        64 if path.stem in ("fog", "beam") else 16
+    )  # what it scatters has noise
     assert (stored.pixel_filter, stored.noise_threshold) == ("box", 0.0)
     assert stored.diffuse_bounces == (4 if path.stem == "cornell" else 0)

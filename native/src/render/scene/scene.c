@@ -189,6 +189,8 @@ static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *place
         return lr_fail(error, LR_E_ARGUMENT,
                        "instance %llu must have a finite, affine and invertible matrix",
                        (unsigned long long)i);
+    if (lr_structure_volume(instance->structure)->transfer == NULL)
+        placed->gradient.amount = 0; /* what fills a solid is homogeneous */
     memcpy(placed->world_from_object, instance->world_from_object,
            sizeof placed->world_from_object);
     bound(instance, box);
