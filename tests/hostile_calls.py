@@ -371,6 +371,9 @@ def render(s: Source):
         leapray.Material(
             [lobe(s) for _ in range(s.one((0, 1, 2, 4)) if s.mostly(0.98) else 40)],
             absorption=np.abs(s.vector(0.97)) * s.one((0, 0, 1)), index=s.whole(9),
+            scattering=np.abs(s.vector(0.97)) * s.one((0, 0, 1, 1e30)),
+            glow=s.vector(0.97) * s.one((0, 0, 1)), anisotropy=s.one((0.0, 0.5, -1.0)),
+            phase=s.name(rendering.PHASES), bare=s.likely(0.05),
         )
         for _ in range(s.rng.integers(1, 4))
     ]  # fmt: skip
