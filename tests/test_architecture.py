@@ -47,6 +47,7 @@ LAYERS = {
         "isosurfaces label_volume leaf_filters scalar_filters",
         "visible_volumes",
         "voxelization tracing",
+        "scene_parts",
         "rendering",
         "imaging",
         "__init__",

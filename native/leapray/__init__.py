@@ -34,24 +34,10 @@ from .programs import (
     numbers_of,
     operate,
 )
-from .rendering import (
-    PASSES,
-    PIXEL_FILTERS,
-    SAMPLING,
-    Camera,
-    Clip,
-    FieldColor,
-    Instance,
-    Light,
-    Lobe,
-    Material,
-    Record,
-    Scene,
-    World,
-    branches_for,
-)
+from .rendering import PASSES, PIXEL_FILTERS, SAMPLING, Record, Scene, branches_for
 from .scalar_filters import coarser, smooth, without_islands
 from .scalar_grid import Leaves, ScalarGrid
+from .scene_parts import Camera, Clip, FieldColor, Instance, Light, Lobe, Material, World
 from .thresholds import Histogram, first_threshold, histogram
 from .tracing import (
     HIT_TESTS,

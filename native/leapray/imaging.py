@@ -14,7 +14,8 @@ from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import empty, numbers, pointer
 from .options import Entry, all_choices, choice_numbers, find, read_entry
-from .rendering import Camera, Light, camera_struct
+from .rendering import camera_struct
+from .scene_parts import Camera, Light
 from .threads import check_threads, cores, run_parts
 from .tracing import add_counters
 from .volume import Volume
