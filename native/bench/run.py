@@ -58,8 +58,8 @@ def measure(libraries: list[Library], names: list[str], rounds: int) -> list[Res
     seconds: list[dict[str, list[float]]] = [{name: [] for name in names} for _ in libraries]
     for turn in range(-1, rounds):  # one more, which sets up
         names = [name for name in names if not any(name in each.left_out for each in found)]
-        does = "set up" if turn < 0 else f"in round {turn + 1} of {rounds}"
-        say(f"{len(names)} benchmarks are {does}")
+        part = "set-up" if turn < 0 else f"round {turn + 1} of {rounds}"
+        say(f"{part}, benchmarks: {len(names)}")
         order = range(len(libraries))
         for name in names:
             for k in reversed(order) if turn % 2 else order:
