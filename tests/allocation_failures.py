@@ -92,6 +92,11 @@ def a_sheet():
     volume.narrow(2.0)
 
 
+def trees_of_triangles():
+    for mesh in (LEAF, (LEAF[0], LEAF[1][:3])):  # nodes, and a block alone
+        leapray.build(voxelize(mesh, 0.5, kind="sheet", exact="every", dtype="u8"))
+
+
 def a_pierced_ball():
     voxelize(PIERCED, 0.3, kind="solid")
 
@@ -218,9 +223,9 @@ def a_scene():
     scene.render_tile(0, 0, 4, 4, samples=1)
 
 
-SCENARIOS = (a_solid, a_sheet, a_pierced_ball, a_large_mesh, a_doubled_crossing, two_islands,
-             coverage, merged, sampled, fields, seen, structures, distances, images,
-             a_scene)  # fmt: skip
+SCENARIOS = (a_solid, a_sheet, trees_of_triangles, a_pierced_ball, a_large_mesh,
+             a_doubled_crossing, two_islands, coverage, merged, sampled, fields, seen, structures,
+             distances, images, a_scene)  # fmt: skip
 
 
 # ---- runs --------------------------------------------------------------------------------------
