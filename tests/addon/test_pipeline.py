@@ -183,7 +183,7 @@ def test_the_report_says_what_was_done():
     assert {"read", "voxelize", "structure", "plan", "prepare", "trace", "total"} == set(seconds)
     assert sum(v for k, v in seconds.items() if k != "total") <= seconds["total"]
     # one ray per pixel for the geometry, two for the picture, and those of the light
-    assert report["rays"] >= 3 * WIDTH * HEIGHT and report["cells"] > report["hits"] > 0
+    assert report["rays"] >= 3 * WIDTH * HEIGHT and report["tests"] > report["hits"] > 0
     assert len(report["volumes"]) == 3
     held = report["bytes"]["volumes"] + report["bytes"]["structures"]
     assert held == sum(v["nbytes"] for v in report["volumes"]) < report["bytes"]["peak"]
