@@ -165,13 +165,13 @@ def rendered(*words: str, code: str = RENDER) -> dict:
 @LINUX
 @pytest.mark.parametrize("name", ["closed", "smooth", "rough", "opened", "crossing"])
 def test_the_peak_is_the_growth_of_the_process(name):
-    """And stays within 190 bytes of a triangle, beside what is kept: numpy alone took 230 of the
-    largest mesh."""
+    """And stays within 220 bytes of a triangle, beside what is kept: numpy alone took 230 of the
+    largest mesh, and the making of a tree of triangles takes 110 of each."""
     found = rendered(name)
     assert found["warnings"] == [] or name in ("opened", "crossing")
     assert found["bytes"]["peak"] == pytest.approx(found["grown"], rel=0.1, abs=NOISE)
     kept = found["bytes"]["volumes"] + found["bytes"]["structures"]
-    assert found["grown"] < 190 * found["triangles"] + 2 * NOISE + kept
+    assert found["grown"] < 220 * found["triangles"] + 2 * NOISE + kept
     assert 0 < found["bytes"]["scratch"] < found["bytes"]["peak"]
 
 
