@@ -20,10 +20,8 @@
 #include "trace/light_rule.h"
 #include "trace/modulated_light.h"
 
-enum { MOST_HALVINGS = 60 };
-
-/* Deeper pieces are halved; behind OPAQUE nothing is seen. */
-static const double DEEPEST = LR_RULE_DEEPEST, OPAQUE = 1e-16;
+/* Deeper pieces are halved. */
+static const double DEEPEST = LR_RULE_DEEPEST;
 
 /* A piece of the ray on one piece of the transfer function; x runs from -1 to 1. */
 typedef struct stretch {
@@ -69,19 +67,14 @@ LR_INLINE void bound(const stretch *s, double r, double error[3])
     error[2] = error[1] * y;
 }
 
-/* Is the error of the piece within its share? That is, of colour, its opacity's, and of emission,
- * its length's. */
+/* Is the error of the piece within its share, by one of two bounds? */
 static bool within(const stretch *s, const lr_transfer_piece *p, double tolerance)
 {
     static const double radius[] = {4.0, 7.0};
     for (int i = 0; i < 2; i++) {
         double error[3];
         bound(s, radius[i], error);
-        const bool color = p->one_color || p->turn * error[0] <= 0.6 * tolerance * s->depth;
-        const double shines = p->shines + p->emitted * fabs(s->middle);
-        const bool emission =
-            !p->emits || shines * error[1] + p->emitted * error[2] <= tolerance * s->half;
-        if (color && emission)
+        if (lr_light_sum_within(p, tolerance, s->middle, s->depth, s->half, error))
             return true;
     }
     return false;
@@ -187,7 +180,7 @@ static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const doubl
         return;
     const double end = b;
     int halvings = 0;
-    while (a < end && sum->transmittance > OPAQUE) {
+    while (a < end && sum->transmittance > LR_OPAQUE) {
         stretch s;
         set_up(&s, p, c, a, b, length);
         const bool closed = p->one_color && !p->emits;
@@ -198,7 +191,7 @@ static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const doubl
             add_emission(sum, p, &s);
         } else if (!(s.depth <= DEEPEST && within(&s, p, sum->tolerance))) {
             const double middle = 0.5 * (a + b);
-            if (halvings < MOST_HALVINGS && middle > a && middle < b) {
+            if (halvings < LR_MOST_HALVINGS && middle > a && middle < b) {
                 b = middle;
                 halvings++;
                 continue;

@@ -6,6 +6,11 @@
 
 #include "grid/transfer_function.h"
 
+/* What remains of light behind it is lost in the rounding of what is before it. */
+#define LR_OPAQUE 1e-16
+/* A part whose integrals are off by too much is halved so often, at most. */
+#define LR_MOST_HALVINGS 60
+
 /* Of the parts so far, front to back. */
 typedef struct lr_light_sum {
     double tolerance;
@@ -34,6 +39,18 @@ LR_INLINE void lr_light_sum_add(lr_light_sum *sum, const lr_transfer_piece *p, d
     }
     sum->transmittance *= after;
     sum->pieces++;
+}
+
+/* Are the errors of the three integrals within the part's share? That is, of colour, its opacity's,
+ * and of emission, its length's. depth: the part's optical depth; half: of its length. */
+LR_INLINE bool lr_light_sum_within(const lr_transfer_piece *p, double tolerance, double middle,
+                                   double depth, double half, const double error[3])
+{
+    const bool color = p->one_color || p->turn * error[0] <= 0.6 * tolerance * depth;
+    const double shines = p->shines + p->emitted * fabs(middle);
+    const bool emission =
+        !p->emits || shines * error[1] + p->emitted * error[2] <= tolerance * half;
+    return color && emission;
 }
 
 #endif

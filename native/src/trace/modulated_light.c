@@ -17,10 +17,7 @@
 #include "trace/cubic_root.h"
 #include "trace/light_rule.h"
 
-enum { MOST_HALVINGS = 60, DEPTH_TERMS = 7 };
-
-/* Behind OPAQUE nothing is seen. */
-static const double OPAQUE = 1e-16;
+enum { DEPTH_TERMS = 7 };
 
 /* A piece of the ray; x runs from -1 to 1. */
 typedef struct stretch {
@@ -114,11 +111,7 @@ static bool within(const stretch *s, const lr_transfer_piece *p, double toleranc
     for (int i = 0; i < 2; i++) {
         double error[3];
         bound(s, radius[i], error);
-        const bool color = p->one_color || p->turn * error[0] <= 0.6 * tolerance * s->depth;
-        const double shines = p->shines + p->emitted * fabs(s->middle);
-        const bool emission =
-            !p->emits || shines * error[1] + p->emitted * error[2] <= tolerance * s->half;
-        if (color && emission)
+        if (lr_light_sum_within(p, tolerance, s->middle, s->depth, s->half, error))
             return true;
     }
     return false;
@@ -215,10 +208,10 @@ void lr_add_modulated(lr_light_sum *sum, const lr_transfer_piece *p, const doubl
         return;
     const double end = b;
     int halvings = 0;
-    while (a < end && sum->transmittance > OPAQUE) {
+    while (a < end && sum->transmittance > LR_OPAQUE) {
         const double middle = 0.5 * (a + b);
         set_up(&s, p, c, m, a, b, length);
-        if (!add_part(sum, p, &s, !(halvings < MOST_HALVINGS && middle > a && middle < b))) {
+        if (!add_part(sum, p, &s, !(halvings < LR_MOST_HALVINGS && middle > a && middle < b))) {
             b = middle;
             halvings++;
             continue;

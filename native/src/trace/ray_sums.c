@@ -17,9 +17,6 @@
 #include "trace/emission_absorption.h"
 #include "trace/hit_record.h"
 
-/* What remains of light behind it is lost in the rounding of what is before it. */
-static const double OPAQUE = 1e-16;
-
 /* Of positions on a ray, relatively: a sum, a product and a reciprocal, at both of two planes. And
  * voxels that are never taken for a graze. */
 static const double ROUNDING = 0x1p-49, LEAST_CHORD = 1e-6;
@@ -38,7 +35,7 @@ void lr_sums_begin(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, const
                       .step = options->step / sqrt(lr_dot(r->d, r->d)),
                       .t = INFINITY,
                       .transmittance = 1.0,
-                      .stop = rays->stop != NULL ? fmax(rays->stop[i], OPAQUE) : 0.0,
+                      .stop = rays->stop != NULL ? fmax(rays->stop[i], LR_OPAQUE) : 0.0,
                       .best = options->mode == LR_MODE_MINIMUM ? INFINITY : -INFINITY};
     double fastest = 0.0;
     for (int a = 0; a < 3; a++)
@@ -177,7 +174,7 @@ static void note_beginning(lr_ray_sums *sums, double t)
 LR_INLINE bool goes_on(const lr_ray_sums *sums)
 {
     const double end = sums->stop > 0.0 ? sums->stop : 1.0 - sums->options->stop_opacity;
-    return sums->transmittance > (end > OPAQUE ? end : OPAQUE);
+    return sums->transmittance > (end > LR_OPAQUE ? end : LR_OPAQUE);
 }
 
 /* Add the light of the cells that wait, front to back; false where the ray has ended. */
