@@ -37,7 +37,12 @@ TRACED = ("-O1", "-fno-omit-frame-pointer")
 # Has allocations fail where tests/allocation_failures.py asks for it.
 FAULTS = NATIVE.parent / "tests" / "c" / "faulty_memory.c"
 VECTOR = (
-    *("closest_triangle_avx2.c", "closest_triangle_avx512.c", "cd_packet8.c"),
+    *(
+        "closest_triangle_avx2.c",
+        "closest_triangle_avx512.c",
+        "cd_packet_avx2.c",
+        "cd_packet_avx512.c",
+    ),
     *("cell_lanes_avx2.c", "cell_lanes_avx512.c"),
     *("triangle_tree_avx2.c", "triangle_tree_avx512.c"),
 )

@@ -88,6 +88,56 @@ LR_INLINE void lr_corners(const lr_volume *v, const int32_t c[3], double corner[
     lr_block(v, c[0], c[1], c[2], 2, corner);
 }
 
+#ifdef __clang__
+#define LR_UNROLLED _Pragma("clang loop unroll(full)")
+#else
+#define LR_UNROLLED
+#endif
+
+LR_INLINE void lr_cross_around_of(const lr_volume *v, int32_t type, const int32_t c[3], double *out,
+                                  int stride)
+{
+    const int32_t first[3] = {c[0] - 1, c[1] - 1, c[2] - 1};
+    size_t brick[8], in[3][4];
+    int of[3][4];
+    bool apart = false;
+    for (int a = 0; a < 3; a++)
+        for (int i = 0; i < 4; i++) {
+            const int at = (first[a] & (LR_SIDE - 1)) + i;
+            of[a][i] = lr_brick_of(at) << a;
+            in[a][i] = (size_t)(at & (LR_SIDE - 1)) << a * LR_SIDE_BITS;
+            apart = apart || of[a][i] != 0;
+        }
+    for (int b = 0; b < (apart ? 8 : 1); b++)
+        brick[b] = (size_t)(lr_entry(v, first[0] + 3 * (b & 1), first[1] + 3 * (b >> 1 & 1),
+                                     first[2] + 3 * (b >> 2)) >>
+                            8) *
+                   LR_CELLS;
+    LR_UNROLLED for (int n = 0; n < 64; n++)
+    {
+        const int x = n & 3, y = n >> 2 & 3, z = n >> 4;
+        if ((x == 0 || x == 3) + (y == 0 || y == 3) + (z == 0 || z == 3) <= 1)
+            out[n * stride] = lr_load_from(v->samples, type,
+                                           brick[of[0][x] | of[1][y] | of[2][z]] + in[0][x] +
+                                               in[1][y] + in[2][z]);
+    }
+}
+
+/* Of the 4^3 samples around a cell those that central differences at its corners take: sample n, x
+ * fastest, at out[n * stride]; the others are left as they are. */
+LR_INLINE void lr_cross_around(const lr_volume *v, const int32_t c[3], double *out, int stride)
+{
+    switch (v->desc.sample_type) { /* once, not for every sample */
+#define LR_SAMPLE_TYPE(id, name, stored, one, step)                                                \
+    case id:                                                                                       \
+        lr_cross_around_of(v, id, c, out, stride);                                                 \
+        return;
+#include "grid/sample_types.def"
+#undef LR_SAMPLE_TYPE
+    }
+    __builtin_unreachable();
+}
+
 /* Does the cell hold a sample that belongs to the object? */
 LR_INLINE bool lr_object_cell(const lr_volume *v, const int32_t c[3])
 {

@@ -10,8 +10,8 @@
  * of surface cells holds one. Brick 0 is `outside` throughout, which is 0 of occupancies, and brick
  * 1 is `inside` throughout, 1 of these; both exist in memory, so that reads have no special case.
  *
- * Nothing outside grid/ reads the table, the arrays or the constants below: surface_cells.h,
- * access.h and gather.h read them for all.
+ * Nothing outside grid/ reads the table, the arrays or the constants below: surface_cells.h and
+ * access.h read them for all.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef LR_GRID_BRICK_GRID_H

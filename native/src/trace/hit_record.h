@@ -27,18 +27,28 @@ LR_INLINE void lr_put_cell(const lr_hits *hits, uint64_t i, const int32_t c[3])
         hits->ck[i] = c[2] - LR_PAD;
 }
 
+/* Rays first..end-1 hit nothing. */
+LR_INLINE void lr_put_misses(const lr_hits *hits, uint64_t first, uint64_t end)
+{
+    double *const numbers[6] = {hits->nx, hits->ny, hits->nz, hits->gx, hits->gy, hits->gz};
+    int32_t *const cells[3] = {hits->ci, hits->cj, hits->ck};
+    for (uint64_t i = first; i < end; i++)
+        hits->t[i] = INFINITY;
+    for (int n = 0; n < 6; n++)
+        if (numbers[n] != NULL)
+            memset(numbers[n] + first, 0, (end - first) * sizeof(double));
+    for (int n = 0; n < 3; n++)
+        for (uint64_t i = first; i < end && cells[n] != NULL; i++)
+            cells[n][i] = INT32_MIN;
+    if (hits->id != NULL)
+        memset(hits->id + first, 0, (end - first) * sizeof *hits->id);
+    for (uint64_t i = first; i < end && hits->triangle != NULL; i++)
+        hits->triangle[i] = LR_NO_TRIANGLE;
+}
+
 LR_INLINE void lr_put_miss(const lr_hits *hits, uint64_t i)
 {
-    static const double zero[3] = {0.0, 0.0, 0.0};
-    static const int32_t nowhere[3] = {INT32_MIN + LR_PAD, INT32_MIN + LR_PAD, INT32_MIN + LR_PAD};
-    hits->t[i] = INFINITY;
-    lr_put_cell(hits, i, nowhere);
-    lr_put_triple(hits->nx, hits->ny, hits->nz, i, zero);
-    lr_put_triple(hits->gx, hits->gy, hits->gz, i, zero);
-    if (hits->id != NULL)
-        hits->id[i] = 0;
-    if (hits->triangle != NULL)
-        hits->triangle[i] = LR_NO_TRIANGLE;
+    lr_put_misses(hits, i, i + 1);
 }
 
 LR_INLINE void lr_towards_origin(const double d[3], double normal[3])

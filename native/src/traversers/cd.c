@@ -13,7 +13,8 @@
 #include "base/cpu.h"
 #include "distance/narrow_band.h"
 #include "grid/triangle_cells.h"
-#include "traversers/cd_packet8.h"
+#include "traversers/cd_corners.h"
+#include "traversers/cd_packet.h"
 
 typedef lr_cd_distances distances;
 
@@ -26,6 +27,8 @@ void lr_cd_free(void *data)
         return;
     free(f->bricks);
     free(f->near);
+    free(f->first);
+    free(f->corners);
     free(f);
 }
 
@@ -35,6 +38,23 @@ static bool mostly_field(const lr_volume *v)
 {
     return v->triangle_cells == NULL ||
            2 * (uint64_t)v->triangle_cells->n_cells < v->n_surface_cells;
+}
+
+/* What the option `rays` asks for; NULL: one at a time. */
+enum { IN_LANES, ALONE, IN_LANES_AVX2, IN_LANES_PORTABLE };
+
+static const lr_cd_packet *packet_of(const lr_volume *v, int32_t choice)
+{
+    if (choice == ALONE || v->planes[0] != NULL || lr_is_cubic(v) || !mostly_field(v))
+        return NULL;
+#ifdef LR_X86
+    const int32_t simd = lr_cpu_simd();
+    if (simd == LR_SIMD_AVX512 && choice == IN_LANES)
+        return &lr_cd_packet_avx512;
+    if (simd >= LR_SIMD_AVX2 && choice != IN_LANES_PORTABLE)
+        return &lr_cd_packet_avx2;
+#endif
+    return &lr_cd_packet_portable;
 }
 
 /* Grow the set by one cell in every direction, for the time number `step`, as far from the window's
@@ -115,8 +135,7 @@ lr_status lr_cd_build(const lr_volume *v, const int32_t *choices, const lr_watch
     distances *f = calloc(1, sizeof *f);
     if (f == NULL)
         return lr_fail_memory(error, sizeof *f, "distances");
-    f->packet8 =
-        choices[0] == 0 && !lr_is_cubic(v) && mostly_field(v) && lr_cpu_simd() == LR_SIMD_AVX512;
+    f->packet = packet_of(v, choices[0]);
     lr_status status = lr_near_bricks(v, &f->bricks, &n_near, watch, error);
     if (status == LR_OK) {
         f->near = malloc((n_near + (size_t)1) * sizeof *f->near);
@@ -125,11 +144,15 @@ lr_status lr_cd_build(const lr_volume *v, const int32_t *choices, const lr_watch
     }
     if (status == LR_OK)
         status = lr_near_each(v, f->bricks, cell_distances, f, watch, error);
+    if (status == LR_OK && f->packet != NULL)
+        status = lr_cd_find_corners(v, f, n_near, watch, error);
     if (status != LR_OK) {
         lr_cd_free(f);
         return status;
     }
     *nbytes = sizeof *f + lr_table_count(v) * sizeof *f->bricks + n_near * sizeof *f->near;
+    if (f->packet != NULL)
+        *nbytes += n_near * sizeof *f->first + v->n_surface_cells * sizeof *f->corners;
     *data = f;
     return LR_OK;
 }
@@ -148,7 +171,7 @@ LR_INLINE bool empty_cube(const void *data, const lr_volume *v, const lr_ray *r,
         }
     } else {
         int32_t n = f->near[at][lr_in_brick(c[0], c[1], c[2])] - 1;
-        if (n < 0)
+        if (n < 0 || n >= LR_CD_SURFACE - 1)
             return true;
         for (int a = 0; a < 3; a++) {
             lo[a] = c[a] - n;
@@ -159,10 +182,16 @@ LR_INLINE bool empty_cube(const void *data, const lr_volume *v, const lr_ray *r,
     return false;
 }
 
-#define LR_NAME cd
-#define LR_BOX  empty_cube
-#ifdef LR_X86
-#define LR_FITS   lr_cd_fits_packet8
-#define LR_PACKET lr_cd_trace_packet8
-#endif
+/* Rays by the packet's own instructions. */
+static void trace_packet(const lr_volume *v, const lr_cd_distances *f, const lr_rays *rays,
+                         uint64_t first, uint64_t end, const lr_trace_options *options,
+                         const lr_hits *hits, lr_counters *counters)
+{
+    f->packet->trace(v, f, rays, first, end, options, hits, counters);
+}
+
+#define LR_NAME   cd
+#define LR_BOX    empty_cube
+#define LR_FITS   lr_cd_fits_packet
+#define LR_PACKET trace_packet
 #include "trace/walk_template.h"

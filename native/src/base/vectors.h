@@ -1,0 +1,277 @@
+/* Sixteen floats or integers, or eight doubles, side by side, by the compilers' own vector types:
+ * in one register of AVX-512, two of AVX2, four of SSE or NEON. Only what these do not say for
+ * themselves, gathers and the bits of a mask, is written by instruction set: LR_VECTORS is 2 for
+ * AVX-512, 1 for AVX2, 0 for any other. Every operation is that of IEEE 754 on each lane.
+ *
+ * Included into a file compiled for its instructions; see cd_packet_impl.h.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef LR_VECTORS
+#error "LR_VECTORS says which instructions to use"
+#endif
+
+#include "base/base.h"
+
+#if LR_VECTORS > 0
+#include <immintrin.h>
+#endif
+
+#ifndef __clang__
+#pragma GCC diagnostic ignored "-Wpsabi" /* nothing here is called across files */
+#endif
+
+enum { LR_LANES = 16, LR_ALL_LANES = 0xffff };
+
+typedef float lr_floats __attribute__((vector_size(64)));
+typedef int32_t lr_ints __attribute__((vector_size(64))); /* as a mask: -1 where set, else 0 */
+
+LR_INLINE lr_floats lr_all_floats(float x)
+{
+    return x - (lr_floats){0};
+}
+
+LR_INLINE lr_ints lr_all_ints(int32_t x)
+{
+    return x - (lr_ints){0};
+}
+
+LR_INLINE lr_floats lr_floats_of(lr_ints x)
+{
+    return __builtin_convertvector(x, lr_floats);
+}
+
+/* Towards 0. */
+LR_INLINE lr_ints lr_ints_of(lr_floats x)
+{
+    return __builtin_convertvector(x, lr_ints);
+}
+
+/* a where m, else b. */
+LR_INLINE lr_ints lr_pick_ints(lr_ints m, lr_ints a, lr_ints b)
+{
+    return (m & a) | (~m & b);
+}
+
+LR_INLINE lr_floats lr_pick(lr_ints m, lr_floats a, lr_floats b)
+{
+    return (lr_floats)lr_pick_ints(m, (lr_ints)a, (lr_ints)b);
+}
+
+/* The second where one is NaN. */
+LR_INLINE lr_floats lr_least(lr_floats a, lr_floats b)
+{
+    return lr_pick(a < b, a, b);
+}
+
+LR_INLINE lr_floats lr_greatest(lr_floats a, lr_floats b)
+{
+    return lr_pick(a > b, a, b);
+}
+
+LR_INLINE lr_ints lr_least_ints(lr_ints a, lr_ints b)
+{
+    return lr_pick_ints(a < b, a, b);
+}
+
+LR_INLINE lr_ints lr_greatest_ints(lr_ints a, lr_ints b)
+{
+    return lr_pick_ints(a > b, a, b);
+}
+
+LR_INLINE lr_floats lr_absolute(lr_floats a)
+{
+    return (lr_floats)((lr_ints)a & INT32_MAX);
+}
+
+LR_INLINE lr_floats lr_rounded_down(lr_floats a)
+{
+#ifdef __clang__
+    return __builtin_elementwise_floor(a);
+#else
+    lr_floats down;
+    for (int l = 0; l < LR_LANES; l++)
+        down[l] = floorf(a[l]);
+    return down;
+#endif
+}
+
+LR_INLINE lr_floats lr_load_floats(const float *from)
+{
+    lr_floats x;
+    memcpy(&x, from, sizeof x);
+    return x;
+}
+
+LR_INLINE lr_ints lr_load_ints(const int32_t *from)
+{
+    lr_ints x;
+    memcpy(&x, from, sizeof x);
+    return x;
+}
+
+LR_INLINE void lr_store_floats(float *to, lr_floats x)
+{
+    memcpy(to, &x, sizeof x);
+}
+
+LR_INLINE void lr_store_ints(int32_t *to, lr_ints x)
+{
+    memcpy(to, &x, sizeof x);
+}
+
+/* The mask of which a bit is set for each lane; and back. */
+LR_INLINE lr_ints lr_lanes_of(uint32_t bits)
+{
+#if LR_VECTORS == 2
+    return (lr_ints)_mm512_movm_epi32((__mmask16)bits);
+#else
+    const lr_ints bit = {1 << 0, 1 << 1, 1 << 2,  1 << 3,  1 << 4,  1 << 5,  1 << 6,  1 << 7,
+                         1 << 8, 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15};
+    return (lr_all_ints((int32_t)bits) & bit) != 0;
+#endif
+}
+
+LR_INLINE uint32_t lr_bits_of(lr_ints m)
+{
+#if LR_VECTORS == 2
+    return _mm512_movepi32_mask((__m512i)m);
+#elif LR_VECTORS == 1
+    __m256 half[2];
+    memcpy(half, &m, sizeof m);
+    return (uint32_t)_mm256_movemask_ps(half[0]) | (uint32_t)_mm256_movemask_ps(half[1]) << 8;
+#else
+    const lr_ints bit = {1 << 0, 1 << 1, 1 << 2,  1 << 3,  1 << 4,  1 << 5,  1 << 6,  1 << 7,
+                         1 << 8, 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15};
+    const lr_ints set = m & bit;
+    int32_t bits = 0;
+    for (int l = 0; l < LR_LANES; l++)
+        bits |= set[l];
+    return (uint32_t)bits;
+#endif
+}
+
+/* 32 bits of each lane of `bits` from base + at bytes; other lanes 0. */
+LR_INLINE lr_ints lr_gather(const void *base, lr_ints at, uint32_t bits)
+{
+#if LR_VECTORS == 2
+    return (lr_ints)_mm512_mask_i32gather_epi32(_mm512_setzero_si512(), (__mmask16)bits,
+                                                (__m512i)at, base, 1);
+#elif LR_VECTORS == 1
+    __m256i half[2], of[2], found[2];
+    const lr_ints m = lr_lanes_of(bits);
+    lr_ints all;
+    memcpy(half, &at, sizeof at);
+    memcpy(of, &m, sizeof m);
+    for (int h = 0; h < 2; h++)
+        found[h] = _mm256_mask_i32gather_epi32(_mm256_setzero_si256(), base, half[h], of[h], 1);
+    memcpy(&all, found, sizeof all);
+    return all;
+#else
+    lr_ints all = {0};
+    for (uint32_t left = bits; left != 0; left &= left - 1) {
+        const int l = __builtin_ctz(left);
+        int32_t one;
+        memcpy(&one, (const char *)base + (uint32_t)at[l], sizeof one);
+        all[l] = one;
+    }
+    return all;
+#endif
+}
+
+/* ---- doubles ---------------------------------------------------------------- */
+
+enum { LR_DOUBLE_LANES = 8 };
+
+typedef double lr_doubles __attribute__((vector_size(64)));
+typedef int64_t lr_longs __attribute__((vector_size(64))); /* as a mask: -1 where set, else 0 */
+
+LR_INLINE lr_doubles lr_all_doubles(double x)
+{
+    return x - (lr_doubles){0};
+}
+
+LR_INLINE lr_doubles lr_load_doubles(const double *from)
+{
+    lr_doubles x;
+    memcpy(&x, from, sizeof x);
+    return x;
+}
+
+LR_INLINE void lr_store_doubles(double *to, lr_doubles x)
+{
+    memcpy(to, &x, sizeof x);
+}
+
+LR_INLINE lr_doubles lr_pick_doubles(lr_longs m, lr_doubles a, lr_doubles b)
+{
+    return (lr_doubles)((m & (lr_longs)a) | (~m & (lr_longs)b));
+}
+
+/* As lr_clamp. */
+LR_INLINE lr_doubles lr_clamp_doubles(lr_doubles x, lr_doubles lo, lr_doubles hi)
+{
+    const lr_doubles y = lr_pick_doubles(x > lo, x, lo);
+    return lr_pick_doubles(y < hi, y, hi);
+}
+
+LR_INLINE lr_doubles lr_absolute_doubles(lr_doubles a)
+{
+    return (lr_doubles)((lr_longs)a & INT64_MAX);
+}
+
+LR_INLINE lr_doubles lr_root_doubles(lr_doubles a)
+{
+#ifdef __clang__
+    return __builtin_elementwise_sqrt(a);
+#else
+    lr_doubles root;
+    for (int l = 0; l < LR_DOUBLE_LANES; l++)
+        root[l] = sqrt(a[l]);
+    return root;
+#endif
+}
+
+/* x with the sign of y. */
+LR_INLINE lr_doubles lr_signed_as(lr_doubles x, lr_doubles y)
+{
+    return (lr_doubles)(((lr_longs)x & INT64_MAX) | ((lr_longs)y & INT64_MIN));
+}
+
+LR_INLINE uint32_t lr_bits_of_longs(lr_longs m)
+{
+#if LR_VECTORS == 2
+    return _mm512_movepi64_mask((__m512i)m);
+#elif LR_VECTORS == 1
+    __m256d half[2];
+    memcpy(half, &m, sizeof m);
+    return (uint32_t)_mm256_movemask_pd(half[0]) | (uint32_t)_mm256_movemask_pd(half[1]) << 4;
+#else
+    uint32_t bits = 0;
+    for (int l = 0; l < LR_DOUBLE_LANES; l++)
+        bits |= (uint32_t)(m[l] & 1) << l;
+    return bits;
+#endif
+}
+
+LR_INLINE bool lr_any(lr_longs m)
+{
+    return lr_bits_of_longs(m) != 0;
+}
+
+LR_INLINE lr_doubles lr_rounded_down_doubles(lr_doubles a)
+{
+#ifdef __clang__
+    return __builtin_elementwise_floor(a);
+#else
+    lr_doubles down;
+    for (int l = 0; l < LR_DOUBLE_LANES; l++)
+        down[l] = floor(a[l]);
+    return down;
+#endif
+}
+
+LR_INLINE lr_longs lr_longs_of(uint32_t bits)
+{
+    const lr_longs bit = {1, 2, 4, 8, 16, 32, 64, 128};
+    return (((int64_t)bits - (lr_longs){0}) & bit) != 0;
+}
