@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 from ._lib import CancelToken, LeapRayError, apart
@@ -33,23 +33,43 @@ def run_parts(
     The first exception is raised once all threads have ended; parts that have not begun are left
     out. Ctrl-C sets the watch's stop word besides.
     """
+    firsts = range(0, n, size)
+    left = iter(enumerate(firsts))  # threads take from it in turns, each a part at a time
+    results: dict[int, T] = {}
+    failures: dict[int, BaseException] = {}
+
+    def share() -> None:
+        for index, first in left:
+            if failures:
+                return
+            try:
+                results[index] = part(first, min(first + size, n))
+            except BaseException as error:
+                failures[index] = error
 
     def work() -> list[T]:
-        with ThreadPoolExecutor(threads or cores(), thread_name_prefix="leapray") as pool:
-            try:
-                jobs = [pool.submit(part, i, min(i + size, n)) for i in range(0, n, size)]
-                wait(jobs, return_when=FIRST_EXCEPTION)
-                raised = [job.exception() for job in jobs if job.done()]
-                failed = [error for error in raised if error is not None]
-                if failed:
-                    raise failed[0]
-                return [job.result() for job in jobs]
-            except BaseException as error:
-                _stop_unless_part_failed(watch, error)
-                pool.shutdown(wait=True, cancel_futures=True)
-                raise
+        _side_by_side(share, min(threads or cores(), len(firsts)))
+        if failures:
+            error = failures[min(failures)]
+            _stop_unless_part_failed(watch, error)
+            raise error
+        return [results[index] for index in range(len(firsts))]
 
     return apart(work, watch)
+
+
+def _side_by_side(share: Callable[[], None], hands: int) -> None:
+    """share(), which does not raise, on so many threads, one of which is this one."""
+    others = [threading.Thread(target=share, name="leapray") for _ in range(hands - 1)]
+    started = []
+    try:
+        for thread in others:
+            thread.start()
+            started.append(thread)
+        share()
+    finally:
+        for thread in started:
+            thread.join()
 
 
 def run_steps(

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import weakref
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,6 +52,12 @@ def traversers() -> list[Traverser]:
 
     Raises LeapRayError only where core and package do not belong together.
     """
+    return list(_registry())
+
+
+@cache
+def _registry() -> tuple[Traverser, ...]:
+    """Read once: it does not change."""
     found = []
     for index in range(lib.lr_traverser_count()):
         line, error = _abi.lr_traverser(), _abi.lr_error()
@@ -61,7 +68,7 @@ def traversers() -> list[Traverser]:
             "rectilinear": bool(line.flags & _abi.LR_TRAVERSER_RECTILINEAR),
         }
         found.append(read_entry(Traverser, index, line, **flags))
-    return found
+    return tuple(found)
 
 
 def variants() -> list[Traverser]:
@@ -74,7 +81,7 @@ def traverser(spec: str | None = None) -> Traverser:
 
     Raises LeapRayError that lists what there is.
     """
-    known = traversers()
+    known = _registry()
     name, _, asked = (spec or "").partition(":")
     name = name or next(one.name for one in known if one.default)
     return find("traverser", f"{name}:{asked}", known)

@@ -15,6 +15,7 @@
 enum {
     POLL = 1 << 14,   /* triangles, or bricks of one triangle, between checks of the stop word */
     MAX_PARTS = 512,  /* enough that many threads end at about one time */
+    PART_WORK = 4000, /* at least of a part, unlike which the call that runs it takes no time */
     BRICK_WORK = 400, /* of a brick without triangles, in units of a listed triangle */
     PLANES = 5
 };
@@ -208,7 +209,8 @@ static lr_status make_active(uint32_t *count, const int32_t size[3], lr_bins *bi
 static lr_status make_parts(lr_bins *bins, lr_error *error)
 {
     uint64_t work = bins->start[bins->n_active] + (uint64_t)bins->n_active * BRICK_WORK;
-    bins->n_parts = bins->n_active < MAX_PARTS ? bins->n_active : MAX_PARTS;
+    const uint64_t most = work / PART_WORK < MAX_PARTS ? work / PART_WORK + 1 : MAX_PARTS;
+    bins->n_parts = bins->n_active < most ? bins->n_active : (uint32_t)most;
     bins->part = malloc(((size_t)bins->n_parts + 1) * sizeof *bins->part);
     if (bins->part == NULL)
         return lr_fail_memory(error, bins->n_parts * 4, "the parts");
