@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import leapray
 from leapray import Camera, Lobe, Program
 from leapray.scalar_grid import ScalarGrid
 
-from .memory import Resident
+from .memory import Resident, pieces
 from .settings import Modelling, Settings
 
 Color = tuple[float, float, float]  # linear RGB
@@ -41,6 +42,15 @@ class Mesh:
     modelling: Modelling = field(default_factory=Modelling)
     solids: NDArray[np.int32] | None = None  # (m,) ascending: of which solid a triangle is, where
     # several share a volume; their slots are then ids, none in two of them
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3): the box of its triangles."""
+        used = np.zeros(len(self.vertices), np.bool_)
+        for some in pieces(len(self.triangles)):
+            used[self.triangles[some]] = True
+        corners = self.vertices if used.all() else self.vertices[used]
+        return np.array([corners.min(axis=0), corners.max(axis=0)], np.float64)
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def solid(
     if structure is None:
         if wrong := objects.wrong_with_mesh(mesh):
             raise leapray.LeapRayError(wrong)
-        side = float(np.ptp(objects.bounds(mesh), axis=0).max())
+        side = float(np.ptp(mesh.bounds, axis=0).max())
         if not side > 0:
             raise leapray.LeapRayError("it has no extent")
         volume = leapray.voxelize(

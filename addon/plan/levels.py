@@ -45,6 +45,9 @@ class Work:
     fills: bool = False  # likewise
     weights: probes.Weights | None = None
     measure: error_metric.Measure | None = None
+    seen: list[tuple[error_metric.Measure, error_metric.Errors]] = field(
+        default_factory=list, repr=False, compare=False
+    )  # of all that was measured on it
     errors: error_metric.Errors = field(init=False, repr=False, compare=False)  # as seen
     structure: leapray.Structure | None = None
     stuck: str = ""  # why it is no finer, where it should be
@@ -391,7 +394,12 @@ class Levels:
     def _seen(self, work: Work, measure: error_metric.Measure) -> error_metric.Errors:
         if work.weights is None:
             work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)
-        return error_metric.seen(measure, work.weights)
+        for known, errors in work.seen:  # also of what had other bytes, which nobody sees
+            if known.surface is measure.surface:
+                return errors
+        errors = error_metric.seen(measure, work.weights)
+        work.seen.append((measure, errors))
+        return errors
 
     def _known(self, work: Work, voxel_size: float) -> error_metric.Measure | None:
         """What was measured on a level; where u8 and u16 were, u8 if that is enough."""

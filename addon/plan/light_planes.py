@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import model
-from . import objects
 
 TIE = 4 * np.finfo(np.float32).eps  # of coordinates: what Blender's f32 make of one plane
 TOUCH = 1e-6  # of a light's sides: less is no overlap
@@ -54,7 +53,7 @@ def _matters(light: model.Light) -> bool:
 
 def _box(surface: Surface) -> NDArray[np.float64]:
     """(2, 3): the box in world space, grown by what the surface may be off."""
-    lo, hi = objects.bounds(surface.mesh)
+    lo, hi = surface.mesh.bounds
     matrix = np.asarray(surface.world_from_object, np.float64)
     centre = matrix[:3, :3] @ (lo + hi) / 2 + matrix[:3, 3]
     half = np.abs(matrix[:3, :3]) @ (hi - lo) / 2 + surface.accuracy

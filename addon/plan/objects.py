@@ -15,7 +15,6 @@ from leapray.rendering import VISIBILITIES
 from leapray.scalar_grid import LEAF, Leaves, ScalarGrid
 
 from .. import arrays, model
-from ..memory import pieces
 from . import mesh_colors
 
 FARTHEST = 1e18  # coordinates beyond leave no digits for areas; Blender's infinity is 3.4e38
@@ -28,15 +27,6 @@ class SceneError(leapray.LeapRayError):
 def digest(mesh: model.Mesh) -> str:
     """A name for the mesh's contents."""
     return arrays.digest((mesh.vertices, mesh.triangles, mesh.slots, mesh.solids))
-
-
-def bounds(mesh: model.Mesh) -> NDArray[np.float64]:
-    """(2, 3): the box of the mesh's triangles."""
-    used = np.zeros(len(mesh.vertices), np.bool_)
-    for some in pieces(len(mesh.triangles)):
-        used[mesh.triangles[some]] = True
-    corners = mesh.vertices if used.all() else mesh.vertices[used]
-    return np.array([corners.min(axis=0), corners.max(axis=0)], np.float64)
 
 
 def told_of(instance: model.Placed) -> dict[str, Any]:
@@ -56,7 +46,7 @@ def corners(scene: model.Scene, instance: model.Placed) -> NDArray[np.float64]:
         matrix = np.asarray(grid.world_from_index, np.float64)
         return box(lattice(grid)) @ matrix[:3, :3].T + matrix[:3, 3]
     assert isinstance(instance, model.Instance)
-    return box(bounds(scene.meshes[instance.mesh]))
+    return box(scene.meshes[instance.mesh].bounds)
 
 
 def box(ends: NDArray) -> NDArray[np.float64]:

@@ -62,7 +62,7 @@ SHARP_SHARE = 1 / 100  # for finer edges than asked for, of all volumes together
 
 def coarsest(mesh: model.Mesh) -> float:
     """The largest power of two that puts at least COARSEST / 2 voxels along the longest side."""
-    longest = np.ptp(objects.bounds(mesh), axis=0).max()
+    longest = np.ptp(mesh.bounds, axis=0).max()
     return 2.0 ** math.ceil(math.log2(longest / COARSEST)) if longest > 0 else 1.0
 
 
@@ -393,7 +393,7 @@ class Planner(Separation):
             for work in (
                 works.get(self._mesh_and_colors(instance), []) if instance.visible_shadow else ()
             ):
-                off = work.measured.step + work.measured.typical()
+                off = work.measured.step + work.measured.typical
                 matrix = np.asarray(instance.world_from_object, np.float64)
                 scale = np.linalg.norm(matrix[:3, :3], 2)
                 yield light_planes.Surface(instance.name, work.mesh, matrix, float(off * scale))
@@ -425,7 +425,7 @@ class Planner(Separation):
                     first_material=first[instance.materials],
                     n_materials=len(instance.materials),
                     volume_index=index[id(work)],
-                    error=work.measured.typical() * objects.scale(instance.world_from_object),
+                    error=work.measured.typical * objects.scale(instance.world_from_object),
                 )
                 for work in works.get(self._mesh_and_colors(instance), [])
             ]
@@ -479,7 +479,7 @@ def fixed_size(mesh: model.Mesh, n: int) -> float:
 
     The ramp's own samples count; where n leaves hardly any for the mesh, it gets one voxel or two.
     """
-    lo, hi = objects.bounds(mesh)
+    lo, hi = mesh.bounds
     size = (hi - lo).max() / max(n - 1 - 2 * PADDING, 1)
     largest = 2.0 * size
     while size < largest:

@@ -13,7 +13,7 @@ from functools import partial
 
 import leapray
 
-from . import error_metric, objects, proximity
+from . import error_metric, proximity
 from .levels import Levels, Work
 
 NO_ERROR = 1e-6  # of a voxel: no more than f32 rounds
@@ -51,7 +51,7 @@ class Separation(Levels):
         bodies = [
             proximity.Body(
                 work.matrices,
-                objects.bounds(work.mesh),
+                work.mesh.bounds,
                 _error(work),
                 partial(self._probes, work),
                 partial(self._some_structure, work),
@@ -102,5 +102,5 @@ class Separation(Levels):
 
 def _error(work: Work) -> float:
     """The quantile of the volume's errors, in object space; 0 where that is but rounding."""
-    error = work.measured.typical()
+    error = work.measured.typical
     return error if error > NO_ERROR * work.measured.voxel_size else 0.0
