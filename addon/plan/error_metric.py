@@ -53,6 +53,8 @@ SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
 NOT_GRAZING = 0.8  # square of the largest sine between a ray and the normal that is tested
 NORMAL_ERROR = math.radians(2.0)  # the quantile; light at 45 degrees changes by 3.5 %
 ROUGHNESS = 3.0  # times that, RMS: what is finer than a pixel keeps its mean light within 0.5 %
+COLOR_STEP = 4  # probes of which one is for colours: a mean needs fewer than a quantile, and looks
+# at textures take long
 COLOR_ERROR = 0.01  # of the square root of light, the mean: black and white checks need 0.4 pixel
 
 
@@ -74,7 +76,7 @@ class Measure:
     n_cells: int  # that hold surface
     color: (
         NDArray[np.float32] | None
-    )  # (n, k) as mesh_colors.color_errors gives it; None: no colours
+    )  # (n / COLOR_STEP, k) as mesh_colors.color_errors gives it; None: no colours
     shape: tuple[int, int, int]
     kind: str
     normals: bool  # the mesh's own are in the volume
@@ -90,7 +92,8 @@ class Measure:
     def fits(self, probes: Probes) -> bool:
         """Can it have been measured at these probes?"""
         n, n_creases = len(probes.surface), len(probes.creases)
-        color = self.color is None or (self.color.ndim == 2 and len(self.color) == n)
+        n_color = len(probes.surface[::COLOR_STEP])
+        color = self.color is None or (self.color.ndim == 2 and len(self.color) == n_color)
         return (
             color
             and self.surface.shape == self.lost.shape == self.normal.shape == (n,)
@@ -396,14 +399,14 @@ def color_seen(measure: Measure, weights: Weights) -> float:
     their errors.
     """
     assert measure.color is not None
-    ratio = measure.voxel_size / weights.surface_footprint
+    ratio = measure.voxel_size / weights.surface_footprint[::COLOR_STEP]
     last = measure.color.shape[1] - 1
     k = np.clip(np.log2(np.maximum(ratio, 1.0)), 0.0, last)
     below = np.minimum(k.astype(np.int64), last - 1)
     rows = np.arange(len(k))
     low, high = measure.color[rows, below], measure.color[rows, below + 1]
     error = (low + (k - below) * (high - low)) * np.minimum(ratio, 1.0)
-    return mean(error, weights.surface_pixels)
+    return mean(error, weights.surface_pixels[::COLOR_STEP])
 
 
 def quantile(values: NDArray, weights: NDArray, q: float) -> float:

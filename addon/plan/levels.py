@@ -457,8 +457,16 @@ class Levels:
         at, size = self._probes(work), volume.info.object_from_index[0, 0]
         attributes = self._attributes(work, work.mesh, size)
         assert attributes is not None
-        where = at.surface, at.surface_triangles, at.surface_weights
-        return mesh_colors.color_errors(volume, work.mesh, attributes, *where, size)
+        some = slice(None, None, error_metric.COLOR_STEP)
+        return mesh_colors.color_errors(
+            volume,
+            work.mesh,
+            attributes,
+            at.surface[some],
+            at.surface_triangles[some],
+            at.surface_weights[some],
+            size,
+        )
 
     def share_finest(self) -> None:
         """Volumes of equal contents become one, on the finest level that one of them is on.

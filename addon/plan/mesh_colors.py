@@ -309,8 +309,7 @@ def color_errors(
         ids = mesh.slots[triangles]
     true = TrueColors(mesh, attributes, triangles, weights)
     for k in range(SHARPER if true.textured else 1):  # nothing else is averaged
-        stored, _ = volume.attributes(points, ids, 1 / 2**k)
-        stored = np.nan_to_num(stored, nan=1.0) ** ROOT
+        stored = np.nan_to_num(volume.colors(points, ids, 1 / 2**k), nan=1.0) ** ROOT
         difference = stored - true.averaged(voxel_size / 2**k) ** ROOT
         errors[off, k:] = np.sqrt(np.mean(difference**2, axis=1))[:, None]
     return errors

@@ -301,9 +301,20 @@ class Volume:
         width: of the surface, in voxels, that textures are averaged over.
         NaN where the volume carries none. Raises LeapRayError for other shapes and unknown ids.
         """
+        return self._attributes(points, ids, width, normals=True)
+
+    def colors(
+        self, points: ArrayLike, ids: ArrayLike | None = None, width: float = 0.0
+    ) -> NDArray[np.float64]:
+        """The colours of `attributes` alone, (n, 3), in less time. Raises as that."""
+        return self._attributes(points, ids, width, normals=False)[0]
+
+    def _attributes(
+        self, points: ArrayLike, ids: ArrayLike | None, width: float, normals: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         where = _points(points)
         ids = id_array(ids, len(where), one=True)
-        colors, normals = np.empty(where.shape), np.empty(where.shape)
+        colors, found = np.empty(where.shape), np.empty(where.shape if normals else (0, 3))
         error = _abi.lr_error()
         status = lib.lr_volume_attributes(
             self.handle,
@@ -312,11 +323,11 @@ class Volume:
             len(where),
             width,
             pointer(colors),
-            pointer(normals),
+            pointer(found) if normals else None,
             ctypes.byref(error),
         )
         check(status, error)
-        return colors, normals
+        return colors, found
 
     def normals(
         self, points: ArrayLike, ids: ArrayLike | None = None, normal: str = "central"
