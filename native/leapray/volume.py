@@ -306,7 +306,10 @@ class Volume:
     def colors(
         self, points: ArrayLike, ids: ArrayLike | None = None, width: float = 0.0
     ) -> NDArray[np.float64]:
-        """The colours of `attributes` alone, (n, 3), in less time. Raises as that."""
+        """The colours (n, 3) of `attributes` without the normals, which takes less time.
+
+        points, ids, width: as for `attributes`. Raises LeapRayError as that does.
+        """
         return self._attributes(points, ids, width, normals=False)[0]
 
     def _attributes(
