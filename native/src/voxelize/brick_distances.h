@@ -9,10 +9,13 @@
 #include "mesh/triangle_distance.h"
 #include "voxelize/keep_attributes.h"
 
+struct lr_cell_work;
+
 /* What is the same for all bricks. */
 typedef struct lr_voxel_job {
     const lr_topology *mesh;
     lr_nearest_search *search;
+    bool (*test_cells)(struct lr_cell_work *, uint32_t); /* of cell_tests.h */
     int32_t table_size[3];
     int32_t size[3];   /* of the lattice, samples */
     double band;       /* voxels; samples within it have a distance */

@@ -17,6 +17,7 @@
 #include "grid/classify_cells.h"
 #include "mesh/link_edges.h"
 #include "voxelize/brick_jobs.h"
+#include "voxelize/cell_tests.h"
 #include "voxelize/filter_profile.h"
 #include "voxelize/flood_fill.h"
 #include "voxelize/hole_fill.h"
@@ -105,16 +106,22 @@ static lr_status place_lattice(lr_voxelizer *v, lr_error *error)
     return LR_OK;
 }
 
-static lr_nearest_search *search_by(int32_t simd)
+/* What is done by the instructions that were chosen. */
+static void choose_instructions(int32_t simd, lr_voxel_job *job)
 {
+    job->search = lr_nearest_portable;
+    job->test_cells = lr_test_cells_portable;
 #ifdef LR_X86
-    if (simd == LR_SIMD_AVX512)
-        return lr_nearest_avx512;
-    if (simd == LR_SIMD_AVX2)
-        return lr_nearest_avx2;
+    if (simd == LR_SIMD_AVX2) {
+        job->search = lr_nearest_avx2;
+        job->test_cells = lr_test_cells_avx2;
+    }
+    if (simd == LR_SIMD_AVX512) {
+        job->search = lr_nearest_avx512;
+        job->test_cells = lr_test_cells_avx512;
+    }
 #endif
     (void)simd;
-    return lr_nearest_portable;
 }
 
 /* Of the band; kind is LR_KIND_SOLID or LR_KIND_SHEET. */
@@ -129,11 +136,9 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_watch *w
 {
     const lr_voxelize_options *o = &v->options;
     lr_status status = lr_cpu_choose(o->simd, &v->simd, error);
-    v->job = (lr_voxel_job){.mesh = &v->mesh,
-                            .search = search_by(v->simd),
-                            .filter = o->filter,
-                            .half_width = o->half_width,
-                            .flat = o->flat != 0};
+    v->job = (lr_voxel_job){
+        .mesh = &v->mesh, .filter = o->filter, .half_width = o->half_width, .flat = o->flat != 0};
+    choose_instructions(v->simd, &v->job);
     if (status == LR_OK)
         status = lr_topology_begin(mesh, o->voxel_size, watch, &v->mesh, error);
     if (status == LR_OK)
