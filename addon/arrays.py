@@ -18,6 +18,18 @@ def unit(vectors: NDArray) -> NDArray:
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
+def inverse(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 3, 3): the inverses of maps that have some, by cofactors.
+
+    numpy's inverse wakes threads that then wait, busily, for more work.
+    """
+    largest = np.abs(linear).max(axis=(-2, -1), keepdims=True)
+    a, b, c = np.moveaxis(linear / largest, -2, 0)
+    columns = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
+    volume = np.einsum("...k,...k->...", a, columns[..., 0])
+    return columns / volume[..., None, None] / largest
+
+
 def from_srgb(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Linear values of the sRGB ones. Source: IEC 61966-2-1."""
     values = np.maximum(values, np.float32(0))

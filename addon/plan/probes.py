@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 import leapray
 
 from .. import model
-from ..arrays import unit
+from ..arrays import inverse, unit
 from ..memory import pieces
 
 N_SURFACE = 8192
@@ -304,7 +304,7 @@ def weigh(
 
     for index in _demanding(camera, box, matrices):
         linear, shift = matrices[index, :3, :3], matrices[index, :3, 3:]
-        inverse = np.linalg.inv(linear)
+        back = inverse(linear)
         stretch = np.linalg.norm(linear, 2)
 
         hidden = UNSEEN if shown is not None and not shown[index] else 1.0
@@ -317,11 +317,11 @@ def weigh(
 
         # a shift by e along the normal n moves the surface by e / |M^-T n| in the world
         footprint, _ = seen(surface)
-        turned = inverse.T @ normals
+        turned = back.T @ normals
         keep("surface", footprint * np.sqrt(np.einsum("cn,cn->n", turned, turned)))
         if len(probes.creases):
             footprint, towards = seen(creases)
-            facing = np.einsum("nkc,nc->nk", probes.crease_normals, towards @ inverse.T) < 0
+            facing = np.einsum("nkc,nc->nk", probes.crease_normals, towards @ back.T) < 0
             towards_us, outline = facing.any(axis=1), facing[:, 0] != facing[:, 1]
             keep("crease", np.where(towards_us, footprint, UNSEEN * footprint) / stretch)
             keep("outline", np.where(outline, footprint, UNSEEN * footprint) / stretch)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 import leapray
 
 from .. import model
-from ..arrays import unit
+from ..arrays import inverse, unit
 from .probes import Probes
 
 NEAR_ERRORS = (
@@ -59,8 +59,9 @@ class Body:
 
     @cached_property
     def inverses(self) -> Array:
-        """(n, 4, 4) object from world."""
-        return np.linalg.inv(self.matrices)
+        """(n, 3, 4) object from world."""
+        linear = inverse(self.matrices[:, :3, :3])
+        return np.concatenate([linear, -linear @ self.matrices[:, :3, 3:]], axis=2)
 
 
 @dataclass(frozen=True)
