@@ -50,7 +50,6 @@ CROWD = 12.0  # triangles on a triangle cell's list, the mean, while its voxel i
 CREASE_VOXEL = 2.0  # footprints, the mean along creases: corners look sharp
 CARRIED = 0.5  # of such a voxel counts if the volume has normals, which turn within one cell
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
-NOT_GRAZING = 0.8  # square of the largest sine between a ray and the normal that is tested
 NORMAL_ERROR = math.radians(2.0)  # the quantile; light at 45 degrees changes by 3.5 %
 ROUGHNESS = 3.0  # times that, RMS: what is finer than a pixel keeps its mean light within 0.5 %
 COLOR_STEP = 4  # probes of which one is for colours: a mean needs fewer than a quantile, and looks
@@ -355,27 +354,11 @@ def normal_errors(
         corners = mesh.corner_normals[probes.surface_triangles].astype(np.float64)
         smooth = unit(np.einsum("nk,nkc->nc", probes.surface_weights, corners))
         own = np.where(smooth.any(axis=1)[:, None], smooth, own)
-    at = probes.surface + off[:, None] * _askew(probes.surface_normals)
+    at = probes.surface + off[:, None] * probes.askew
     found = volume.normals(at, ids)
-    cosine = np.abs(np.einsum("nc,nc->n", np.nan_to_num(found), own))
-    sine = np.linalg.norm(np.cross(np.nan_to_num(found), own), axis=1)
-    return np.arctan2(sine, cosine).astype(np.float32)
-
-
-def _askew(normals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 3): in the planes across the normals, lengths those of the tangents of rays' angles.
-
-    Rays from everywhere have sines of them whose squares are uniform between 0 and 1; those that
-    graze are left to the rims. Drawn evenly (Roberts 2018, the R2 sequence).
-    """
-    n = np.arange(1, len(normals) + 1)
-    square, turn = np.modf(n * 0.7548776662466927)[0], n * (0.5698402909980532 * 2 * np.pi)
-    square *= NOT_GRAZING
-    length = np.sqrt(square / (1 - square))
-    least = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    first = unit(np.cross(normals, least))
-    second = np.cross(normals, first)
-    return length[:, None] * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second)
+    side = np.sign(np.einsum("nc,nc->n", found, own))
+    chord = np.linalg.norm(found - side[:, None] * own, axis=1)
+    return np.nan_to_num(2 * np.arcsin(np.minimum(chord / 2, 1.0))).astype(np.float32)
 
 
 def normal_seen(measure: Measure, weights: Weights) -> float:

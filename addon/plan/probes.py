@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ N_EDGE = 2048
 CREASE_COSINE = np.cos(np.radians(15.0))  # smaller angles count as smooth surface
 LOOSE = 1e-5  # of the cosine: more than the rounding of f32
 SEED = 1994
+NOT_GRAZING = 0.8  # square of the largest sine between a ray and the normal that is tested
 N_INSTANCES = 32  # of one mesh that are tested: the most demanding ones
 UNSEEN = 4.0  # factor for what only shadows and reflections show
 
@@ -53,6 +55,23 @@ class Probes:
     crease_normals: NDArray[np.float64]  # (n, 2, 3): of the triangles on either side, unit
     area: float
     crease_length: float
+
+    @cached_property
+    def askew(self) -> Points:
+        """(n, 3): in the planes across the normals, lengths those of the tangents of rays' angles.
+
+        Rays from everywhere have sines of them whose squares are uniform between 0 and 1; those
+        that graze are left to the rims. Drawn evenly (Roberts 2018, the R2 sequence).
+        """
+        normals = self.surface_normals
+        n = np.arange(1, len(normals) + 1)
+        square, turn = np.modf(n * 0.7548776662466927)[0], n * (0.5698402909980532 * 2 * np.pi)
+        square *= NOT_GRAZING
+        length = np.sqrt(square / (1 - square))
+        least = np.eye(3)[np.abs(normals).argmin(axis=1)]
+        first = unit(np.cross(normals, least))
+        second = np.cross(normals, first)
+        return length[:, None] * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second)
 
 
 def _facets(mesh: model.Mesh, chosen, longest: float) -> NDArray[np.float32]:

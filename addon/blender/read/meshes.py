@@ -56,23 +56,19 @@ def read_mesh(mesh, name: str, textures: Sequence[Texture | None] = (), notes=No
         raise LeapRayError("its mesh has vertices that are no numbers (NaN or infinite)")
 
     fans = n_corners != 3 * n_faces  # no face has fewer than three corners
-    triangles = np.empty((n_corners - 2 * n_faces, 3), np.int32)
+    of_corner = _corner_vertices(mesh)
     if fans:
+        corners = np.empty((n_corners - 2 * n_faces, 3), np.int32)
         mesh.calc_loop_triangles()
-        mesh.loop_triangles.foreach_get("vertices", triangles.ravel())
+        mesh.loop_triangles.foreach_get("loops", corners.ravel())
+        triangles = of_corner[corners]
     else:
-        mesh.loops.foreach_get("vertex_index", triangles.ravel())
+        corners = np.arange(n_corners, dtype=np.int32).reshape(-1, 3)
+        triangles = of_corner.reshape(-1, 3)
 
     slots = _slots(mesh, fans, len(triangles))
     smooth = mesh.normals_domain != "FACE"
     wanted = {each.source for each in textures if each}
-    corners = None
-    if smooth or wanted:
-        corners = np.empty_like(triangles)
-        if fans:
-            mesh.loop_triangles.foreach_get("loops", corners.ravel())
-        else:
-            corners.ravel()[:] = np.arange(n_corners)
     carried = _Corners(mesh, vertices, triangles, corners, slots, notes)
     return model.Mesh(
         name,
@@ -83,6 +79,17 @@ def read_mesh(mesh, name: str, textures: Sequence[Texture | None] = (), notes=No
         corner_colors=carried.of(textures, "vertex", 3) if "vertex" in wanted else None,
         corner_uvs=carried.of(textures, "image", 2) if "image" in wanted else None,
     )
+
+
+def _corner_vertices(mesh) -> NDArray[np.int32]:
+    """The vertex of each corner of a face: as the attribute, which is copied at once."""
+    of_corner = np.empty(len(mesh.loops), np.int32)
+    stored = mesh.attributes.get(".corner_vert")
+    if stored is not None and stored.domain == "CORNER" and stored.data_type == "INT":
+        stored.data.foreach_get("value", of_corner)
+    else:
+        mesh.loops.foreach_get("vertex_index", of_corner)
+    return of_corner
 
 
 def _slots(mesh, fans: bool, n_triangles: int) -> NDArray[np.uint16] | None:
