@@ -35,11 +35,22 @@ typedef struct lr_bin_row {
 
 static const lr_box EMPTY = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
 
-static void include(lr_box *box, const lr_box *other)
+/* Of numbers, which fmin and fmax would ask for. */
+LR_INLINE double lesser(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+LR_INLINE double greater(double a, double b)
+{
+    return a > b ? a : b;
+}
+
+LR_INLINE void include(lr_box *box, const lr_box *other)
 {
     for (int a = 0; a < 3; a++) {
-        box->lo[a] = fmin(box->lo[a], other->lo[a]);
-        box->hi[a] = fmax(box->hi[a], other->hi[a]);
+        box->lo[a] = lesser(box->lo[a], other->lo[a]);
+        box->hi[a] = greater(box->hi[a], other->hi[a]);
     }
 }
 
@@ -103,30 +114,59 @@ static uint32_t log2_up(uint32_t n)
     return k;
 }
 
+/* As bins would sort two boxes: along the first axis on which their centres differ. */
+static void sort_two(const lr_builder *b, uint32_t order[2])
+{
+    for (int a = 0; a < 3; a++) {
+        const double first = centre(&b->boxes[order[0]], a);
+        const double second = centre(&b->boxes[order[1]], a);
+        const double apart = fabs(second - first);
+        if (!(apart > 0.0 && isfinite(N_BINS / apart)))
+            continue;
+        if (second < first) {
+            const uint32_t box = order[0];
+            order[0] = order[1];
+            order[1] = box;
+        }
+        return;
+    }
+}
+
 /* How many of the n boxes go left. */
 static uint32_t partition(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level)
 {
+    if (level + 1 + log2_up(n) >= LR_HEIGHT_MAX)
+        return n / 2;
+    if (n == 2) {
+        sort_two(b, order);
+        return 1;
+    }
     lr_split best = {INFINITY, 0, 0};
     lr_bin_row bins[3];
     lr_box centres = EMPTY;
     for (uint32_t i = 0; i < n; i++)
         for (int a = 0; a < 3; a++) {
             const double c = centre(&b->boxes[order[i]], a);
-            centres.lo[a] = fmin(centres.lo[a], c);
-            centres.hi[a] = fmax(centres.hi[a], c);
+            centres.lo[a] = lesser(centres.lo[a], c);
+            centres.hi[a] = greater(centres.hi[a], c);
         }
-    for (int a = 0; a < 3; a++) {
-        if (!lay_bins(&bins[a], centres.lo[a], centres.hi[a]))
-            continue;
-        for (uint32_t i = 0; i < n; i++) {
-            const lr_box *box = &b->boxes[order[i]];
+    bool spread[3];
+    for (int a = 0; a < 3; a++)
+        spread[a] = lay_bins(&bins[a], centres.lo[a], centres.hi[a]);
+    for (uint32_t i = 0; i < n; i++) {
+        const lr_box *box = &b->boxes[order[i]];
+        for (int a = 0; a < 3; a++) {
+            if (!spread[a])
+                continue;
             const int bin = bin_of(&bins[a], box, a);
             include(&bins[a].box[bin], box);
             bins[a].n[bin]++;
         }
-        best_of_axis(&bins[a], a, &best);
     }
-    if (!(best.cost < INFINITY) || level + 1 + log2_up(n) >= LR_HEIGHT_MAX)
+    for (int a = 0; a < 3; a++)
+        if (spread[a])
+            best_of_axis(&bins[a], a, &best);
+    if (!(best.cost < INFINITY))
         return n / 2;
     uint32_t left = 0;
     for (uint32_t i = 0; i < n; i++) {
