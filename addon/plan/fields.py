@@ -501,7 +501,7 @@ class Fields:
             first_material=first + slot,
             n_materials=n,
             volume_index=volume,
-            error=surface.error * objects.scale(instance.world_from_object),
+            error=surface.error * objects.scales([instance.world_from_object])[0],
             clips=clipped,
             field_color=color,
             volume_unit=looks.unit(look, instance.world_from_object) if look else 0.0,

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -97,9 +98,10 @@ def wrong_with_matrices(matrices: NDArray[np.float64]) -> list[str]:
     ]
 
 
-def scale(matrix: NDArray[np.float64]) -> float:
-    """How many times longer things become on the average."""
-    return float(abs(np.linalg.det(np.asarray(matrix, np.float64)[:3, :3])) ** (1 / 3))
+def scales(matrices: Sequence[NDArray[np.float64]]) -> list[float]:
+    """How many times longer things become on the average, by each matrix (4, 4)."""
+    linear = np.array(matrices, np.float64).reshape(-1, 4, 4)[:, :3, :3]
+    return [abs(volume) ** (1 / 3) for volume in np.linalg.det(linear).tolist()]
 
 
 def wrong_with_field(field: model.Field) -> str:

@@ -82,6 +82,7 @@ class Planner(Separation):
     ) -> None:
         super().__init__(scene, cache, watch, threads)
         self.advance = advance
+        self._colored: dict[tuple, tuple[int, mesh_colors.ColorSet]] = {}
 
     # -- the walk
 
@@ -138,8 +139,11 @@ class Planner(Separation):
 
     def _mesh_and_colors(self, instance: model.Instance) -> tuple[int, mesh_colors.ColorSet]:
         """What instances share a volume by: the mesh, and where its colours come from."""
-        mesh = self.scene.meshes[instance.mesh]
-        return instance.mesh, self.color_sets.color_set(mesh, instance.materials)
+        key = instance.mesh, instance.materials
+        if key not in self._colored:
+            mesh = self.scene.meshes[instance.mesh]
+            self._colored[key] = instance.mesh, self.color_sets.color_set(mesh, instance.materials)
+        return self._colored[key]
 
     def _split(self, mesh: model.Mesh) -> tuple[list[tuple[str, model.Mesh]], bool]:
         """The parts of the mesh that get volumes of their own, and names of their contents.
@@ -414,7 +418,8 @@ class Planner(Separation):
         slots: list[int] = []
         placed: list[leapray.Instance] = []
         names: list[str] = []
-        for instance in instances:
+        scales = objects.scales([instance.world_from_object for instance in instances])
+        for instance, scale in zip(instances, scales, strict=True):
             if instance.materials not in first:
                 first[instance.materials] = len(slots)
                 slots.extend(instance.materials)
@@ -425,7 +430,7 @@ class Planner(Separation):
                     first_material=first[instance.materials],
                     n_materials=len(instance.materials),
                     volume_index=index[id(work)],
-                    error=work.measured.typical * objects.scale(instance.world_from_object),
+                    error=work.measured.typical * scale,
                 )
                 for work in works.get(self._mesh_and_colors(instance), [])
             ]
