@@ -58,6 +58,13 @@ def test_the_instructions_do_not_matter(name, simd):
     assert portable.mesh_info.simd == "portable"
     assert_array_equal(other.read(), portable.read())
     assert_array_equal(other.read_ids(), portable.read_ids())
+    for exact, flat in (("sheets", False), ("all", True), ("every", False)):
+        portable, other = (
+            voxelize(vertices @ turn, triangles, h, exact=exact, flat=flat, simd=path)
+            for path in ("portable", simd)
+        )
+        assert_array_equal(other.read_exact(), portable.read_exact())
+        assert other.info.n_cell_triangles == portable.info.n_cell_triangles
 
 
 def test_progress_rises_to_one():
