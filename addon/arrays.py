@@ -24,10 +24,11 @@ def inverse(linear: NDArray[np.float64]) -> NDArray[np.float64]:
     numpy's inverse wakes threads that then wait, busily, for more work.
     """
     largest = np.abs(linear).max(axis=(-2, -1), keepdims=True)
-    a, b, c = np.moveaxis(linear / largest, -2, 0)
-    columns = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
-    volume = np.einsum("...k,...k->...", a, columns[..., 0])
-    return columns / volume[..., None, None] / largest
+    m, after, before = linear / largest, [1, 2, 0], [2, 0, 1]
+    below, above = m[..., after, :], m[..., before, :]
+    cofactors = below[..., after] * above[..., before] - below[..., before] * above[..., after]
+    volume = (m[..., :1, :] * cofactors[..., :1, :]).sum(axis=-1, keepdims=True)
+    return np.swapaxes(cofactors, -2, -1) / volume / largest
 
 
 def from_srgb(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 import leapray
 from leapray import Camera, Lobe, Program
+from leapray.arrays import bounds
 from leapray.scalar_grid import ScalarGrid
 
+from .arrays import digest
 from .memory import Resident, pieces
 from .settings import Modelling, Settings
 
@@ -50,7 +52,13 @@ class Mesh:
         for some in pieces(len(self.triangles)):
             used[self.triangles[some]] = True
         corners = self.vertices if used.all() else self.vertices[used]
-        return np.array([corners.min(axis=0), corners.max(axis=0)], np.float64)
+        return bounds(corners).astype(np.float64)
+
+    @cached_property
+    def corner_names(self) -> tuple[str, ...]:
+        """What is told of the contents of corners' normals, colours and places; "": none."""
+        carried = self.corner_normals, self.corner_colors, self.corner_uvs
+        return tuple("" if each is None else digest([each]) for each in carried)
 
 
 @dataclass(frozen=True)

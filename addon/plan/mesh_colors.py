@@ -172,17 +172,16 @@ def _has_pixels(image: model.Image) -> bool:
 
 def digest(mesh: model.Mesh, color_set: ColorSet) -> str:
     """A digest of the mesh's attributes; "" for none."""
-    used = [mesh.corner_normals]
-    used.append(mesh.corner_colors if color_set.sources else None)
-    used.append(mesh.corner_uvs if color_set.images else None)
     if not color_set.sources and mesh.corner_normals is None:
         return ""
-    return arrays.digest(used, repr(color_set).encode())
+    normals, colors, uvs = mesh.corner_names
+    used = normals, colors if color_set.sources else "", uvs if color_set.images else ""
+    return arrays.digest((), repr((color_set, used)).encode())
 
 
 def corners_digest(mesh: model.Mesh) -> str:
     """A digest of all attributes of the mesh's corners, used by a colour set or not."""
-    return arrays.digest(getattr(mesh, key) for key in CORNERS)
+    return "/".join(mesh.corner_names)
 
 
 def slot_sources(mesh: model.Mesh, color_set: ColorSet) -> NDArray[np.int32] | None:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
+from leapray.arrays import bounds
 
 from .. import model
 from . import mesh_colors
@@ -32,7 +33,7 @@ def split(mesh: model.Mesh, watch: leapray.Watch | None = None) -> list[model.Me
     mesh: finite, with at least one triangle. Raises Stopped where watch says so,
     LeapRayError where no triangle has an area.
     """
-    near = NEAR * float(np.ptp(mesh.vertices, axis=0).max())
+    near = NEAR * float(np.ptp(bounds(mesh.vertices), axis=0).max())
     layer = leapray.mesh_layers(mesh.vertices, mesh.triangles, near, watch=watch)
     layer = np.minimum(layer, MOST_LAYERS - 1)
     if layer.max() == 0:

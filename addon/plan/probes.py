@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import leapray
+from leapray.arrays import bounds
 
 from .. import model
 from ..arrays import inverse, unit
@@ -155,7 +156,8 @@ def draw(
     """
     random = np.random.default_rng(SEED)
     vertices, triangles = mesh.vertices, mesh.triangles
-    longest = float(np.ptp(vertices, axis=0).max())  # the unit of what follows: f32 overflows
+    # the unit of what follows: f32 overflows
+    longest = float(np.ptp(bounds(vertices), axis=0).max())
     area = _areas(mesh, longest, check_cancelled)
     whole = float(area.sum())
 
@@ -311,7 +313,7 @@ def weigh(
     sees them at all; None: it does.
     """
     camera = scene.camera
-    box = np.array([probes.surface.min(axis=0), probes.surface.max(axis=0)])
+    box = bounds(probes.surface)
     best: dict[str, NDArray] = {}
     surface, normals, creases = (  # coordinate by coordinate, which is faster
         np.ascontiguousarray(each.T)

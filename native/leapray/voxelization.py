@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, OutOfMemory, Watch, call, check, lib
-from .arrays import SAMPLE_TYPES, choice, id_array, members, pointer
+from .arrays import SAMPLE_TYPES, bounds, choice, id_array, members, pointer
 from .attributes import Attributes
 from .threads import check_threads, run_parts
 from .volume import BRICK, Volume
@@ -356,8 +356,8 @@ class _Limits:
         unlimited = self.both is None and self.volume is None
         if unlimited or not len(points) or not voxel_size > 0.0:
             return
-        extent = points.max(axis=0) - points.min(axis=0)
-        bricks = np.prod(np.ceil((extent / voxel_size + 2.0 * width) / BRICK))
+        low, high = bounds(points)
+        bricks = np.prod(np.ceil(((high - low) / voxel_size + 2.0 * width) / BRICK))
         self.check(4.0 * bricks, 0)
 
     def check(self, volume: float, scratch: int) -> None:
