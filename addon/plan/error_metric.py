@@ -203,6 +203,7 @@ def measure(
     slope_across: float | None = None,
     gain: float = 0.0,
     normal: NDArray[np.float32] | None = None,
+    threads: int = 1,
 ) -> Measure:
     """Measure the volume of a mesh, as voxelized with that voxel size, at the mesh's probes.
 
@@ -223,7 +224,7 @@ def measure(
     at = voxel_size, slope_across
     surface, lost = measure_surface(volume, probes.surface, normals, *at, own, gain)
     if normal is None:
-        normal = normal_errors(volume, mesh, probes, surface, own)
+        normal = normal_errors(volume, mesh, probes, surface, own, threads)
     crease, _ = measure_surface(volume, probes.creases, None, *at, beside, gain)
     dtype = "u8" if gain else info.dtype
     why = ""
@@ -341,6 +342,7 @@ def normal_errors(
     probes: Probes,
     off: NDArray[np.float32],
     ids: NDArray[np.uint16] | None = None,
+    threads: int = 1,
 ) -> NDArray[np.float32]:
     """Radians (n,) between the shading normals that hits have at the probes and the mesh's own.
 
@@ -355,7 +357,7 @@ def normal_errors(
         smooth = unit(np.einsum("nk,nkc->nc", probes.surface_weights, corners))
         own = np.where(smooth.any(axis=1)[:, None], smooth, own)
     at = probes.surface + off[:, None] * probes.askew
-    found = volume.normals(at, ids)
+    found = volume.normals(at, ids, threads=threads)
     side = np.sign(np.einsum("nc,nc->n", found, own))
     chord = np.linalg.norm(found - side[:, None] * own, axis=1)
     return np.nan_to_num(2 * np.arcsin(np.minimum(chord / 2, 1.0))).astype(np.float32)

@@ -437,7 +437,7 @@ class Levels:
         rise = slope(kernel, width or filter_info(kernel, volume.info.dtype).half_width)
         color = self._color_errors(work, volume)
         known = work.mesh, at, voxel_size, color, rise
-        measure = error_metric.measure(volume, *known)
+        measure = error_metric.measure(volume, *known, threads=self.threads)
         if not fresh or work.dtype or not self._enough(work, measure):
             return measure
         gain = sample_types.gain(kernel, width)
@@ -466,6 +466,7 @@ class Levels:
             at.surface_triangles[some],
             at.surface_weights[some],
             size,
+            self.threads,
         )
 
     def share_finest(self) -> None:

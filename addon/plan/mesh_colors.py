@@ -290,6 +290,7 @@ def color_errors(
     triangles: NDArray[np.int64],
     weights: NDArray[np.float64],
     voxel_size: float,
+    threads: int = 1,
 ) -> NDArray[np.float32]:
     """(n, SHARPER): errors of the volume's colours at n points of the mesh.
 
@@ -308,7 +309,8 @@ def color_errors(
         ids = mesh.slots[triangles]
     true = TrueColors(mesh, attributes, triangles, weights)
     for k in range(SHARPER if true.textured else 1):  # nothing else is averaged
-        stored = np.nan_to_num(volume.colors(points, ids, 1 / 2**k), nan=1.0) ** ROOT
+        stored = volume.colors(points, ids, 1 / 2**k, threads=threads)
+        stored = np.nan_to_num(stored, nan=1.0) ** ROOT
         difference = stored - true.averaged(voxel_size / 2**k) ** ROOT
         errors[off, k:] = np.sqrt(np.mean(difference**2, axis=1))[:, None]
     return errors

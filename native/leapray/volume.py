@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,9 @@ from .arrays import (
     triple,
 )
 from .attributes import Texture
+from .threads import check_threads, run_parts
+
+POINTS = 1024  # that a thread takes at a time
 
 BRICK = 8  # samples along a brick
 
@@ -301,23 +304,36 @@ class Volume:
         width: of the surface, in voxels, that textures are averaged over.
         NaN where the volume carries none. Raises LeapRayError for other shapes and unknown ids.
         """
-        return self._attributes(points, ids, width, normals=True)
+        where = _points(points)
+        colors, normals = np.empty(where.shape), np.empty(where.shape)
+        self._attributes(where, id_array(ids, len(where), one=True), width, colors, normals)
+        return colors, normals
 
     def colors(
-        self, points: ArrayLike, ids: ArrayLike | None = None, width: float = 0.0
+        self,
+        points: ArrayLike,
+        ids: ArrayLike | None = None,
+        width: float = 0.0,
+        *,
+        threads: int = 1,
     ) -> NDArray[np.float64]:
         """The colours (n, 3) of `attributes` without the normals, which takes less time.
 
-        points, ids, width: as for `attributes`. Raises LeapRayError as that does.
+        points, ids, width: as for `attributes`. threads: 0: all cores. Raises LeapRayError as that
+        does.
         """
-        return self._attributes(points, ids, width, normals=False)[0]
-
-    def _attributes(
-        self, points: ArrayLike, ids: ArrayLike | None, width: float, normals: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         where = _points(points)
-        ids = id_array(ids, len(where), one=True)
-        colors, found = np.empty(where.shape), np.empty(where.shape if normals else (0, 3))
+        whose = id_array(ids, len(where), one=True)
+        colors = np.empty(where.shape)
+
+        def part(first: int, last: int) -> None:
+            some = slice(first, last)
+            self._attributes(where[some], _some(whose, some), width, colors[some], None)
+
+        _in_parts(part, len(where), threads)
+        return colors
+
+    def _attributes(self, where, ids, width: float, colors, normals) -> None:
         error = _abi.lr_error()
         status = lib.lr_volume_attributes(
             self.handle,
@@ -326,34 +342,43 @@ class Volume:
             len(where),
             width,
             pointer(colors),
-            pointer(found) if normals else None,
+            pointer(normals),
             ctypes.byref(error),
         )
         check(status, error)
-        return colors, found
 
     def normals(
-        self, points: ArrayLike, ids: ArrayLike | None = None, normal: str = "central"
+        self,
+        points: ArrayLike,
+        ids: ArrayLike | None = None,
+        normal: str = "central",
+        *,
+        threads: int = 1,
     ) -> NDArray[np.float64]:
         """Unit shading normals (n, 3), outward, that hits at points (n, 3) would have.
 
         points: of the surface, in object space; ids as for `sample`. normal: as for
-        `trace`. NaN where the field vanishes. Raises LeapRayError for other shapes and names.
+        `trace`. threads: 0: all cores. NaN where the field vanishes. Raises LeapRayError for other
+        shapes and names.
         """
         where = _points(points)
-        ids = id_array(ids, len(where), one=True)
-        found = np.empty(where.shape)
-        error = _abi.lr_error()
-        status = lib.lr_volume_normals(
-            self.handle,
-            pointer(where),
-            pointer(ids, ctypes.c_uint16),
-            len(where),
-            choice(NORMALS, normal, "normal"),
-            pointer(found),
-            ctypes.byref(error),
-        )
-        check(status, error)
+        whose = id_array(ids, len(where), one=True)
+        kind, found = choice(NORMALS, normal, "normal"), np.empty(where.shape)
+
+        def part(first: int, last: int) -> None:
+            some, error = slice(first, last), _abi.lr_error()
+            status = lib.lr_volume_normals(
+                self.handle,
+                pointer(where[some]),
+                pointer(_some(whose, some), ctypes.c_uint16),
+                last - first,
+                kind,
+                pointer(found[some]),
+                ctypes.byref(error),
+            )
+            check(status, error)
+
+        _in_parts(part, len(where), threads)
         return found
 
     def exact_at(self, points: ArrayLike) -> NDArray[np.bool_]:
@@ -373,6 +398,19 @@ class Volume:
         )
         check(status, error)
         return exact.astype(bool)
+
+
+def _some(ids: NDArray | None, some: slice) -> NDArray | None:
+    return None if ids is None else ids[some]
+
+
+def _in_parts(part: Callable[[int, int], None], n: int, threads: int) -> None:
+    """part(first, last) for some points at a time, on so many threads; 0: all cores."""
+    check_threads(threads)
+    if threads == 1:
+        part(0, n)
+    else:
+        run_parts(part, n, POINTS, threads, Watch())
 
 
 def merge(volumes: Sequence[Volume], *, watch: Watch | None = None) -> Volume:

@@ -25,7 +25,7 @@ EXACT = members(_abi.lr_exact_cells)
 # Scratch that does not count against max_nbytes: an interpreter with numpy takes more.
 SPARE = 8 << 20
 
-FEW_PAIRS = 1 << 16  # of half-edges, that most meshes have no more of
+FEW_PAIRS = 1 << 16  # of half-edges; a mesh of many triangles has some three for two of them
 
 # Share of the work that is done after a stage; not all are there each time.
 STAGE_DONE = {
@@ -238,7 +238,7 @@ def mesh_edges(
     """
     points, corners, _ = _mesh_arrays(vertices, triangles, None)
     mesh = _mesh(points, corners)
-    room = FEW_PAIRS
+    room = max(FEW_PAIRS, 3 * len(corners) // 2)
     while True:
         pairs = np.empty((room, 2), np.uint32)
         n_pairs, n_border = ctypes.c_uint64(), ctypes.c_uint64()
