@@ -81,7 +81,7 @@ static bool changes(const double *field, int cell)
 /* Do these triangles have about one normal, so that no two of them make a crease? */
 static bool is_crease_free(const lr_topology *mesh, const uint32_t *triangle, uint64_t n)
 {
-    double p[3][3], first[3], normal[3];
+    double p[3][3], first[3] = {0.0}, normal[3];
     bool known = false;
     for (uint64_t i = 0; i < n; i++) {
         lr_triangle(mesh, triangle[i], p);
