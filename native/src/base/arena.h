@@ -12,12 +12,13 @@ typedef struct lr_arena {
 } lr_arena;
 
 /* Room for n things of that size, NULL without a buffer. Arrays begin on cache lines where the
- * buffer does. */
+ * buffer does. A line between two lets thing i of arrays of 2^k bytes lie in different sets of the
+ * cache: those are mostly read together. */
 LR_INLINE void *lr_arena_take(lr_arena *arena, uint64_t n, size_t size)
 {
     const uint64_t line = 64;
     void *p = arena->base != NULL ? arena->base + arena->used : NULL;
-    arena->used += (n * size + line - 1) / line * line;
+    arena->used += ((n * size + line - 1) / line + 1) * line;
     return p;
 }
 
