@@ -6,9 +6,10 @@
 #include "trace/triangle_tree.h"
 
 /* The one rule of the core that the tree asks for: nothing is left. */
-bool lr_tree_accepts(const lr_tree_ray *ray, uint32_t triangle, double t, bool inward)
+bool lr_tree_accepts(const lr_tree_ray *ray, const lr_triangle_block *block, int lane, double t,
+                     bool inward)
 {
-    (void)ray, (void)triangle, (void)t, (void)inward;
+    (void)ray, (void)block, (void)lane, (void)t, (void)inward;
     return true;
 }
 

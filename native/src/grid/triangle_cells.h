@@ -113,15 +113,20 @@ LR_INLINE void lr_triangle_cell_corners(const lr_triangle_cells *e, uint32_t tri
 }
 
 /* Normal by the winding, not unit. */
-LR_INLINE void lr_triangle_cell_normal(const lr_triangle_cells *e, uint32_t triangle, double n[3])
+LR_INLINE void lr_corners_normal(const double *const p[3], double n[3])
 {
-    const double *p[3];
-    lr_triangle_cell_corners(e, triangle, p);
     const double a[3] = {p[1][0] - p[0][0], p[1][1] - p[0][1], p[1][2] - p[0][2]};
     const double b[3] = {p[2][0] - p[0][0], p[2][1] - p[0][1], p[2][2] - p[0][2]};
     n[0] = a[1] * b[2] - a[2] * b[1];
     n[1] = a[2] * b[0] - a[0] * b[2];
     n[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+LR_INLINE void lr_triangle_cell_normal(const lr_triangle_cells *e, uint32_t triangle, double n[3])
+{
+    const double *p[3];
+    lr_triangle_cell_corners(e, triangle, p);
+    lr_corners_normal(p, n);
 }
 
 /* How far q is from the plane through p, times the length of its normal n. */

@@ -100,11 +100,11 @@ static bool meet(const lr_triangle_cells *e, const lr_ray *r, const lr_shear *s,
     return true;
 }
 
-double lr_plane_speed(const lr_volume *v, const lr_ray *r, uint32_t triangle)
+static double plane_speed(const lr_volume *v, const lr_ray *r, uint32_t triangle)
 {
     double n[3];
     lr_triangle_cell_normal(v->triangle_cells, triangle, n);
-    return fabs(lr_dot(n, r->d)) / sqrt(lr_dot(n, n));
+    return lr_plane_speed(r, n);
 }
 
 /* ---- faces ------------------------------------------------------------- */
@@ -273,7 +273,7 @@ static bool starts_beyond(const scene *s, const lr_cursor *u)
 
 static bool accept(scene *s, met *m)
 {
-    m->per_t = lr_plane_speed(s->v, s->r, m->triangle);
+    m->per_t = plane_speed(s->v, s->r, m->triangle);
     if (!in_front(s, m))
         return false;
     const double slack = SLACK * s->per_voxel;
@@ -331,7 +331,7 @@ static bool is_beside(const scene *s, double value)
     double start[3];
     lr_point_at(s->r, s->leaving->t, start);
     for (uint32_t i = 0; i < s->n; i++)
-        if (fabs(value) + gone * lr_plane_speed(s->v, s->r, s->list[i]) <= LR_FIELD_OFF &&
+        if (fabs(value) + gone * plane_speed(s->v, s->r, s->list[i]) <= LR_FIELD_OFF &&
             lr_triangle_cell_distance2(e, s->list[i], start) <= s->off * s->off &&
             lr_triangle_cell_distance2(e, s->list[i], s->out.p) <= LR_EXACT_NEAR * LR_EXACT_NEAR)
             return true;

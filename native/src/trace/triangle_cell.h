@@ -46,8 +46,11 @@ LR_INLINE lr_shear lr_shear_of(const lr_ray *r)
     return s;
 }
 
-/* How far the ray gets from a triangle's plane per unit of t, voxels. */
-double lr_plane_speed(const lr_volume *v, const lr_ray *r, uint32_t triangle);
+/* How far the ray gets from the plane of a normal per unit of t, voxels. */
+LR_INLINE double lr_plane_speed(const lr_ray *r, const double n[3])
+{
+    return fabs(lr_dot(n, r->d)) / sqrt(lr_dot(n, n));
+}
 
 /* Does the ray meet a triangle in the triangle cell it stands on? *side: see lr_hit. */
 bool lr_hit_triangle_cell(const lr_volume *v, const lr_ray *r, const lr_cursor *u,

@@ -272,11 +272,17 @@ void lr_triangle_tree_free(lr_triangle_tree *tree)
 
 /* ---- rays --------------------------------------------------------------- */
 
-bool lr_tree_accepts(const lr_tree_ray *k, uint32_t triangle, double t, bool inward)
+bool lr_tree_accepts(const lr_tree_ray *k, const lr_triangle_block *block, int lane, double t,
+                     bool inward)
 {
     if (k->side == 0)
         return true;
-    const double height = (t - k->t_min) * lr_plane_speed(k->v, k->r, triangle);
+    double corner[3][3], n[3];
+    for (int c = 0; c < 3; c++)
+        for (int a = 0; a < 3; a++)
+            corner[c][a] = block->corner[c][a][lane];
+    lr_corners_normal((const double *const[3]){corner[0], corner[1], corner[2]}, n);
+    const double height = (t - k->t_min) * lr_plane_speed(k->r, n);
     return height > k->off || inward == (k->side < 0);
 }
 

@@ -58,9 +58,10 @@ typedef struct lr_tree_ops {
 /* By the instructions of an lr_simd that the processor has. */
 extern const lr_tree_ops lr_tree_portable, lr_tree_avx2, lr_tree_avx512;
 
-/* What a ray in the tree does with a triangle whose line it meets at t: false where that lies
- * behind it, or is what it leaves. */
-bool lr_tree_accepts(const lr_tree_ray *ray, uint32_t triangle, double t, bool inward);
+/* What a ray in the tree does with a triangle of a block whose line it meets at t: false where that
+ * lies behind it, or is what it leaves. */
+bool lr_tree_accepts(const lr_tree_ray *ray, const lr_triangle_block *block, int lane, double t,
+                     bool inward);
 
 /* As lr_trace in LR_MODE_SURFACE, by a tree of triangles where the structure has one; steps are not
  * counted. any: whatever a ray meets will do, and only t counts. */

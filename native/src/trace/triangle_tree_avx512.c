@@ -1,10 +1,14 @@
 /* Rays through trees of triangles, by AVX-512.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <immintrin.h>
+
 #include "base/target.h"
 #include "trace/triangle_tree.h"
 
 #define LR_TREE_OPS lr_tree_avx512
+#define LR_TREE_FINITE(x)                                                                          \
+    _mm512_cmp_pd_mask(_mm512_loadu_pd(x), _mm512_set1_pd(INFINITY), _CMP_LT_OQ)
 
 LR_TARGET_AVX512
 #include "trace/triangle_tree_impl.h"
