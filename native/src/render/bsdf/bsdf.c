@@ -135,25 +135,23 @@ static double mean(const double c[3])
     return (c[0] + c[1] + c[2]) / 3;
 }
 
-/* Facets that are tried at a time: a lattice of the unit square. */
+/* Facets that are tried at a time: a lattice of the unit square, whose facet i lies i quarters of a
+ * turn further, and so much in v. */
 enum { FACETS = 4 };
-static const double LATTICE[FACETS][2] = {{0.0, 0.0}, {0.25, 0.5}, {0.5, 0.25}, {0.75, 0.75}};
+static const double LATTICE[FACETS] = {0.0, 0.5, 0.25, 0.75};
 
-static double fraction(double x)
-{
-    return x < 1 ? x : x - 1;
-}
-
-/* Facets from the lattice shifted by (u, v): normals, the fraction that each scatters, and its
- * mean. */
-static double try_facets(const lr_closure *c, const double view[3], double u, double v,
+/* Facets from the lattice shifted by a turn, its cosine and sine, and v: normals, the fraction that
+ * each scatters, and its mean. */
+static double try_facets(const lr_closure *c, const double view[3], const double turn[2], double v,
                          double h[FACETS][3], double sent[FACETS])
 {
+    const double x = turn[0], y = turn[1];
+    const double turns[FACETS][2] = {{x, y}, {-y, x}, {-x, -y}, {y, -x}};
     double sum = 0;
     for (int i = 0; i < FACETS; i++) {
+        const double w = v + LATTICE[i];
         double f[3];
-        lr_ggx_sample(c->alpha, view, fraction(u + LATTICE[i][0]), fraction(v + LATTICE[i][1]),
-                      h[i]);
+        lr_ggx_sample(c->alpha, view, turns[i], w < 1 ? w : w - 1, h[i]);
         passed(c, lr_dot(view, h[i]), f);
         sum += sent[i] = mean(f);
     }
@@ -167,8 +165,9 @@ static void enlist(lr_bsdf *bsdf, lr_closure *c)
     double f[3] = {1, 1, 1};
     c->guide = 0;
     if (c->fresnel == FRESNEL_DIELECTRIC && c->alpha > 0) {
+        static const double eighth[2] = {0.70710678118654752, 0.70710678118654752};
         double h[FACETS][3], sent[FACETS];
-        c->guide = fmax(try_facets(c, bsdf->basis.view, 0.125, 0.125, h, sent), GUIDE_MIN);
+        c->guide = fmax(try_facets(c, bsdf->basis.view, eighth, 0.125, h, sent), GUIDE_MIN);
         f[0] = f[1] = f[2] = c->guide;
     } else if (c->kind != LR_RAY_DIFFUSE)
         passed(c, bsdf->basis.view[2], f);
@@ -511,13 +510,14 @@ static const lr_closure *choose(const lr_bsdf *bsdf, int32_t kind, double *u)
 static bool pick_facet(const lr_closure *c, const double view[3], const double u[2], double pick,
                        double h[3], double *scale)
 {
+    const double turn[2] = {cos(2 * LR_PI * u[0]), sin(2 * LR_PI * u[0])};
     *scale = 1;
     if (!(c->guide > 0)) {
-        lr_ggx_sample(c->alpha, view, u[0], u[1], h);
+        lr_ggx_sample(c->alpha, view, turn, u[1], h);
         return true;
     }
     double facets[FACETS][3], sent[FACETS];
-    const double all = try_facets(c, view, u[0], u[1], facets, sent);
+    const double all = try_facets(c, view, turn, u[1], facets, sent);
     double x = pick * all * FACETS;
     int at = 0;
     while (at < FACETS - 1 && x >= sent[at])

@@ -29,8 +29,10 @@ LR_INLINE double lr_ggx_lambda(double alpha, double cosine)
     return 0.5 * (sqrt(1 + alpha * alpha * (1 - c2) / c2) - 1);
 }
 
-/* A microfacet's normal, sampled among those visible from view. */
-LR_INLINE void lr_ggx_sample(double alpha, const double view[3], double u, double v, double h[3])
+/* A microfacet's normal, sampled among those visible from view. turn: the cosine and the sine of a
+ * turn, uniform in all; v: 0..1. */
+LR_INLINE void lr_ggx_sample(double alpha, const double view[3], const double turn[2], double v,
+                             double h[3])
 {
     double s[3] = {alpha * view[0], alpha * view[1], view[2]};
     const double length = sqrt(lr_dot(s, s));
@@ -38,8 +40,8 @@ LR_INLINE void lr_ggx_sample(double alpha, const double view[3], double u, doubl
         s[a] /= length;
     const double z = (1 - v) * (1 + s[2]) - s[2];
     const double r = sqrt(lr_clamp(1 - z * z, 0, 1));
-    h[0] = alpha * (r * cos(2 * LR_PI * u) + s[0]);
-    h[1] = alpha * (r * sin(2 * LR_PI * u) + s[1]);
+    h[0] = alpha * (r * turn[0] + s[0]);
+    h[1] = alpha * (r * turn[1] + s[1]);
     h[2] = fmax(z + s[2], 1e-16);
     const double norm = sqrt(lr_dot(h, h));
     for (int a = 0; a < 3; a++)

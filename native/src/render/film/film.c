@@ -15,7 +15,9 @@ static const float FAR_AWAY = 1e10f; /* depth of the background, as in Blender *
 void lr_film_lay(lr_arena *arena, uint64_t n, lr_film *film)
 {
     film->pixels = lr_arena_take(arena, n, sizeof *film->pixels);
+    film->place = lr_arena_take(arena, n, sizeof *film->place);
     film->hash = lr_arena_take(arena, n, sizeof *film->hash);
+    film->shift = lr_arena_take(arena, n, sizeof *film->shift);
     film->sampled = lr_arena_take(arena, n, sizeof *film->sampled);
     film->settled = lr_arena_take(arena, n, sizeof *film->settled);
     film->filter = lr_arena_take_doubles(arena, LR_FILTER_TABLE + 1);
@@ -40,32 +42,25 @@ void lr_film_begin(lr_film *film, uint64_t first, uint32_t n)
     film->n_pixels = n;
     memset(film->pixels, 0, n * sizeof *film->pixels);
     for (uint32_t i = 0; i < n; i++) {
-        int32_t x, y;
-        lr_film_place(film, i, &x, &y);
-        film->hash[i] = lr_pixel_hash(x, y, film->tile->seed);
+        const uint64_t at = first + i, width = (uint64_t)film->tile->width;
+        film->place[i][0] = film->tile->x + (int32_t)(at % width);
+        film->place[i][1] = film->tile->y + (int32_t)(at / width);
+        film->hash[i] = lr_pixel_hash(film->place[i][0], film->place[i][1], film->tile->seed);
+        lr_film_shift(film->hash[i], film->shift[i]);
         film->sampled[i] = 0;
         film->settled[i] = false;
         clear_passes(film->passes, first + i);
     }
 }
 
-void lr_film_place(const lr_film *film, uint32_t pixel, int32_t *x, int32_t *y)
-{
-    const uint64_t at = film->first + pixel, width = (uint64_t)film->tile->width;
-    *x = film->tile->x + (int32_t)(at % width);
-    *y = film->tile->y + (int32_t)(at / width);
-}
-
 bool lr_film_next(lr_film *film, uint32_t pixel, double *x, double *y)
 {
     double u, v;
-    int32_t i, j;
     if (film->settled[pixel])
         return false;
-    lr_film_place(film, pixel, &i, &j);
-    lr_film_sample(film->hash[pixel], film->sample, &u, &v);
-    *x = i + 0.5 + lr_filter_offset(film->filter, u);
-    *y = j + 0.5 + lr_filter_offset(film->filter, v);
+    lr_film_sample(film->hash[pixel], film->shift[pixel], film->sample, &u, &v);
+    *x = film->place[pixel][0] + 0.5 + lr_filter_offset(film->filter, u);
+    *y = film->place[pixel][1] + 0.5 + lr_filter_offset(film->filter, v);
     film->sampled[pixel]++;
     return true;
 }

@@ -24,10 +24,12 @@ typedef struct lr_film {
     uint32_t n_pixels;       /* of the stretch; arrays below are of these */
     uint32_t sample;         /* number of the present one */
     lr_pixel_sums *pixels;
-    uint32_t *hash;    /* of each pixel's place and the seed */
-    uint32_t *sampled; /* how many samples each has */
-    bool *settled;     /* whether it takes no more */
-    double *filter;    /* offsets from the pixel's centre by the integral of the filter */
+    int32_t (*place)[2];  /* of each pixel in the image, */
+    uint32_t *hash;       /* of that and the seed, */
+    uint32_t (*shift)[2]; /* and of its samples: see lr_film_shift */
+    uint32_t *sampled;    /* how many samples each has */
+    bool *settled;        /* whether it takes no more */
+    double *filter;       /* offsets from the pixel's centre by the integral of the filter */
 } lr_film;
 
 /* Lay out the arrays of n pixels. */
@@ -35,9 +37,6 @@ void lr_film_lay(lr_arena *arena, uint64_t n, lr_film *film);
 
 /* Begin with the n pixels from `first` on: no samples, and passes of no surface. */
 void lr_film_begin(lr_film *film, uint64_t first, uint32_t n);
-
-/* Where in the image a pixel of the stretch lies. */
-void lr_film_place(const lr_film *film, uint32_t pixel, int32_t *x, int32_t *y);
 
 /* Where on the film the present sample of a pixel lies; false where the pixel is settled. */
 bool lr_film_next(lr_film *film, uint32_t pixel, double *x, double *y);

@@ -122,14 +122,21 @@ LR_INLINE double lr_sample_one(uint32_t key, uint32_t sample)
     return lr_fraction(lr_reverse(lr_scramble(index, lr_hash(key ^ 0xe6546b64u))));
 }
 
-/* On the film within the pixel, 0..1 from its lower left corner. */
-LR_INLINE void lr_film_sample(uint32_t hash, uint32_t sample, double *x, double *y)
+/* What moves the samples of a pixel with that hash, so that the first is its centre. */
+LR_INLINE void lr_film_shift(uint32_t hash, uint32_t shift[2])
 {
-    const uint32_t half = 0x80000000u;
-    uint32_t u[2], centre[2];
+    lr_sobol_pair(hash, 0, shift);
+    for (int a = 0; a < 2; a++)
+        shift[a] ^= 0x80000000u;
+}
+
+/* On the film within the pixel, 0..1 from its lower left corner. */
+LR_INLINE void lr_film_sample(uint32_t hash, const uint32_t shift[2], uint32_t sample, double *x,
+                              double *y)
+{
+    uint32_t u[2];
     lr_sobol_pair(hash, sample, u);
-    lr_sobol_pair(hash, 0, centre);
-    const uint32_t p = u[0] ^ centre[0] ^ half, q = u[1] ^ centre[1] ^ half;
+    const uint32_t p = u[0] ^ shift[0], q = u[1] ^ shift[1];
     *x = lr_fraction(hash & 1 ? 0u - p : p); /* mirrored, or samples would tend upwards */
     *y = lr_fraction(hash & 2 ? 0u - q : q);
 }

@@ -103,13 +103,12 @@ static void start_paths(const lr_context *context, uint32_t sample_bits, lr_film
                         lr_path_queue *paths)
 {
     for (uint32_t pixel = 0; pixel < film->n_pixels; pixel++) {
-        int32_t i, j;
         double x, y;
         paths->n[pixel] = 0;
         if (lr_stopped(context->watch) || !lr_film_next(film, pixel, &x, &y))
             continue;
-        lr_film_place(film, pixel, &i, &j);
-        const lr_turn turn = lr_pixel_turn(i, j, film->tile->seed, sample_bits);
+        const int32_t *place = film->place[pixel];
+        const lr_turn turn = lr_pixel_turn(place[0], place[1], film->tile->seed, sample_bits);
         lr_path *path = &paths->paths[lr_slot_of(paths, pixel)];
         *path = (lr_path){
             .throughput = {1, 1, 1},
