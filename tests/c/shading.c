@@ -6,11 +6,13 @@
 #include "render/lights/light.h"
 #include "render/lights/light_tree.h"
 
+static _Thread_local lr_closure closures[LR_CLOSURES_MAX];
+
 static lr_bsdf seen(const lr_material_desc *desc, const lr_point *point)
 {
     static _Thread_local lr_lobe lobes[LR_LOBES_MAX];
     lr_material material;
-    lr_bsdf bsdf;
+    lr_bsdf bsdf = {.closures = closures};
     lr_material_make(desc, lobes, &material);
     lr_bsdf_at(&material, point, &bsdf);
     return bsdf;
@@ -82,7 +84,7 @@ LR_API void shading_hybrid_sample(int32_t kind, double g, const double view[3],
                                   const double numbers[6], int64_t n, const double (*u)[3],
                                   lr_scatter *scatter)
 {
-    lr_bsdf surface;
+    lr_bsdf surface = {.closures = closures};
     const lr_hybrid h = hybrid(kind, g, view, numbers, &surface);
     for (int64_t i = 0; i < n; i++)
         if (!lr_hybrid_sample(&h, &surface, view, u[i], &scatter[i]))
@@ -93,7 +95,7 @@ LR_API void shading_hybrid_eval(int32_t kind, double g, const double view[3],
                                 const double numbers[6], int64_t n, const double (*light)[3],
                                 lr_response *response)
 {
-    lr_bsdf surface;
+    lr_bsdf surface = {.closures = closures};
     const lr_hybrid h = hybrid(kind, g, view, numbers, &surface);
     for (int64_t i = 0; i < n; i++)
         response[i] = lr_hybrid_eval(&h, &surface, view, light[i]);

@@ -64,9 +64,10 @@ typedef struct lr_bsdf {
     double emission[3];               /* radiance */
     double transparency[3];           /* what goes straight through */
     uint32_t n;
-    lr_closure closures[LR_CLOSURES_MAX];
+    lr_closure *closures; /* with room for LR_CLOSURES_MAX while they are made */
 } lr_bsdf;
 
+/* Writes all but the place of the closures. */
 void lr_bsdf_at(const lr_material *material, const lr_point *point, lr_bsdf *bsdf);
 
 /* The frame of the closures of a kind. */

@@ -123,7 +123,9 @@ static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
             shadow_ray->contribution[a] *= light->transmittance[i];
         if (!hit || is_black(shadow_ray->contribution))
             continue;
+        lr_closure closures[LR_CLOSURES_MAX];
         lr_shading_point s;
+        s.bsdf.closures = closures;
         lr_surface_find(scene, rays, hits, i, media, &s);
         const bool bare = (s.material->flags & LR_MATERIAL_BARE) != 0;
         const bool through = bare ? shadow_ray->bounds++ < LR_BOUNDS_MAX

@@ -14,7 +14,7 @@
 #include "base/error.h"
 #include "trace/triangle_tree.h"
 
-enum { DIGIT_BITS = 11, N_DIGITS = 1 << DIGIT_BITS };
+enum { DIGIT_BITS = 8, N_DIGITS = 1 << DIGIT_BITS };
 
 /* May a ray of that visibility hit this instance at all? */
 static bool may_hit(const lr_placed *placed, lr_among among, uint32_t visibility)
@@ -50,6 +50,8 @@ static uint32_t next_instance(const lr_scene *scene, const lr_intersect_options 
  * in memory->pairs. */
 static void sort_pairs(lr_intersect_memory *memory, uint32_t n, uint32_t n_instances)
 {
+    if (n < 2)
+        return;
     for (uint32_t shift = 0; shift < 32 && (n_instances - 1) >> shift != 0; shift += DIGIT_BITS) {
         uint32_t place[N_DIGITS] = {0};
         for (uint32_t i = 0; i < n; i++)

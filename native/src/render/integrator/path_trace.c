@@ -193,7 +193,7 @@ static lr_status process_hits(const lr_context *context, double t_min, bool any,
     const lr_ray_queue *rays = &wave->rays;
     const lr_hit_queue *hits = &wave->hits;
     lr_status status = LR_OK;
-    shading_points->n = 0;
+    shading_points->n = shading_points->n_closures = 0;
     for (uint32_t i = 0; i < rays->n && status == LR_OK && !lr_stopped(context->watch); i++) {
         lr_path *path = &paths[rays->owner[i]];
         const bool hit = hits->instance[i] != LR_NOWHERE;
@@ -212,15 +212,15 @@ static lr_status process_hits(const lr_context *context, double t_min, bool any,
             lr_record_hit(path, hits, i, NULL, context->tile->record);
             miss(scene, path, d, film);
         } else if (!any) {
-            lr_shading_point *s = &shading_points->points[shading_points->n++];
+            lr_shading_point *s = lr_next_point(shading_points);
             lr_surface_find(scene, rays, hits, i, &path->media, s);
             s->path = path;
             s->left = (path->t_max - hits->t[i]) * unit;
             lr_record_hit(path, hits, i, s, context->tile->record);
             if (path->seen && scene->instances[s->instance].holdout && hold_out(s, film))
-                shading_points->n--;
-            else
-                add_emission(s, film);
+                continue;
+            add_emission(s, film);
+            lr_keep_point(shading_points);
         }
     }
     return status;
@@ -286,12 +286,14 @@ static void choose_rays(const lr_context *context, lr_queues *queues)
 static lr_status scatter_in_volumes(const lr_context *context, lr_queues *queues, lr_film *film)
 {
     lr_shading_queue *shading_points = &queues->shading_points;
-    shading_points->n = queues->volume_points.n;
-    if (shading_points->n == 0)
+    shading_points->n = shading_points->n_closures = 0;
+    if (queues->volume_points.n == 0)
         return LR_OK;
-    for (uint32_t k = 0; k < shading_points->n; k++)
+    for (uint32_t k = 0; k < queues->volume_points.n; k++) {
         lr_volume_point_find(context->scene, &queues->volume_points.points[k],
-                             context->tile->trace.normal, &shading_points->points[k]);
+                             context->tile->trace.normal, lr_next_point(shading_points));
+        lr_keep_point(shading_points);
+    }
     const lr_status status =
         lr_light_shading_points(context, shading_points, &queues->shadow_rays, &queues->wave, film);
     for (uint32_t k = 0; k < shading_points->n && status == LR_OK; k++)

@@ -112,6 +112,8 @@ void lr_queues_lay(lr_arena *arena, uint64_t n_pixels, uint32_t paths_per_pixel,
     queues->next = take_paths(arena, n_pixels, paths_per_pixel);
     points->n = 0;
     points->points = lr_arena_take(arena, n, sizeof *points->points);
+    points->n_closures = 0;
+    points->closures = lr_arena_take(arena, n * LR_CLOSURES_MAX, sizeof *points->closures);
     volume_points->n = 0;
     volume_points->points =
         lr_arena_take(arena, scene->scatters ? n : 0, sizeof *volume_points->points);
