@@ -71,7 +71,7 @@ static int shares(int32_t i, int32_t n, int32_t finer, double share[4])
 
 /* What is looked up in a texel of bytes, on the average: the mean of its four quarters'
  * middles. */
-static void byte_average(const lr_texture *t, const float *linear, int x, int y, double out[3])
+static void byte_average(const lr_texture *t, int x, int y, double out[3])
 {
     const uint8_t *row[3], black[3] = {0, 0, 0};
     int32_t column[3];
@@ -90,8 +90,8 @@ static void byte_average(const lr_texture *t, const float *linear, int x, int y,
         const uint8_t *both = row[j] == NULL || column[i] < 0 ? black : row[j] + 3 * column[i];
         for (int a = 0; a < 3; a++)
             out[a] +=
-                0.25 * (double)(steps ? linear[16 * own[a]]
-                                      : linear[9 * own[a] + 3 * side[a] + 3 * over[a] + both[a]]);
+                0.25 * (double)t->linear[steps ? LR_STEPS * own[a]
+                                               : 9 * own[a] + 3 * side[a] + 3 * over[a] + both[a]];
     }
 }
 
@@ -109,8 +109,8 @@ static void look_average(const lr_texture *t, int x, int y, double out[3])
     }
 }
 
-static void average(const lr_texture *t, int level, const float *linear, int x, const double sx[4],
-                    int y, const double sy[4], float out[3])
+static void average(const lr_texture *t, int level, int x, const double sx[4], int y,
+                    const double sy[4], float out[3])
 {
     const int32_t width = t->width[level];
     double sum[3] = {0.0, 0.0, 0.0};
@@ -122,7 +122,7 @@ static void average(const lr_texture *t, int level, const float *linear, int x, 
             if (level == 0 && (t->program != NULL || t->interpolation == LR_INTERPOLATION_CUBIC)) {
                 look_average(t, x + i, y + j, mean);
             } else if (level == 0 && t->bytes != NULL) {
-                byte_average(t, linear, x + i, y + j, mean);
+                byte_average(t, x + i, y + j, mean);
             } else {
                 const float *texel =
                     t->pixels[level] + 3 * ((size_t)(y + j) * (size_t)width + (size_t)(x + i));
@@ -136,9 +136,7 @@ static void average(const lr_texture *t, int level, const float *linear, int x, 
         out[a] = (float)sum[a];
 }
 
-/* linear[i]: of i/16 of a byte in sRGB. */
-static bool shrink(const lr_texture *t, int level, const float *linear, float *out,
-                   const lr_watch *watch)
+static bool shrink(const lr_texture *t, int level, float *out, const lr_watch *watch)
 {
     const int32_t w = t->width[level], h = t->height[level];
     size_t done = 0;
@@ -149,7 +147,7 @@ static bool shrink(const lr_texture *t, int level, const float *linear, float *o
             if (done++ % POLL == 0 && lr_stopped(watch))
                 return false;
             int fx = shares(x, w, t->width[level - 1], sx);
-            average(t, level - 1, linear, fx, sx, fy, sy, out);
+            average(t, level - 1, fx, sx, fy, sy, out);
             out += 3;
         }
     }
@@ -177,16 +175,18 @@ static lr_status make(lr_texture *t, bool points_only, const lr_watch *watch, lr
         t->nbytes = sizeof *t;
         return LR_OK;
     }
-    size_t n = plan_levels(t);
-    t->nbytes = sizeof *t + 3 * n * sizeof *t->own;
-    t->own = malloc((3 * n + 1) * sizeof *t->own);
+    const size_t steps = t->bytes != NULL && t->program == NULL ? LR_STEPS * 255 + 1 : 0;
+    const size_t n = steps + 3 * plan_levels(t);
+    t->nbytes = sizeof *t + n * sizeof *t->own;
+    t->own = malloc((n + 1) * sizeof *t->own);
     if (t->own == NULL)
         return lr_fail_memory(error, t->nbytes, "the smaller versions of an image");
-    float *next = t->own, linear[16 * 255 + 1];
-    for (int i = 0; i <= 16 * 255; i++)
-        linear[i] = (float)from_srgb(i / (16.0 * 255.0));
+    t->linear = steps > 0 ? t->own : NULL;
+    float *next = t->own + steps;
+    for (size_t i = 0; i < steps; i++)
+        t->linear[i] = (float)from_srgb((double)i / (LR_STEPS * 255.0));
     for (int l = 1; l < t->n_levels; l++) {
-        if (!shrink(t, l, linear, next, watch))
+        if (!shrink(t, l, next, watch))
             return lr_fail_stopped(error);
         t->pixels[l] = next;
         next += 3 * (size_t)t->width[l] * (size_t)t->height[l];
@@ -259,21 +259,19 @@ uint64_t lr_texture_nbytes(const lr_texture *t)
 
 /* ---- looks ------------------------------------------------------------- */
 
-static void add_texel(const lr_texture *t, int level, double x, double y, double weight,
+/* Texel (i, j), see extended; of bytes, 255 times as much. */
+static void add_texel(const lr_texture *t, int level, int32_t i, int32_t j, double weight,
                       double sum[4])
 {
-    const int32_t i = extended(x, t->width[level], t->extension);
-    const int32_t j = extended(y, t->height[level], t->extension);
     if (i < 0 || j < 0 || !(weight > 0.0))
         return;
     const size_t channels = level == 0 ? (size_t)t->channels : 3;
     const size_t at = channels * ((size_t)j * (size_t)t->width[level] + (size_t)i);
     const bool bytes = level == 0 && t->bytes != NULL;
     for (size_t a = 0; a < channels; a++)
-        sum[a] +=
-            weight * (bytes ? t->bytes[at + a] / 255.0 : finite_or_black(t->pixels[level][at + a]));
+        sum[a] += weight * (bytes ? t->bytes[at + a] : finite_or_black(t->pixels[level][at + a]));
     if (channels == 3)
-        sum[3] += weight;
+        sum[3] += bytes ? 255.0 * weight : weight;
 }
 
 /* How the box from -half to +half around x, in texels and no wider than one, is shared
@@ -298,25 +296,38 @@ static void cubic_weights(double x, double *first, double weight[4])
 static void add_cubic(const lr_texture *t, const double uv[2], double sum[4])
 {
     double x, y, p[4], q[4];
+    int32_t i[4], j[4];
     cubic_weights(uv[0] * t->width[0], &x, p);
     cubic_weights(uv[1] * t->height[0], &y, q);
+    for (int k = 0; k < 4; k++) {
+        i[k] = extended(x + k, t->width[0], t->extension);
+        j[k] = extended(y + k, t->height[0], t->extension);
+    }
     for (int n = 0; n < 16; n++)
-        add_texel(t, 0, x + (n & 3), y + (n >> 2), p[n & 3] * q[n >> 2], sum);
+        add_texel(t, 0, i[n & 3], j[n >> 2], p[n & 3] * q[n >> 2], sum);
 }
 
-/* Linear RGB of what was looked up in level 0. */
+/* Linear RGB of what was looked up in level 0, as add_texel adds it up. */
 static void decode(const lr_texture *t, const double sum[4], double rgb[3])
 {
+    const double white = t->bytes != NULL ? 255.0 : 1.0;
     if (t->program != NULL) {
-        const float rgba[4] = {(float)sum[0], (float)sum[1], (float)sum[2], (float)sum[3]};
+        const float rgba[4] = {(float)(sum[0] / white), (float)(sum[1] / white),
+                               (float)(sum[2] / white), (float)(sum[3] / white)};
         float made[3];
         lr_program_color(t->program, rgba, made);
         for (int a = 0; a < 3; a++)
             rgb[a] = finite_or_black(made[a]);
         return;
     }
-    for (int a = 0; a < 3; a++)
-        rgb[a] = t->bytes != NULL ? from_srgb(sum[a]) : sum[a];
+    for (int a = 0; a < 3; a++) {
+        const double at = LR_STEPS * sum[a];
+        const int i = t->linear != NULL ? (int)fmin(at, LR_STEPS * 255 - 1) : 0;
+        const float *linear = t->linear != NULL ? t->linear + i : NULL;
+        rgb[a] = t->bytes == NULL    ? sum[a]
+                 : t->linear == NULL ? from_srgb(sum[a] / white)
+                                     : linear[0] + (at - i) * (linear[1] - linear[0]);
+    }
 }
 
 /* The average over a box as wide as a texel, which is bilinear interpolation; of level
@@ -332,9 +343,14 @@ static void add_level(const lr_texture *t, int level, const double uv[2], double
     } else {
         const double p = next_share(uv[0] * t->width[level], half, &x);
         const double q = next_share(uv[1] * t->height[level], half, &y);
+        int32_t i[2], j[2];
+        for (int k = 0; k < 2; k++) {
+            i[k] = extended(x + k, t->width[level], t->extension);
+            j[k] = extended(y + k, t->height[level], t->extension);
+        }
         for (int n = 0; n < 4; n++) {
             const int right = n & 1, up = n >> 1;
-            add_texel(t, level, x + right, y + up, (right ? p : 1.0 - p) * (up ? q : 1.0 - q), sum);
+            add_texel(t, level, i[right], j[up], (right ? p : 1.0 - p) * (up ? q : 1.0 - q), sum);
         }
     }
     double color[3] = {sum[0], sum[1], sum[2]};

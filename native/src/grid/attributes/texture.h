@@ -6,7 +6,10 @@
 
 #include "base/base.h"
 
-enum { LR_LEVELS = 31 };
+enum {
+    LR_LEVELS = 31,
+    LR_STEPS = 16 /* between neighbours a line is within 3e-8 of the curve */
+};
 
 struct lr_texture {
     int32_t interpolation, extension;
@@ -15,7 +18,8 @@ struct lr_texture {
     const lr_program *program;      /* the caller's, of what is looked up in level 0; or NULL */
     const uint8_t *bytes;           /* the caller's level 0, or NULL: then */
     const float *pixels[LR_LEVELS]; /* [height][width][3]; level 0 is the caller's, of `channels` */
-    float *own;                     /* what the other levels lie in */
+    float *own;                     /* what the other levels lie in, */
+    float *linear; /* and before them, where bytes are decoded: of i/LR_STEPS of a byte in sRGB */
     uint64_t nbytes;
 };
 
