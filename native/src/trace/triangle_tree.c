@@ -361,7 +361,9 @@ static bool trace_ray(const lr_triangle_tree *tree, const lr_volume *v, const lr
         if (k.triangle == LR_NO_TRIANGLE && inside)
             return false;
     }
-    if (k.triangle != LR_NO_TRIANGLE) {
+    if (k.triangle != LR_NO_TRIANGLE && any)
+        hits->t[i] = k.t;
+    else if (k.triangle != LR_NO_TRIANGLE) {
         lr_found found = {.t = k.t, .triangle = k.triangle, .object = LR_NO_OBJECT};
         if (!find_cell(v, &r, k.t, &found))
             return false;
