@@ -170,7 +170,8 @@ LR_INLINE double lr_exit_t(const lr_ray *r, lr_lattice lattice, const int32_t lo
 LR_INLINE bool lr_cross(const lr_ray *r, lr_cursor *u, int axis, double t)
 {
     t = t > u->t ? t : u->t;
-    u->c[axis] += r->s[axis];
+    for (int a = 0; a < 3; a++) /* no index that is only known then: cells stay in registers */
+        u->c[a] += a == axis ? r->s[a] : 0;
     u->axis = axis;
     u->t = t;
     return r->s[axis] != 0 && t <= r->t_max && u->c[axis] >= r->lo[axis] &&
@@ -251,13 +252,13 @@ LR_INLINE bool lr_exit(const lr_ray *r, lr_lattice lattice, lr_cursor *u, const 
     if (!(t <= r->t_max))
         return false;
     for (int a = 0; a < 3; a++) {
-        if (r->s[a] == 0 || a == axis)
-            continue;
         const bool up = r->s[a] > 0;
-        u->c[a] = lr_cell_of(r, lattice, a, r->o[a] + t * r->d[a], up ? u->c[a] : lo[a],
-                             up ? hi[a] : u->c[a]);
+        if (a == axis)
+            u->c[a] = up ? hi[a] + 1 : lo[a] - 1;
+        else if (r->s[a] != 0)
+            u->c[a] = lr_cell_of(r, lattice, a, r->o[a] + t * r->d[a], up ? u->c[a] : lo[a],
+                                 up ? hi[a] : u->c[a]);
     }
-    u->c[axis] = r->s[axis] > 0 ? hi[axis] + 1 : lo[axis] - 1;
     u->axis = axis;
     u->t = t;
     return u->c[axis] >= r->lo[axis] && u->c[axis] <= r->hi[axis];
