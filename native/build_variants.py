@@ -45,6 +45,7 @@ VECTOR = (
     ),
     *("cell_lanes_avx2.c", "cell_lanes_avx512.c"),
     *("cell_tests_avx2.c", "cell_tests_avx512.c"),
+    *("ray_samples_avx2.c", "ray_samples_avx512.c"),
     *("triangle_tree_avx2.c", "triangle_tree_avx512.c"),
 )
 WRAPPED = ("malloc", "calloc", "realloc", "aligned_alloc", "mmap", "munmap", "free")

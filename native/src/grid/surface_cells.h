@@ -42,6 +42,24 @@ LR_INLINE bool lr_entry_has(const lr_volume *v, uint32_t entry, const int32_t c[
     return v->cells[entry >> 8][word] >> lr_bit_of(c[0], c[1], c[2]) & 1;
 }
 
+/* The same apart, for cells side by side: the word of its brick's mask that a cell's bit is in, and
+ * what that and the entry tell. */
+LR_INLINE uint64_t lr_entry_cells(const lr_volume *v, uint32_t entry, int32_t x, int32_t y,
+                                  int32_t z)
+{
+    return v->cells[entry >> 8][lr_word_of(x, y, z)];
+}
+
+LR_INLINE int32_t lr_entry_has_word(uint32_t entry, int32_t x, int32_t y, int32_t z)
+{
+    return (int32_t)(entry >> lr_word_of(x, y, z) & 1);
+}
+
+LR_INLINE int32_t lr_cells_have(uint64_t cells, int32_t x, int32_t y, int32_t z)
+{
+    return (int32_t)(cells >> lr_bit_of(x, y, z) & 1);
+}
+
 LR_INLINE bool lr_is_surface_cell(const lr_volume *v, const int32_t c[3])
 {
     return lr_entry_has(v, lr_entry(v, c[0], c[1], c[2]), c);

@@ -125,6 +125,7 @@ static void fill_pieces(lr_transfer *f)
         for (int k = 0; k < 3; k++) {
             most_color = fmax(most_color, f->knots[i][1 + k]);
             most_emission = fmax(most_emission, f->knots[i][4 + k]);
+            f->emits |= f->knots[i][4 + k] > 0.0;
             f->scatters |= f->knots[i][7 + k] > 0.0;
         }
     }

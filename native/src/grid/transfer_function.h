@@ -28,7 +28,8 @@ struct lr_transfer {
     lr_transfer_piece *pieces; /* [n + 1] */
     double (*knots)[10];       /* [n]: extinction, colour, emission, scattering */
     double full_gradient; /* of values per unit of object space, at which all is seen; 0: off */
-    bool scatters;        /* scattering is not 0 throughout */
+    bool emits;           /* emission is not 0 throughout, */
+    bool scatters;        /* nor scattering */
     int32_t simd;         /* lr_simd, of numbers: what light is added up by */
 };
 

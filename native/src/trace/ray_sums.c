@@ -12,6 +12,7 @@
 #include "trace/ray_sums.h"
 
 #include "base/cpu.h"
+#include "grid/cell_rows.h"
 #include "grid/value_gradient.h"
 #include "trace/cell.h"
 #include "trace/emission_absorption.h"
@@ -123,16 +124,33 @@ LR_INLINE const lr_transfer_piece *only_piece(const lr_transfer *f, uint64_t *la
     return i == f->n || greatest < f->values[i] ? &f->pieces[i] : NULL;
 }
 
-static void load_lanes(const lr_ray_sums *sums, const lr_volume *v, lr_cell_lanes *k)
+LR_INLINE void load_lanes_of(const lr_ray_sums *sums, const lr_volume *v, int32_t type, size_t size,
+                             lr_cell_lanes *k)
 {
+    uint64_t rows[LR_CELL_ROWS][LR_CELL_LANES];
     for (int l = 0; l < LR_CELL_LANES; l++) {
-        double corner[8];
+        uint64_t row[LR_CELL_ROWS];
         const int32_t *c = sums->waiting[l < sums->n_waiting ? l : 0];
-        lr_corners(v, c, corner);
-        for (int b = 0; b < 8; b++)
-            k->corner[b][l] = corner[b];
+        lr_load_rows(v, size, c[0], c[1], c[2], row);
+        for (int n = 0; n < LR_CELL_ROWS; n++)
+            rows[n][l] = row[n];
         for (int a = 0; a < 3; a++)
             k->cell[a][l] = c[a];
+    }
+    for (int n = 0; n < LR_CELL_ROWS; n++)
+        for (int l = 0; l < LR_CELL_LANES; l++)
+            lr_unpack_row(rows[n][l], type, &k->corner[2 * n][l], &k->corner[2 * n + 1][l]);
+}
+
+static void load_lanes(const lr_ray_sums *sums, const lr_volume *v, lr_cell_lanes *k)
+{
+    switch (v->desc.sample_type) {
+#define LR_SAMPLE_TYPE(id, name, stored, one, step)                                                \
+    case id:                                                                                       \
+        load_lanes_of(sums, v, id, sizeof(stored), k);                                             \
+        return;
+#include "grid/sample_types.def"
+#undef LR_SAMPLE_TYPE
     }
 }
 

@@ -8,7 +8,8 @@
  *            stands on a surface cell; false where the ray has ended, or
  *   LR_REGULAR_WALK  the same without lattice: planes lie at the integers,
  * and, where it can take several rays at a time, LR_FITS(volume, data, options) and
- * LR_PACKET(volume, data, rays, first, end, options, hits, counters), and
+ * LR_PACKET(volume, data, rays, first, end, options, hits, counters), and, where it has chessboard
+ * distances, LR_EMPTY_CUBES(data), and
  * LR_STATE and LR_START(data, volume, ray, lattice, cursor, state) where its walk keeps
  * something (else neither), then includes this file, which makes
  * lr_<name>_trace. The state survives a cell whose hit test failed: the walk is
@@ -17,6 +18,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 
+#include "trace/ray_samples.h"
 #include "trace/ray_sums.h"
 #include "trace/hit_record.h"
 #include "trace/traverser.h"
@@ -138,9 +140,12 @@ LR_INLINE void lr_add_along_one(const lr_volume *v, const void *data, const lr_r
         lr_sums_begin(&sums, v, &r, rays, i, t_min, options);
         LR_START(data, v, &r, lattice, &u, &state);
         bool first = true;
-        while (LR_WALK(data, v, &r, lattice, &u, &state, first, &tally) &&
-               lr_sums_cell(&sums, v, &r, lattice, u.c))
+        while (LR_WALK(data, v, &r, lattice, &u, &state, first, &tally)) {
+            const int32_t c[3] = {u.c[0], u.c[1], u.c[2]}; /* u itself stays in registers */
+            if (!lr_sums_cell(&sums, v, &r, lattice, c))
+                break;
             first = false;
+        }
     }
     const bool seen = lr_sums_put(&sums, v, &r, hits, i);
     if (hits->steps != NULL)
@@ -191,7 +196,13 @@ lr_status LR_JOIN(lr_, LR_NAME,
                           lr_counters *counters, const lr_watch *watch, lr_error *error)
 {
     const bool along = options->mode >= LR_MODE_VOLUME;
-    const uint64_t poll = along ? 64 : 1024; /* rays between looks at the stop word */
+    const bool sampled = along && lr_samples_rays(volume, options);
+#ifdef LR_EMPTY_CUBES
+    const lr_empty_cubes of_structure = LR_EMPTY_CUBES(data), *cubes = &of_structure;
+#else
+    const lr_empty_cubes *cubes = NULL;
+#endif
+    const uint64_t poll = along && !sampled ? 64 : 1024; /* rays between looks at the stop word */
     lr_counters sum = {0};
     for (uint64_t first = 0; first < n; first += poll) {
         if (lr_stopped(watch))
@@ -199,6 +210,10 @@ lr_status LR_JOIN(lr_, LR_NAME,
         lr_progress(watch, (double)first / (double)n);
         uint64_t last = n - first < poll ? n : first + poll;
         lr_counters *counted = counters != NULL || hits->steps != NULL ? &sum : NULL;
+        if (sampled) {
+            lr_sample_rays(volume, cubes, rays, first, last, options, hits, &sum);
+            continue;
+        }
         if (along) {
             lr_add_along(volume, data, rays, first, last, options, hits, &sum);
             continue;

@@ -13,6 +13,7 @@
 #include "base/cpu.h"
 #include "distance/narrow_band.h"
 #include "grid/triangle_cells.h"
+#include "trace/ray_samples.h"
 #include "traversers/cd_corners.h"
 #include "traversers/cd_packet.h"
 
@@ -45,7 +46,8 @@ enum { IN_LANES, ALONE, IN_LANES_AVX2, IN_LANES_PORTABLE };
 
 static const lr_cd_packet *packet_of(const lr_volume *v, int32_t choice)
 {
-    if (choice == ALONE || v->planes[0] != NULL || lr_is_cubic(v) || !mostly_field(v))
+    if (choice == ALONE || v->planes[0] != NULL || v->transfer != NULL || lr_is_cubic(v) ||
+        !mostly_field(v))
         return NULL;
 #ifdef LR_X86
     const int32_t simd = lr_cpu_simd();
@@ -190,8 +192,16 @@ static void trace_packet(const lr_volume *v, const lr_cd_distances *f, const lr_
     f->packet->trace(v, f, rays, first, end, options, hits, counters);
 }
 
-#define LR_NAME   cd
-#define LR_BOX    empty_cube
-#define LR_FITS   lr_cd_fits_packet
-#define LR_PACKET trace_packet
+/* Of volumes with a transfer function, whose visible cells have no numbers. */
+static lr_empty_cubes cubes_of(const void *data)
+{
+    const distances *f = data;
+    return (lr_empty_cubes){f->bricks, f->near};
+}
+
+#define LR_NAME        cd
+#define LR_BOX         empty_cube
+#define LR_EMPTY_CUBES cubes_of
+#define LR_FITS        lr_cd_fits_packet
+#define LR_PACKET      trace_packet
 #include "trace/walk_template.h"

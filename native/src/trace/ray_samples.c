@@ -1,0 +1,31 @@
+/* Samples along rays side by side, by whatever the processor; and which of them to take.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "trace/ray_samples.h"
+
+#include "base/cpu.h"
+#include "grid/transfer_function.h"
+
+#define LR_SAMPLE_RAYS lr_sample_rays_portable
+
+#include "trace/ray_samples_impl.h"
+
+bool lr_samples_rays(const lr_volume *v, const lr_trace_options *options)
+{
+    return options->mode == LR_MODE_VOLUME && options->sampling == LR_SAMPLING_POST &&
+           v->planes[0] == NULL && !(v->transfer->full_gradient > 0.0);
+}
+
+void lr_sample_rays(const lr_volume *v, const lr_empty_cubes *cubes, const lr_rays *rays,
+                    uint64_t first, uint64_t end, const lr_trace_options *options,
+                    const lr_hits *hits, lr_counters *counters)
+{
+    lr_sample_rays_of *run = lr_sample_rays_portable;
+#ifdef LR_X86
+    if (v->transfer->simd == LR_SIMD_AVX512)
+        run = lr_sample_rays_avx512;
+    else if (v->transfer->simd == LR_SIMD_AVX2)
+        run = lr_sample_rays_avx2;
+#endif
+    run(v, cubes, rays, first, end, options, hits, counters);
+}

@@ -1,0 +1,11 @@
+/* Samples along rays side by side, by AVX2.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "base/target.h"
+#include "trace/ray_samples.h"
+
+#define LR_SAMPLE_RAYS lr_sample_rays_avx2
+
+LR_TARGET_AVX2
+#include "trace/ray_samples_impl.h"
+LR_TARGET_END
