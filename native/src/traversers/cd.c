@@ -59,6 +59,13 @@ static const lr_cd_packet *packet_of(const lr_volume *v, int32_t choice)
     return &lr_cd_packet_portable;
 }
 
+/* Lanes count bytes from the beginnings of arrays in 31 bits. */
+static bool can_gather(const lr_volume *v, uint32_t n_near)
+{
+    return (uint64_t)n_near * LR_CELLS < INT32_MAX && v->n_surface_cells < INT32_MAX / 8 &&
+           lr_table_count(v) < INT32_MAX / 4;
+}
+
 /* Grow the set by one cell in every direction, for the time number `step`, as far from the window's
  * border as it has not been wrong before. */
 static void grow(lr_window window, int step)
@@ -146,6 +153,8 @@ lr_status lr_cd_build(const lr_volume *v, const int32_t *choices, const lr_watch
     }
     if (status == LR_OK)
         status = lr_near_each(v, f->bricks, cell_distances, f, watch, error);
+    if (!can_gather(v, n_near))
+        f->packet = NULL;
     if (status == LR_OK && f->packet != NULL)
         status = lr_cd_find_corners(v, f, n_near, watch, error);
     if (status != LR_OK) {
