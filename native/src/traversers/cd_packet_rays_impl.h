@@ -38,13 +38,13 @@ typedef struct lr_slot {
 
 /* The rays of sixteen lanes. */
 typedef struct lr_group {
-    _Alignas(64) float o[3][LR_LANES], d[3][LR_LANES],
-        inv[3][LR_LANES]; /* inv: infinity if d is 0 */
+    _Alignas(64) float o[3][LR_LANES], d[3][LR_LANES];
+    _Alignas(64) float inv[3][LR_LANES]; /* 1 / d, infinity where that is 0 */
     _Alignas(64) float t[LR_LANES], t_max[LR_LANES];
     _Alignas(64) float unit[LR_LANES]; /* the error of a position, per voxel of the way */
-    _Alignas(64) float error[LR_LANES], at[3][LR_LANES]; /* where it came into its cell */
-    _Alignas(64) int32_t c[3][LR_LANES], down[3][LR_LANES], last[3][LR_LANES]; /* cell; -1
-        where it goes down; the last cell along an axis */
+    _Alignas(64) float error[LR_LANES], at[3][LR_LANES];    /* where it came into its cell */
+    _Alignas(64) int32_t c[3][LR_LANES], last[3][LR_LANES]; /* its cell; the last one on an axis */
+    _Alignas(64) int32_t down[3][LR_LANES];                 /* -1 where it goes down, else 0 */
     _Alignas(64) int32_t axis[LR_LANES];    /* by which it came; -1: it started in its cell */
     _Alignas(64) int32_t side[LR_LANES];    /* not 0: it leaves a surface */
     _Alignas(64) int32_t visited[LR_LANES]; /* cells */
@@ -85,8 +85,8 @@ static lr_ray ray_of(const lr_volume *v, const lr_slot *s)
     return r;
 }
 
-/* Fill a slot with a ray that stands on its cursor. */
-static void fill(lr_slot *s, const lr_ray *r, uint64_t i, int32_t side)
+/* Keep a ray that was set up alone, and stands on its cursor. */
+LR_INLINE void fill(lr_slot *s, const lr_ray *r, uint64_t i, int32_t side)
 {
     memcpy(s->o, r->o, sizeof s->o);
     memcpy(s->d, r->d, sizeof s->d);
@@ -131,64 +131,76 @@ static bool set_up_alone(lr_packet *k, uint64_t i, lr_slot *s)
     return true;
 }
 
-/* Set up the next rays side by side, at most eight; those that go on are fresh. */
+/* Keep the ray of a lane, which enters the volume. */
+LR_INLINE void keep(lr_slot *s, const lr_enter_lanes *r, const lr_cursor_lanes *u, int l,
+                    uint64_t i)
+{
+    s->scale = 0.0;
+    for (int a = 0; a < 3; a++) {
+        s->o[a] = r->o[a][l];
+        s->d[a] = r->d[a][l];
+        s->inv[a] = r->inv[a][l];
+        s->u.c[a] = (int32_t)u->c[a][l];
+        s->scale = fmax(s->scale, fabs(s->d[a]));
+    }
+    s->u.axis = (int32_t)u->axis[l];
+    s->u.t = u->t[l];
+    s->t_max = r->t_max[l];
+    s->i = i;
+    s->side = s->visited = 0;
+    s->stood = false;
+}
+
+/* n numbers from i on; `missing` where there is no array, and beyond them. */
+LR_INLINE lr_doubles load_some(const double *from, uint64_t i, int n, double missing)
+{
+    lr_doubles x = lr_all_doubles(missing);
+    if (from != NULL)
+        memcpy(&x, from + i, (size_t)n * sizeof(double));
+    return x;
+}
+
+/* Which of n rays from the first on must be set up alone. */
+LR_INLINE uint32_t find_alone(const lr_packet *k, const lr_enter_lanes *r, lr_doubles t_min,
+                              uint64_t first, int n)
+{
+    uint32_t alone = 0;
+    for (int l = 0; l < n && k->rays->start != NULL; l++)
+        alone |= (uint32_t)(k->rays->start[first + (uint64_t)l].side != 0) << l;
+    if (k->options->mode != LR_MODE_BINARY)
+        return alone;
+    lr_longs inside = r->is;
+    for (int a = 0; a < 3; a++) { /* the lattice, and what rounding may add to it */
+        const lr_doubles q = r->o[a] + t_min * r->d[a];
+        inside &= (q > 0.0) & (q < (double)(LR_SIDE * k->v->table_size[a]));
+    }
+    return alone | (lr_bits_of_longs(inside) & ((1u << n) - 1));
+}
+
+/* Set up the next rays side by side, at most eight; those that go on are ready. */
 static void set_up(lr_packet *k)
 {
     const lr_rays *rays = k->rays;
-    const uint64_t first = k->next;
-    const int n = (int)(k->end - first < LR_DOUBLE_LANES ? k->end - first : LR_DOUBLE_LANES);
+    const uint64_t first = k->next, left = k->end - first;
+    const int n = (int)(left < LR_DOUBLE_LANES ? left : LR_DOUBLE_LANES);
     const double *from[6] = {rays->ox, rays->oy, rays->oz, rays->dx, rays->dy, rays->dz};
-    lr_doubles of[6] = {{0}}, t_min = {0}, t_max = lr_all_doubles(INFINITY);
+    lr_doubles of[6];
     for (int x = 0; x < 6; x++)
-        memcpy(&of[x], from[x] + first, (size_t)n * sizeof(double));
-    if (rays->t_min != NULL)
-        memcpy(&t_min, rays->t_min + first, (size_t)n * sizeof(double));
-    if (rays->t_max != NULL)
-        memcpy(&t_max, rays->t_max + first, (size_t)n * sizeof(double));
+        of[x] = load_some(from[x], first, n, 0.0);
+    const lr_doubles t_min = load_some(rays->t_min, first, n, 0.0);
     lr_enter_lanes r;
     lr_cursor_lanes u;
-    lr_set_up_lanes(&r, k->v, of, of + 3, t_max);
-    uint32_t enter =
-        lr_bits_of_longs(lr_enter_box_lanes(&r, k->v->surface_lo, k->v->surface_hi, t_min, &u));
-    uint32_t alone = 0;
-    for (int l = 0; l < n && rays->start != NULL; l++)
-        alone |= (uint32_t)(rays->start[first + (uint64_t)l].side != 0) << l;
-    if (k->options->mode == LR_MODE_BINARY) {
-        lr_longs inside = r.is;
-        for (int a = 0; a < 3; a++) { /* the lattice, and what rounding may add to it */
-            const lr_doubles q = r.o[a] + t_min * r.d[a];
-            inside &= (q > 0.0) & (q < (double)(LR_SIDE * k->v->table_size[a]));
-        }
-        alone |= lr_bits_of_longs(inside);
-    }
-    alone &= (1u << n) - 1;
-    enter &= (1u << n) - 1;
-    lr_doubles scale = lr_absolute_doubles(r.d[0]);
-    scale = lr_greater_doubles(scale, lr_absolute_doubles(r.d[1]));
-    scale = lr_greater_doubles(scale, lr_absolute_doubles(r.d[2]));
+    lr_set_up_lanes(&r, k->v, of, of + 3, load_some(rays->t_max, first, n, INFINITY));
+    const lr_longs enters = lr_enter_box_lanes(&r, k->v->surface_lo, k->v->surface_hi, t_min, &u);
+    const uint32_t alone = find_alone(k, &r, t_min, first, n);
     k->next += (uint64_t)n;
-    for (uint32_t left = enter | alone; left != 0; left &= left - 1) {
-        const int l = __builtin_ctz(left);
+    for (uint32_t m = (lr_bits_of_longs(enters) & ((1u << n) - 1)) | alone; m != 0; m &= m - 1) {
+        const int l = __builtin_ctz(m);
         const uint8_t slot = k->free[k->n_free - 1];
-        lr_slot *s = &k->slot[slot];
-        if (alone >> l & 1) {
-            if (!set_up_alone(k, first + (uint64_t)l, s))
-                continue;
-        } else {
-            for (int a = 0; a < 3; a++) {
-                s->o[a] = r.o[a][l];
-                s->d[a] = r.d[a][l];
-                s->inv[a] = r.inv[a][l];
-                s->u.c[a] = (int32_t)u.c[a][l];
-            }
-            s->u.axis = (int32_t)u.axis[l];
-            s->u.t = u.t[l];
-            s->t_max = r.t_max[l];
-            s->scale = scale[l];
-            s->i = first + (uint64_t)l;
-            s->side = s->visited = 0;
-            s->stood = false;
-        }
+        if (!(alone >> l & 1))
+            keep(&k->slot[slot], &r, &u, l, first + (uint64_t)l);
+        else if (!set_up_alone(k, first + (uint64_t)l, &k->slot[slot]))
+            continue;
         k->n_free--;
         k->ready[k->n_ready++] = slot;
     }
