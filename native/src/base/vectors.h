@@ -16,10 +16,6 @@
 #include <immintrin.h>
 #endif
 
-#ifndef __clang__
-#pragma GCC diagnostic ignored "-Wpsabi" /* nothing here is called across files */
-#endif
-
 enum { LR_LANES = 16, LR_ALL_LANES = 0xffff };
 
 typedef float lr_floats __attribute__((vector_size(64)));
