@@ -49,14 +49,14 @@ LR_INLINE void find_boxes(const lr_packet *k, const lr_group *g, lr_ahead *h)
     const uint32_t near = g->alive & ~lr_bits_of(far);
     const lr_ints in = (c[0] & (LR_SIDE - 1)) + ((c[1] & (LR_SIDE - 1)) << LR_SIDE_BITS) +
                        ((c[2] & (LR_SIDE - 1)) << 2 * LR_SIDE_BITS);
-    const lr_ints stored = lr_gather(k->f->near, (of << 3 * LR_SIDE_BITS) + in, near) & 0xff;
+    h->brick = of & ~far;
+    const lr_ints stored = lr_gather(k->f->near, h->brick * LR_CELLS + in, near) & 0xff;
     const lr_ints surface = ~far & (stored >= LR_CD_SURFACE);
     const lr_ints distance = lr_pick_ints(far, of & 0xff, stored);
     lr_ints radius = lr_greatest_ints(distance - 1, lr_all_ints(0)) & ~surface;
     radius = lr_pick_ints(far, radius << LR_SIDE_BITS, radius);
     h->surface = lr_bits_of(surface) & g->alive;
     h->one = lr_bits_of((radius == 0) & ~far) & g->alive;
-    h->brick = of;
     h->number = stored & (LR_CD_SURFACE - 1);
     for (int a = 0; a < 3; a++) {
         const lr_ints high = lr_load_ints(g->c[a]) | (far & (LR_SIDE - 1));
