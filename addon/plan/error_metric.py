@@ -358,7 +358,7 @@ def normal_errors(
         own = np.where(smooth.any(axis=1)[:, None], smooth, own)
     at = probes.surface + off[:, None] * probes.askew
     found = volume.normals(at, ids, threads=threads)
-    side = np.sign(np.einsum("nc,nc->n", found, own))
+    side = np.where(np.einsum("nc,nc->n", found, own) < 0, -1.0, 1.0)
     chord = np.linalg.norm(found - side[:, None] * own, axis=1)
     return np.nan_to_num(2 * np.arcsin(np.minimum(chord / 2, 1.0))).astype(np.float32)
 

@@ -4,36 +4,23 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import build_core
 from leapray import _abi
+from tests import compiled
 
-ROOT = Path(__file__).resolve().parents[2]
-SOURCES = [f"native/src/trace/cell_lanes{kind}.c" for kind in ("", "_avx2", "_avx512")]
+SOURCES = [f"trace/cell_lanes{kind}" for kind in ("", "_avx2", "_avx512")]
+SOURCES += ["base/cpu", "base/error"]
 SETS = [_abi.LR_SIMD_AVX2, _abi.LR_SIMD_AVX512]
 
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory) -> ctypes.CDLL:
-    compiled = tmp_path_factory.mktemp("lanes") / "lanes.so"
-    sources = [*SOURCES, "native/src/base/cpu.c", "native/src/base/error.c", "tests/c/lanes.c"]
-    flags = ["-std=c17", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno"]
-    flags += [f"-I{ROOT / 'native' / part}" for part in ("include", "src")]
-    command = [sys.executable, "-m", "ziglang", "cc", *build_core.TARGET, *flags]
-    subprocess.run([*command, *map(at, sources), "-lm", "-o", str(compiled)], check=True)
-    made = ctypes.CDLL(str(compiled))
+    made = compiled.library(tmp_path_factory.mktemp("lanes"), "lanes", SOURCES)
     made.lanes_nbytes.restype = ctypes.c_uint64
     return made
-
-
-def at(name: str) -> str:
-    return str(ROOT / name)
 
 
 def numbers(rng) -> np.ndarray:

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +11,9 @@ import pytest
 import ramps
 from numpy.testing import assert_allclose, assert_array_equal
 
-import build_core
 import leapray
 from leapray import _abi
+from tests import compiled
 
 ROOT = Path(__file__).resolve().parents[2]
 SETS = [_abi.LR_SIMD_AVX2, _abi.LR_SIMD_AVX512]
@@ -134,15 +132,9 @@ def test_rays_that_miss_and_any_number_of_rays_leave_no_trace_in_others(n):
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory) -> ctypes.CDLL:
-    compiled = tmp_path_factory.mktemp("samples") / "samples.so"
-    sources = [f"native/src/trace/ray_samples{kind}.c" for kind in ("", "_avx2", "_avx512")]
-    sources += ["native/src/base/cpu.c", "native/src/base/error.c", "tests/c/samples.c"]
-    flags = ["-std=c17", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno"]
-    flags += [f"-I{ROOT / 'native' / part}" for part in ("include", "src")]
-    command = [sys.executable, "-m", "ziglang", "cc", *build_core.TARGET, *flags]
-    command += [str(ROOT / source) for source in sources]
-    subprocess.run([*command, "-lm", "-o", str(compiled)], check=True)
-    return ctypes.CDLL(str(compiled))
+    core = [f"trace/ray_samples{kind}" for kind in ("", "_avx2", "_avx512")]
+    core += ["base/cpu", "base/error"]
+    return compiled.library(tmp_path_factory.mktemp("samples"), "samples", core)
 
 
 @pytest.mark.parametrize("simd", SETS)

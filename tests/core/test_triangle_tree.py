@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
-import sys
 from pathlib import Path
 
 import meshes
@@ -13,9 +11,9 @@ import numpy as np
 import pytest
 from stage import FAR, camera, centre_rays, one, render
 
-import build_core
 import leapray
 from leapray import Light, _abi
+from tests import compiled
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = 96, 96
@@ -101,17 +99,9 @@ def test_shadows_are_those_of_every_triangle_asked_in_turn():
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory) -> ctypes.CDLL:
-    compiled = tmp_path_factory.mktemp("tree") / "tree.so"
-    sources = [
-        f"native/src/trace/triangle_tree_{kind}.c" for kind in ("portable", "avx2", "avx512")
-    ]
-    sources += ["native/src/base/cpu.c", "native/src/base/error.c", "tests/c/tree.c"]
-    flags = ["-std=c17", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno"]
-    flags += [f"-I{ROOT / 'native' / part}" for part in ("include", "src")]
-    command = [sys.executable, "-m", "ziglang", "cc", *build_core.TARGET, *flags]
-    command += [str(ROOT / source) for source in sources]
-    subprocess.run([*command, "-lm", "-o", str(compiled)], check=True)
-    return ctypes.CDLL(str(compiled))
+    core = [f"trace/triangle_tree_{kind}" for kind in ("portable", "avx2", "avx512")]
+    core += ["base/cpu", "base/error"]
+    return compiled.library(tmp_path_factory.mktemp("tree"), "tree", core)
 
 
 @pytest.mark.parametrize("simd", SETS)

@@ -17,6 +17,11 @@
 #ifndef LR_INLINE /* counts of branches are of a function, not of each copy of it */
 #define LR_INLINE static inline __attribute__((always_inline))
 #endif
+#ifdef __clang__ /* before a loop of a number of turns that is a constant */
+#define LR_UNROLLED _Pragma("clang loop unroll(full)")
+#else
+#define LR_UNROLLED
+#endif
 #define LR_PI 3.14159265358979323846
 
 LR_INLINE int32_t lr_min_i(int32_t a, int32_t b)

@@ -37,6 +37,18 @@ LR_INLINE int32_t lr_id(const lr_volume *v, int32_t x, int32_t y, int32_t z)
     return v->ids != NULL ? v->ids[lr_sample_at(v, x, y, z)] : 0;
 }
 
+/* The first samples of the two bricks along each axis that the block of n^3 samples from (x, y, z),
+ * n <= LR_SIDE, may lie in. */
+LR_INLINE void lr_bricks_of_block(const lr_volume *v, int32_t x, int32_t y, int32_t z, int n,
+                                  size_t first[8])
+{
+    for (int b = 0; b < 8; b++)
+        first[b] = (size_t)(lr_entry(v, x + (b & 1) * (n - 1), y + (b >> 1 & 1) * (n - 1),
+                                     z + (b >> 2) * (n - 1)) >>
+                            8) *
+                   LR_CELLS;
+}
+
 /* The block of n^3 samples from (x, y, z), n <= 4; x varies fastest. */
 LR_INLINE void lr_block(const lr_volume *v, int32_t x, int32_t y, int32_t z, int n, double *out)
 {
@@ -49,12 +61,8 @@ LR_INLINE void lr_block(const lr_volume *v, int32_t x, int32_t y, int32_t z, int
                     *out++ = lr_load(v, at + (size_t)lr_in_brick(i, j, k));
         return;
     }
-    size_t brick[8]; /* of the two along each axis that the block may lie in */
-    for (int b = 0; b < 8; b++)
-        brick[b] = (size_t)(lr_entry(v, x + (b & 1) * (n - 1), y + (b >> 1 & 1) * (n - 1),
-                                     z + (b >> 2) * (n - 1)) >>
-                            8) *
-                   LR_CELLS;
+    size_t brick[8];
+    lr_bricks_of_block(v, x, y, z, n, brick);
     for (int k = 0; k < n; k++)
         for (int j = 0; j < n; j++)
             for (int i = 0; i < n; i++) {
@@ -88,12 +96,6 @@ LR_INLINE void lr_corners(const lr_volume *v, const int32_t c[3], double corner[
     lr_block(v, c[0], c[1], c[2], 2, corner);
 }
 
-#ifdef __clang__
-#define LR_UNROLLED _Pragma("clang loop unroll(full)")
-#else
-#define LR_UNROLLED
-#endif
-
 LR_INLINE void lr_cross_around_of(const lr_volume *v, int32_t type, const int32_t c[3], double *out,
                                   int stride)
 {
@@ -108,11 +110,10 @@ LR_INLINE void lr_cross_around_of(const lr_volume *v, int32_t type, const int32_
             in[a][i] = (size_t)(at & (LR_SIDE - 1)) << a * LR_SIDE_BITS;
             apart = apart || of[a][i] != 0;
         }
-    for (int b = 0; b < (apart ? 8 : 1); b++)
-        brick[b] = (size_t)(lr_entry(v, first[0] + 3 * (b & 1), first[1] + 3 * (b >> 1 & 1),
-                                     first[2] + 3 * (b >> 2)) >>
-                            8) *
-                   LR_CELLS;
+    if (apart)
+        lr_bricks_of_block(v, first[0], first[1], first[2], 4, brick);
+    else
+        brick[0] = lr_sample_at(v, first[0], first[1], first[2]) / LR_CELLS * LR_CELLS;
     LR_UNROLLED for (int n = 0; n < 64; n++)
     {
         const int x = n & 3, y = n >> 2 & 3, z = n >> 4;

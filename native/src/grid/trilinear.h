@@ -8,27 +8,9 @@
 #include "grid/objects.h"
 #include "grid/tricubic.h"
 
-LR_INLINE double lr_mix(double a, double b, double u)
-{
-    return a + u * (b - a);
-}
-
-/* p in cell coordinates 0..1. */
-LR_INLINE double lr_trilinear(const double s[8], const double p[3])
-{
-    return lr_mix(lr_mix(lr_mix(s[0], s[1], p[0]), lr_mix(s[2], s[3], p[0]), p[1]),
-                  lr_mix(lr_mix(s[4], s[5], p[0]), lr_mix(s[6], s[7], p[0]), p[1]), p[2]);
-}
-
-LR_INLINE void lr_trilinear_gradient(const double s[8], const double p[3], double g[3])
-{
-    g[0] = lr_mix(lr_mix(s[1] - s[0], s[3] - s[2], p[1]), lr_mix(s[5] - s[4], s[7] - s[6], p[1]),
-                  p[2]);
-    g[1] = lr_mix(lr_mix(s[2] - s[0], s[3] - s[1], p[0]), lr_mix(s[6] - s[4], s[7] - s[5], p[0]),
-                  p[2]);
-    g[2] = lr_mix(lr_mix(s[4] - s[0], s[5] - s[1], p[0]), lr_mix(s[6] - s[2], s[7] - s[3], p[0]),
-                  p[1]);
-}
+#define LR_NUMBER        double
+#define LR_FORMULA(name) name
+#include "grid/trilinear_impl.h"
 
 /* From slopes by cell to slopes by unit of storage space. */
 LR_INLINE void lr_scale_gradient(const lr_volume *v, const int32_t c[3], double g[3])

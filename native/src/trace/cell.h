@@ -79,18 +79,7 @@ LR_INLINE void lr_chord_values(lr_chord *h, const lr_ray *r, const lr_cursor *u,
 
 LR_INLINE void lr_chord_cubic(lr_chord *h)
 {
-    const double *s = h->corner, *p = h->in;
-    const double e[3] = {h->out[0] - p[0], h->out[1] - p[1], h->out[2] - p[2]};
-    const double xy = s[3] - s[2] - s[1] + s[0], xz = s[5] - s[4] - s[1] + s[0];
-    const double yz = s[6] - s[4] - s[2] + s[0];
-    const double xyz = s[7] - s[6] - s[5] + s[4] - (s[3] - s[2] - s[1] + s[0]);
-    double g[3];
-    lr_trilinear_gradient(s, p, g);
-    h->c[0] = h->f_in;
-    h->c[1] = lr_dot(g, e);
-    h->c[2] = (xy + xyz * p[2]) * e[0] * e[1] + (xz + xyz * p[1]) * e[0] * e[2] +
-              (yz + xyz * p[0]) * e[1] * e[2];
-    h->c[3] = xyz * e[0] * e[1] * e[2];
+    lr_cubic_between(h->corner, h->in, h->out, h->f_in, h->c);
 }
 
 /* Ascending extrema of the cubic inside (0, 1); how many. */

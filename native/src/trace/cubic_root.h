@@ -12,7 +12,7 @@
 #ifndef LR_TRACE_CUBIC_ROOT_H
 #define LR_TRACE_CUBIC_ROOT_H
 
-#include "base/base.h"
+#include "grid/trilinear.h"
 
 /* A bracket: f(a) lies on side `above` of level, f(b) on the other one. */
 typedef struct lr_bracket {
@@ -23,16 +23,6 @@ typedef struct lr_bracket {
 
 /* Of a chord, which is at most sqrt(3) voxels long. */
 #define LR_ROOT_ENOUGH 1e-13
-
-LR_INLINE double lr_cubic(const double c[4], double x)
-{
-    return ((c[3] * x + c[2]) * x + c[1]) * x + c[0];
-}
-
-LR_INLINE double lr_cubic_slope(const double c[4], double x)
-{
-    return (3.0 * c[3] * x + 2.0 * c[2]) * x + c[1];
-}
 
 /* Does the cubic itself, rounded as it is, change sides? If not, *root is the end
  * that is to blame. */

@@ -46,17 +46,9 @@ typedef struct lr_chord_lanes {
     lr_doubles s[8], in[3], out[3], t_in, t_out, f_in, f_out, c[4];
 } lr_chord_lanes;
 
-LR_INLINE lr_doubles lr_mix_lanes(lr_doubles a, lr_doubles b, lr_doubles u)
-{
-    return a + u * (b - a);
-}
-
-LR_INLINE lr_doubles lr_trilinear_lanes(const lr_doubles s[8], const lr_doubles p[3])
-{
-    return lr_mix_lanes(
-        lr_mix_lanes(lr_mix_lanes(s[0], s[1], p[0]), lr_mix_lanes(s[2], s[3], p[0]), p[1]),
-        lr_mix_lanes(lr_mix_lanes(s[4], s[5], p[0]), lr_mix_lanes(s[6], s[7], p[0]), p[1]), p[2]);
-}
+#define LR_NUMBER        lr_doubles
+#define LR_FORMULA(name) name##_lanes
+#include "grid/trilinear_impl.h"
 
 /* b on the upper face. */
 LR_INLINE lr_doubles lr_mix_to(lr_doubles a, lr_doubles b, lr_doubles u, lr_longs upper)
@@ -74,17 +66,6 @@ LR_INLINE lr_doubles lr_face_lanes(const lr_doubles s[8], const lr_doubles p[3],
     for (int n = 0; n < 2; n++)
         y[n] = lr_mix_to(x[2 * n], x[2 * n + 1], p[1], upper[1]);
     return lr_mix_to(y[0], y[1], p[2], upper[2]);
-}
-
-LR_INLINE void lr_trilinear_gradient_lanes(const lr_doubles s[8], const lr_doubles p[3],
-                                           lr_doubles g[3])
-{
-    g[0] = lr_mix_lanes(lr_mix_lanes(s[1] - s[0], s[3] - s[2], p[1]),
-                        lr_mix_lanes(s[5] - s[4], s[7] - s[6], p[1]), p[2]);
-    g[1] = lr_mix_lanes(lr_mix_lanes(s[2] - s[0], s[3] - s[1], p[0]),
-                        lr_mix_lanes(s[6] - s[4], s[7] - s[5], p[0]), p[2]);
-    g[2] = lr_mix_lanes(lr_mix_lanes(s[4] - s[0], s[5] - s[1], p[0]),
-                        lr_mix_lanes(s[6] - s[2], s[7] - s[3], p[0]), p[1]);
 }
 
 /* As lr_chord_points and lr_chord_values. */
@@ -123,28 +104,6 @@ LR_INLINE void lr_chord_of_lanes(const lr_hit_lanes *k, lr_chord_lanes *h)
     }
     h->f_in = lr_face_lanes(h->s, h->in, upper);
     h->f_out = lr_face_lanes(h->s, h->out, upper_out);
-}
-
-/* As lr_chord_cubic. */
-LR_INLINE void lr_chord_cubic_lanes(lr_chord_lanes *h)
-{
-    const lr_doubles *s = h->s, *p = h->in;
-    const lr_doubles e[3] = {h->out[0] - p[0], h->out[1] - p[1], h->out[2] - p[2]};
-    const lr_doubles xy = s[3] - s[2] - s[1] + s[0], xz = s[5] - s[4] - s[1] + s[0];
-    const lr_doubles yz = s[6] - s[4] - s[2] + s[0];
-    const lr_doubles xyz = s[7] - s[6] - s[5] + s[4] - (s[3] - s[2] - s[1] + s[0]);
-    lr_doubles g[3];
-    lr_trilinear_gradient_lanes(s, p, g);
-    h->c[0] = h->f_in;
-    h->c[1] = g[0] * e[0] + g[1] * e[1] + g[2] * e[2];
-    h->c[2] = (xy + xyz * p[2]) * e[0] * e[1] + (xz + xyz * p[1]) * e[0] * e[2] +
-              (yz + xyz * p[0]) * e[1] * e[2];
-    h->c[3] = xyz * e[0] * e[1] * e[2];
-}
-
-LR_INLINE lr_doubles lr_cubic_lanes(const lr_doubles c[4], lr_doubles x)
-{
-    return ((c[3] * x + c[2]) * x + c[1]) * x + c[0];
 }
 
 /* As lr_cubic_stays. */
@@ -234,7 +193,7 @@ LR_INLINE lr_doubles lr_newton_lanes(const lr_doubles c[4], double level, lr_bra
         const lr_longs before = ~((fx >= zero) ^ k.above);
         k.a = lr_pick_doubles(on & before, x, k.a);
         k.b = lr_pick_doubles(on & ~before, x, k.b);
-        const lr_doubles next = x - fx / ((3.0 * c[3] * x + 2.0 * c[2]) * x + c[1]);
+        const lr_doubles next = x - fx / lr_cubic_slope_lanes(c, x);
         const lr_longs close = on & (lr_absolute_doubles(next - x) <= LR_ROOT_ENOUGH);
         root = lr_pick_doubles(close, lr_clamp_doubles(next, k.a, k.b), root);
         ended |= close;
@@ -251,7 +210,7 @@ static uint32_t lr_find_hits(lr_hit_lanes *k, const lr_volume *v, uint32_t lanes
     lr_bracket_lanes b;
     const lr_longs m = lr_longs_of(lanes);
     lr_chord_of_lanes(k, &h);
-    lr_chord_cubic_lanes(&h);
+    lr_cubic_between_lanes(h.s, h.in, h.out, h.f_in, h.c);
     lr_bracket_of_lanes(&h, v->threshold, options->hit_test == LR_HIT_EXTREMA,
                         lr_load_doubles(k->side), m, &b, n_samples);
     *n_samples += 2 * (uint64_t)__builtin_popcount(lanes);

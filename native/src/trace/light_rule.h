@@ -4,7 +4,7 @@
 #ifndef LR_TRACE_LIGHT_RULE_H
 #define LR_TRACE_LIGHT_RULE_H
 
-#include "base/base.h"
+#include "trace/lane_exp.h"
 
 enum { LR_RULE_NODES = 4 };
 
@@ -23,20 +23,7 @@ static const double lr_rule_weight[LR_RULE_NODES] = {
 /* exp(x) for -LR_RULE_DEEPEST <= x <= LR_RULE_DEEPEST, to 1.3e-11. */
 LR_INLINE double lr_rule_exp(double x)
 {
-    double sum = 1.0 / 6227020800.0;
-    sum = sum * x + 1.0 / 479001600.0;
-    sum = sum * x + 1.0 / 39916800.0;
-    sum = sum * x + 1.0 / 3628800.0;
-    sum = sum * x + 1.0 / 362880.0;
-    sum = sum * x + 1.0 / 40320.0;
-    sum = sum * x + 1.0 / 5040.0;
-    sum = sum * x + 1.0 / 720.0;
-    sum = sum * x + 1.0 / 120.0;
-    sum = sum * x + 1.0 / 24.0;
-    sum = sum * x + 1.0 / 6.0;
-    sum = sum * x + 0.5;
-    sum = sum * x + 1.0;
-    return sum * x + 1.0;
+    return lr_exp_series(x, 13);
 }
 
 #endif

@@ -85,14 +85,11 @@ static lr_ray ray_of(const lr_volume *v, const lr_slot *s)
     return r;
 }
 
-/* Keep a ray that was set up alone, and stands on its cursor. */
-LR_INLINE void fill(lr_slot *s, const lr_ray *r, uint64_t i, int32_t side)
+/* Begin ray i, which is in its slot but for this and stands on its cursor. */
+LR_INLINE void begin(lr_slot *s, double t_max, uint64_t i, int32_t side)
 {
-    memcpy(s->o, r->o, sizeof s->o);
-    memcpy(s->d, r->d, sizeof s->d);
-    memcpy(s->inv, r->inv, sizeof s->inv);
-    s->t_max = r->t_max;
-    s->scale = fmax(fabs(r->d[0]), fmax(fabs(r->d[1]), fabs(r->d[2])));
+    s->t_max = t_max;
+    s->scale = fmax(fabs(s->d[0]), fmax(fabs(s->d[1]), fabs(s->d[2])));
     s->i = i;
     s->side = side;
     s->visited = 0;
@@ -127,7 +124,10 @@ static bool set_up_alone(lr_packet *k, uint64_t i, lr_slot *s)
     if (!(side != 0 ? lr_leave(v, &r, &s->u, start, t_min)
                     : lr_enter(&r, LR_REGULAR, &s->u, v->surface_lo, v->surface_hi, t_min)))
         return false;
-    fill(s, &r, i, side);
+    memcpy(s->o, r.o, sizeof s->o);
+    memcpy(s->d, r.d, sizeof s->d);
+    memcpy(s->inv, r.inv, sizeof s->inv);
+    begin(s, r.t_max, i, side);
     return true;
 }
 
@@ -135,20 +135,15 @@ static bool set_up_alone(lr_packet *k, uint64_t i, lr_slot *s)
 LR_INLINE void keep(lr_slot *s, const lr_enter_lanes *r, const lr_cursor_lanes *u, int l,
                     uint64_t i)
 {
-    s->scale = 0.0;
     for (int a = 0; a < 3; a++) {
         s->o[a] = r->o[a][l];
         s->d[a] = r->d[a][l];
         s->inv[a] = r->inv[a][l];
         s->u.c[a] = (int32_t)u->c[a][l];
-        s->scale = fmax(s->scale, fabs(s->d[a]));
     }
     s->u.axis = (int32_t)u->axis[l];
     s->u.t = u->t[l];
-    s->t_max = r->t_max[l];
-    s->i = i;
-    s->side = s->visited = 0;
-    s->stood = false;
+    begin(s, r->t_max[l], i, 0);
 }
 
 /* n numbers from i on; `missing` where there is no array, and beyond them. */
