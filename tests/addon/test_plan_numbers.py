@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the plan computes with: weighted quantiles, inverse maps."""
+"""What the plan computes with: weighted quantiles, inverse maps, angles."""
 
 from __future__ import annotations
+
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -28,3 +30,21 @@ def test_maps_are_inverted_whatever_their_scale():
     unity = arrays.inverse(linear) @ linear
     worst = np.linalg.cond(linear)[:, None, None]  # which rounding grows by
     assert (np.abs(unity - np.eye(3)) < 1e-14 * worst).all()
+
+
+def test_normals_are_off_by_their_angle_whichever_side_they_tell():
+    """Among them the normals of two faces of a box, at a right angle to the last bit."""
+    angle = np.array([0.0, 1e-7, 0.3, 1.2, 1.57])
+    found = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1)
+    found = np.concatenate([found, -found, [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]])
+    wanted = np.concatenate([angle, angle, [np.pi / 2, np.pi / 2]])
+    n = len(found)
+    probes = SimpleNamespace(
+        surface=np.zeros((n, 3)),
+        askew=np.zeros((n, 3)),
+        surface_normals=np.tile([0.0, 0, 1], (n, 1)),
+    )
+    volume = SimpleNamespace(normals=lambda at, ids, threads: found)
+    mesh = SimpleNamespace(corner_normals=None)
+    off = error_metric.normal_errors(volume, mesh, probes, np.zeros(n, np.float32))
+    assert np.abs(off - wanted).max() < 1e-6
