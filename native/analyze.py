@@ -43,7 +43,6 @@ KNOWN: dict[tuple[str, str, str], str] = {
         NULL,
         "\u2018d\u2019",
     ): "only boxes, which need none, are asked without a direction",
-    ("src/base/base.h", UNSET, "\u2018first["): "set in a loop over three axes",
     ("src/grid/surface_octree.c", LEAK, "unknown"): "every level is freed, in a loop",
     (
         "src/grid/serialize.c",
