@@ -254,7 +254,7 @@ def spec_of(setting: Setting, word: str) -> str:
     unknown."""
     assert setting.check is not None
     try:
-        return setting.check(word).spec
+        return setting.check(word)
     except LeapRayError as error:
         names = list(dict.fromkeys(each.partition(":")[0] for each in setting.names()))
         hint = arguments.nearest(word, names) if word not in names else ""

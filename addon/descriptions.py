@@ -60,7 +60,7 @@ class Setting:
     unit: str = "NONE"  # Blender's subtype
     digits: int = 2  # behind the point, in the panel
     choices: tuple[Choice, ...] = ()
-    check: Callable[[str], Any] | None = None  # to an entry with a spec; raises LeapRayError
+    check: Callable[[str], str] | None = None  # to the name in full; raises LeapRayError
     zero: Switch | None = None
     option: bool = True  # on the command line, by the name with hyphens
     zero_word: str = ""  # what the command line calls 0, which it then does not take

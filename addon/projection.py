@@ -25,7 +25,7 @@ import leapray
 
 from . import film, model
 from .methods import Method
-from .plan import culling, fields, objects
+from .plan import culling, fastest, fields, objects
 from .plan.levels import MB
 from .plan.planned import Plan
 from .store.memory_cache import Cache
@@ -124,6 +124,7 @@ def plan(
         seconds={"voxelize": 0.0, "structure": 0.0},
     )
     found.join(made)
+    fastest.choose(made, scene, threads, watch, method.mode)
     made.seconds["plan"] = time.perf_counter() - began - sum(found.seconds.values())
     return made, found
 

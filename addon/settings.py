@@ -45,11 +45,25 @@ def choices(members: Mapping[str, IntEnum], auto: str = "") -> tuple[Choice, ...
     return tuple(Choice(name, label_of(name), tooltip) for name, tooltip in told.items())
 
 
+def method_spec(word: str) -> str:
+    """A render method with its options, in full. Raises LeapRayError for an unknown one."""
+    return methods.find(word).spec
+
+
+def traverser_spec(word: str) -> str:
+    """Likewise a traverser, or the wish for the fastest."""
+    return word if word == FASTEST else leapray.traverser(word).spec
+
+
 def traversers() -> Iterable[Choice]:
-    """Every traverser with every choice of its options, below what they promise.
+    """The wish for the fastest, and every traverser with every choice of its options, below what
+    they promise.
 
     An entry is called as in charts, and as on the command line.
     """
+    yield Choice("", "By Trial", "Each volume gets its own; all that are tried are exact")
+    tooltip = "That of a few which trial rays find to be the fastest in each volume: see the report"
+    yield Choice(FASTEST, f"Fastest ({FASTEST})", tooltip)
     for exact, heading, promise in (
         (True, "Exact", "They miss no cell that the ray touches"),
         (False, "Inexact", "They may miss cells, or find wrong ones: for measurements"),
@@ -61,6 +75,7 @@ def traversers() -> Iterable[Choice]:
                 yield Choice(entry.spec, f"{entry.label} ({entry.spec})", tooltip)
 
 
+FASTEST = "auto"  # in place of a traverser
 AS_SCENE = Choice("scene", "As Scene", "What the scene's settings say", 0)
 FILTER_CHOICES = choices(FILTERS)
 LAYOUT_CHOICES = (
@@ -120,7 +135,7 @@ class Settings:
         "What the picture shows: light by rays, first cells of surfaces, or projected values of "
         "volume data",
         choices=tuple(methods.choices()),
-        check=methods.find,
+        check=method_spec,
     )
     samples: int = setting(
         256,
@@ -256,7 +271,7 @@ class Settings:
         "Traverser",
         "How a ray finds the next cell of a volume that may hold a surface",
         choices=tuple(traversers()),
-        check=leapray.traverser,
+        check=traverser_spec,
     )
     hit_test: str = setting(
         "extrema",

@@ -66,7 +66,7 @@ LAYERS = {
         "model process",
         "store.files",
         "plan.culling plan.light_planes plan.mesh_colors plan.objects plan.planned",
-        "plan.probes",
+        "plan.fastest plan.probes",
         "tiles store.volume_files",
         "plan.error_metric plan.field_filters plan.mesh_split plan.proximity plan.sample_types",
         "store.disk_cache store.grid_cache store.memory_cache",

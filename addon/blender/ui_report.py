@@ -50,6 +50,7 @@ def statistics(report: dict) -> list[tuple[str, str]]:
     took, held, volumes = report["seconds"], report["bytes"], report["volumes"]
     worst = max((row["error_footprints"] or 0.0 for row in volumes), default=0.0)
     made = took["total"] - took["trace"] - took["read"]
+    in_lanes = report["in_lanes"] / max(report["pairs"], 1)
     return [
         ("Size", f"{report['width']} x {report['height']} px"),
         ("Time", seconds(took["total"])),
@@ -57,6 +58,7 @@ def statistics(report: dict) -> list[tuple[str, str]]:
         ("Making Volumes", seconds(made)),
         ("Tracing", seconds(took["trace"])),
         ("Rays", f"{report['rays']:,}"),
+        ("In Vector Lanes", f"{in_lanes:.1%} of rays and volumes"),
         ("Volumes", f"{len(volumes):,}"),
         ("Largest Error", f"{worst:.2g} px"),
         ("Volumes Take", megabytes(held["volumes"] + held["structures"])),

@@ -13,7 +13,7 @@ import leapray
 
 from .. import model
 from ..store import memory_cache
-from . import objects
+from . import fastest, objects
 
 FLAT = 1e-5  # of a mesh's extent: how far its vertices may lie off a plane
 BESIDE = 1.1  # of the data's extent: how far the box that stands for a half-space reaches
@@ -101,7 +101,7 @@ def solid(
         )
         if volume.info.kind != "solid":
             raise leapray.LeapRayError(f"it is no solid, since {volume.mesh_info.why}")
-        structure = leapray.build(volume, traverser or None, threads=threads, watch=watch)
+        structure = leapray.build(volume, fastest.first(traverser), threads=threads, watch=watch)
     return cache.put(key, structure, structure.volume.info.nbytes + structure.nbytes)
 
 

@@ -23,7 +23,7 @@ from leapray.scalar_grid import Leaves, ScalarGrid
 
 from .. import arrays, model
 from ..store import memory_cache
-from . import clips, field_filters, label_solids, looks, objects, other_grids
+from . import clips, fastest, field_filters, label_solids, looks, objects, other_grids
 from .levels import MB
 from .planned import Plan
 
@@ -387,7 +387,7 @@ class Fields:
             middle = time.perf_counter()
             _check_room(volume.info.nbytes, room)
             structure = leapray.build(
-                volume, traverser or None, threads=self.threads, watch=self.watch
+                volume, fastest.first(traverser), threads=self.threads, watch=self.watch
             )
             self.seconds["voxelize"] += middle - began
             self.seconds["structure"] += time.perf_counter() - middle

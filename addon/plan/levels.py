@@ -17,7 +17,7 @@ from leapray.voxelization import filter_info, slope
 
 from .. import model
 from ..store import disk_cache, memory_cache
-from . import error_metric, mesh_colors, objects, probes, sample_types
+from . import error_metric, fastest, mesh_colors, objects, probes, sample_types
 from .mesh_split import solids
 
 FINER = 6  # levels beyond the one asked for on which a volume may still be at hand
@@ -181,7 +181,7 @@ class Levels:
         settle(volume, fresh)
         settled = time.perf_counter()
         structure = leapray.build(
-            volume, self.settings.traverser or None, threads=self.threads, watch=self.watch
+            volume, fastest.first(self.settings.traverser), threads=self.threads, watch=self.watch
         )
         self.seconds["voxelize"] += middle - began
         self.seconds["structure"] += time.perf_counter() - settled

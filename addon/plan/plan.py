@@ -33,6 +33,7 @@ from . import (
     culling,
     doubts,
     error_metric,
+    fastest,
     fields,
     light_planes,
     mesh_colors,
@@ -542,6 +543,7 @@ def make(
         plan.slot_objects = [owner.object_index for owner in owners]
         plan.slot_names = [owner.name for owner in owners]
     surfaces.join(plan)
+    fastest.choose(plan, scene, threads, watch)
     spent = time.perf_counter() - began
     plan.seconds["plan"] = spent - plan.seconds["voxelize"] - plan.seconds["structure"]
     return plan

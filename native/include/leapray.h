@@ -24,7 +24,7 @@
 #include <stdint.h>
 
 #define LR_VERSION "0.1.0"
-#define LR_ABI     40 /* raised whenever a struct or a signature below changes */
+#define LR_ABI     41 /* raised whenever a struct or a signature below changes */
 
 #ifndef LR_API
 #define LR_API __attribute__((visibility("default")))
@@ -738,9 +738,10 @@ LR_API lr_status lr_distance_part(const uint8_t *cells, int32_t nx, int32_t ny, 
 /* ---- traversers and structures ----------------------------------------- */
 
 typedef enum lr_traverser_flag {
-    LR_TRAVERSER_EXACT = 1,      /* agrees with the integer oracle but for ties */
-    LR_TRAVERSER_DEFAULT = 2,    /* set for one of them */
-    LR_TRAVERSER_RECTILINEAR = 4 /* takes rectilinear volumes */
+    LR_TRAVERSER_EXACT = 1,       /* agrees with the integer oracle but for ties */
+    LR_TRAVERSER_DEFAULT = 2,     /* set for one of them */
+    LR_TRAVERSER_RECTILINEAR = 4, /* takes rectilinear volumes */
+    LR_TRAVERSER_TRIAL = 8        /* builds little: worth a trial where the fastest is wanted */
 } lr_traverser_flag;
 
 typedef struct lr_traverser {
@@ -891,6 +892,8 @@ typedef struct lr_counters {
     uint64_t hits;       /* rays that hit */
     uint64_t most_cells; /* in which a single ray stood: the largest, not a sum */
     uint64_t forgotten;  /* times that a ray was in more solids than it can keep in mind */
+    uint64_t pairs;      /* of a ray and a volume in which it was traced */
+    uint64_t in_lanes;   /* of these: beside other rays, or by several triangles side by side */
 } lr_counters;
 
 /* Trace n rays into the arrays of hits. counters is added to; NULL costs nothing. Of the modes from

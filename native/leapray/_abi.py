@@ -9,7 +9,7 @@ import ctypes
 from enum import IntEnum
 
 LR_VERSION = "0.1.0"
-LR_ABI = 40
+LR_ABI = 41
 LR_PROGRAM_REGISTERS = 256
 LR_EUCLID_MAX = 26754
 LR_BOUNCES_MAX = 1024
@@ -175,6 +175,7 @@ class lr_traverser_flag(IntEnum):
     LR_TRAVERSER_EXACT = 1
     LR_TRAVERSER_DEFAULT = 2
     LR_TRAVERSER_RECTILINEAR = 4
+    LR_TRAVERSER_TRIAL = 8
 
 
 class lr_mode(IntEnum):
@@ -317,7 +318,7 @@ LR_EXACT_SHEETS, LR_EXACT_ALL, LR_EXACT_NONE, LR_EXACT_EVERY = lr_exact_cells
 LR_STAGE_NONE, LR_STAGE_SET_UP, LR_STAGE_COMPONENTS, LR_STAGE_WINDING, LR_STAGE_BRICKS, LR_STAGE_CELLS, LR_STAGE_DONE = lr_stage
 LR_REASON_ASKED, LR_REASON_CLOSED, LR_REASON_CROSSING, LR_REASON_ENCLOSES, LR_REASON_HOLES, LR_REASON_FLIPPED, LR_REASON_EMPTY = lr_reason
 LR_METRIC_CHESSBOARD, LR_METRIC_CITYBLOCK, LR_METRIC_CHAMFER345, LR_METRIC_EUCLID = lr_metric
-LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT, LR_TRAVERSER_RECTILINEAR = lr_traverser_flag
+LR_TRAVERSER_EXACT, LR_TRAVERSER_DEFAULT, LR_TRAVERSER_RECTILINEAR, LR_TRAVERSER_TRIAL = lr_traverser_flag
 LR_MODE_SURFACE, LR_MODE_BINARY, LR_MODE_VOLUME, LR_MODE_MAXIMUM, LR_MODE_MINIMUM, LR_MODE_MEAN = lr_mode
 LR_SAMPLING_EXACT, LR_SAMPLING_POST, LR_SAMPLING_PRE = lr_sampling
 LR_HIT_EXTREMA, LR_HIT_FACES, LR_HIT_UNIFORM = lr_hit_test
@@ -651,6 +652,8 @@ class lr_counters(ctypes.Structure):
         ("hits", ctypes.c_uint64),
         ("most_cells", ctypes.c_uint64),
         ("forgotten", ctypes.c_uint64),
+        ("pairs", ctypes.c_uint64),
+        ("in_lanes", ctypes.c_uint64),
     )
 
 
@@ -1479,6 +1482,7 @@ ABOUT = {
     "LR_TRAVERSER_EXACT": "agrees with the integer oracle but for ties",
     "LR_TRAVERSER_DEFAULT": "set for one of them",
     "LR_TRAVERSER_RECTILINEAR": "takes rectilinear volumes",
+    "LR_TRAVERSER_TRIAL": "builds little: worth a trial where the fastest is wanted",
     "LR_MODE_SURFACE": "the first crossing of f = T, in either direction",
     "LR_MODE_BINARY": "the first object cell: largest of its samples >= T",
     "LR_MODE_VOLUME": "emission and absorption along the whole ray",

@@ -45,6 +45,7 @@ class Traverser(Entry):
 
     default: bool = False
     rectilinear: bool = False  # takes rectilinear volumes
+    trial: bool = False  # builds little: worth a trial where the fastest is wanted
 
 
 def traversers() -> list[Traverser]:
@@ -66,6 +67,7 @@ def _registry() -> tuple[Traverser, ...]:
             "exact": bool(line.flags & _abi.LR_TRAVERSER_EXACT),
             "default": bool(line.flags & _abi.LR_TRAVERSER_DEFAULT),
             "rectilinear": bool(line.flags & _abi.LR_TRAVERSER_RECTILINEAR),
+            "trial": bool(line.flags & _abi.LR_TRAVERSER_TRIAL),
         }
         found.append(read_entry(Traverser, index, line, **flags))
     return tuple(found)

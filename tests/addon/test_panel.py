@@ -14,7 +14,7 @@ import addon
 import leapray
 from addon import model, pipeline
 from addon.blender import engine, operators, presets, properties, ui, ui_report
-from addon.settings import SETTINGS
+from addon.settings import FASTEST, SETTINGS
 
 SAMPLES = sorted((Path(addon.__file__).resolve().parent.parent / "blend_samples").glob("*.blend"))
 
@@ -81,11 +81,12 @@ def test_the_traversers_stand_below_what_they_promise():
     entries = bpy.context.scene.leapray.bl_rna.properties["traverser"]
     shown = [(item.identifier, item.name) for item in entries.enum_items_static_ui]
     heads = [number for number, (spec, _) in enumerate(shown) if not spec]
-    assert [shown[number][1] for number in heads] == ["Exact", "Inexact"] and heads[0] == 0
+    assert [shown[number][1] for number in heads] == ["By Trial", "Exact", "Inexact"]
+    assert heads[0] == 0 and [spec for spec, _ in shown[1 : heads[1]]] == [FASTEST]
     exact = {entry.spec: entry.exact for entry in leapray.variants()}
-    assert len(shown) == len(exact) + 2
-    for number, (spec, _) in enumerate(shown):
-        assert not spec or exact[spec] == (number < heads[1]), spec
+    assert len(shown) == len(exact) + 4
+    for number, (spec, _) in enumerate(shown[heads[1] :], heads[1]):
+        assert not spec or exact[spec] == (number < heads[2]), spec
 
 
 def test_each_variant_of_a_traverser_says_what_is_true_of_it():

@@ -372,6 +372,8 @@ static bool trace_ray(const lr_triangle_tree *tree, const lr_volume *v, const lr
     }
     if (counters != NULL) {
         counters->rays++;
+        counters->pairs++;
+        counters->in_lanes++;
         counters->nodes += k.n_nodes;
         counters->tests += k.n_blocks;
         counters->hits += k.triangle != LR_NO_TRIANGLE;

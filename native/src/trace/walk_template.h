@@ -210,7 +210,9 @@ lr_status LR_JOIN(lr_, LR_NAME,
         lr_progress(watch, (double)first / (double)n);
         uint64_t last = n - first < poll ? n : first + poll;
         lr_counters *counted = counters != NULL || hits->steps != NULL ? &sum : NULL;
+        sum.pairs += last - first;
         if (sampled) {
+            sum.in_lanes += last - first;
             lr_sample_rays(volume, cubes, rays, first, last, options, hits, &sum);
             continue;
         }
@@ -220,6 +222,7 @@ lr_status LR_JOIN(lr_, LR_NAME,
         }
 #ifdef LR_PACKET
         if (LR_FITS(volume, data, options)) {
+            sum.in_lanes += last - first;
             LR_PACKET(volume, data, rays, first, last, options, hits, counted);
             continue;
         }
@@ -240,6 +243,8 @@ lr_status LR_JOIN(lr_, LR_NAME,
         counters->tests += sum.tests;
         counters->samples += sum.samples;
         counters->hits += sum.hits;
+        counters->pairs += sum.pairs;
+        counters->in_lanes += sum.in_lanes;
         if (counters->most_cells < sum.most_cells)
             counters->most_cells = sum.most_cells;
     }

@@ -70,8 +70,14 @@ lr_status lr_sum_up(const lr_context *context, uint32_t instance, bool stops, ui
     lr_trace_options options = context->tile->trace;
     options.mode = LR_MODE_VOLUME;
     options.sampling = stops ? LR_SAMPLING_EXACT : options.sampling;
-    return lr_trace(context->scene->instances[instance].structure, &rays, n, &options, &sums, NULL,
-                    &stop, context->error);
+    lr_counters counters = {0}; /* the cells of surfaces alone are told of */
+    const lr_status status = lr_trace(context->scene->instances[instance].structure, &rays, n,
+                                      &options, &sums, &counters, &stop, context->error);
+    if (context->counters != NULL) {
+        context->counters->pairs += counters.pairs;
+        context->counters->in_lanes += counters.in_lanes;
+    }
+    return status;
 }
 
 /* Entry k of the batch. */
