@@ -410,7 +410,7 @@ def test_no_code_asks_for_the_type_of_a_light_but_through_the_list():
 
 
 def test_every_source_file_names_its_licence():
-    kinds = ("*.py", "*.c", "*.h", "*.def", "*.toml", "*.sh", ".ci/*", "requirements*.txt")
+    kinds = ("*.py", "*.c", "*.cpp", "*.h", "*.def", "*.toml", "*.sh", ".ci/*", "requirements*.txt")
     sources = files(*kinds)
     assert len(sources) > 30
     missing = [str(path.relative_to(ROOT)) for path in sources if licences(path) != 1]
@@ -442,7 +442,7 @@ def test_ruff_finds_nothing(words):
 
 
 def test_clang_format_changes_nothing():
-    sources = files("native/*.[ch]", "tests/*.c", "addon/*.c")
+    sources = files("native/*.[ch]", "tests/*.c", "addon/*.c", "addon/*.cpp")
     command = [Path(sys.executable).with_name("clang-format"), "--dry-run", "-Werror", *sources]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr[:2000]

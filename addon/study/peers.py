@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """LeapRay and other programs at the same work, interleaved in one run on one machine.
 
-One function per peer. So far: a closed mesh to samples around its surface, end to end from numpy
-arrays, by every set of vector instructions and number of threads, and by OpenVDB's Python; and
-distance transforms (distances.py).
+One function per peer: a closed mesh to samples around its surface, end to end from numpy arrays, by
+every set of vector instructions and number of threads, and by OpenVDB's Python; rays
+(traversals.py); distance transforms (distances.py).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 import leapray
 from leapray.formats.vdb import openvdb_module
 
-from . import charts, distances, page, scenes
+from . import charts, distances, page, scenes, traversals
 from .entries import seconds
 from .folder import study_folder, write_figures
 from .options import chosen, number, numbers
@@ -36,6 +36,7 @@ SIMD = ("portable", "avx2", "avx512")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     number(parser, "scan", "divisions of the scan-like mesh, which has 12 N^2 triangles; 290")
     numbers(parser, "sizes", "samples across; 256 512")
+    number(parser, "image", "rays along a side; 1024")
     number(parser, "cells", "a side of the distance transforms; 256", least=8)
     number(parser, "rounds", "medians are of so many; 5")
 
@@ -50,11 +51,16 @@ def main(args: argparse.Namespace) -> int:
         for size in sizes:
             rows += samples_of_meshes(mesh.vertices, mesh.triangles, size, rounds)
             print(f"peers: {size} samples", file=sys.stderr, flush=True)
+        image = chosen(args, "image", 64, 1024)
+        phantoms = chosen(args, "phantoms", {32: (2,)}, {128: (1, 5, 10), 512: (5,)})
+        rays = traversals.measure(phantoms, image, rounds)
         fields = distances.measure(chosen(args, "cells", 64, 256), rounds)
         told = {"band": BAND, "rounds": rounds, "triangles": len(mesh.triangles)}
-        told = write_figures(folder, "peers", told, rows=rows, distances=fields)
+        told = write_figures(folder, "peers", told, rows=rows, rays=rays, distances=fields)
         draw(folder, rows)
-        write_page(folder, told, rows, distances.section(fields))
+        traversals.draw(folder, rays)
+        more = traversals.section(folder, rays, image) + distances.section(fields)
+        write_page(folder, told, rows, more)
     return 0
 
 

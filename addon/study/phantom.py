@@ -20,7 +20,6 @@ import argparse
 import sys
 import time
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -74,18 +73,24 @@ def main(args: argparse.Namespace) -> int:
 # ---- phantoms and rays ---------------------------------------------------
 
 
-def phantom(size: int, n: int) -> NDArray[np.uint8]:
-    """(size, size, size) samples: 255 in n^3 spheres and the corners, else 0; seeded by n."""
+def spheres(size: int, n: int) -> tuple[NDArray[np.float64], float]:
+    """Centres (n^3, 3) of the spheres in index space, and their radius; seeded by n."""
     random = np.random.default_rng((SEED, n))
     side, radius = size / n, RADIUS * size / n
-    samples = np.zeros((size, size, size), np.uint8)
     centres = random.uniform(radius, side - radius, (n, n, n, 3))
-    for i, j, k in product(range(n), repeat=3):
-        centre = centres[i, j, k] + side * np.array([i, j, k])
-        low = np.maximum(np.floor(centre - radius - 0.5).astype(int), 0)
-        high = np.minimum(np.ceil(centre + radius + 0.5).astype(int), size)
-        # Sample s is the middle of voxel s, at s + 1/2 of the cube.
-        x, y, z = (np.arange(low[a], high[a]) + 0.5 - centre[a] for a in range(3))
+    corner = side * np.moveaxis(np.indices((n, n, n)), 0, -1)
+    # Sample s is the middle of voxel s, at s + 1/2 of the cube.
+    return (centres + corner - 0.5).reshape(-1, 3), radius
+
+
+def phantom(size: int, n: int) -> NDArray[np.uint8]:
+    """(size, size, size) samples: 255 in n^3 spheres and the corners, else 0; seeded by n."""
+    samples = np.zeros((size, size, size), np.uint8)
+    centres, radius = spheres(size, n)
+    for centre in centres:
+        low = np.maximum(np.floor(centre - radius).astype(int), 0)
+        high = np.minimum(np.ceil(centre + radius).astype(int) + 1, size)
+        x, y, z = (np.arange(low[a], high[a]) - centre[a] for a in range(3))
         inside = z[:, None, None] ** 2 + y[:, None] ** 2 + x**2 <= radius**2
         samples[low[2] : high[2], low[1] : high[1], low[0] : high[0]][inside] = 255
     samples[:: size - 1, :: size - 1, :: size - 1] = 255
