@@ -47,7 +47,8 @@ from .planned import Plan
 from .separation import TRIANGLE_NBYTES, Separation
 
 COARSEST = 16  # voxels along the longest side at the start, but for meshes with more than
-FEW_TRIANGLES = 64  # of a mesh: it is kept as it is
+FEW_TRIANGLES = 1024  # of a mesh: it is kept as it is
+CELLS_PER_TRIANGLE = 2.0  # of finer voxels: so many take longer than a tree of the triangles
 MOST_CROWD = 64  # triangles in a cell, about: to sort them takes longer than finer voxels,
 FINEST_START = 512  # of which they get so many at most
 # Shares of the memory, counted without structures, so that traversers see the same volumes:
@@ -230,8 +231,8 @@ class Planner(Separation):
         while queue and queue[0][:4] < (-1.0, -1.0, -1.0, -1.0):
             *_, n = heapq.heappop(queue)
             work = self.works[n]
-            levers = self._widen, self._keep_triangles, self._keep_normals, self._refine_one
-            if any(lever(work) for lever in levers):
+            levers = self._keep_all, self._widen, self._keep_triangles, self._keep_normals
+            if any(lever(work) for lever in (*levers, self._refine_one)):
                 heapq.heappush(queue, ticket(n))
             elif why := work.stuck:
                 self._keep_normals(work)
@@ -239,6 +240,18 @@ class Planner(Separation):
             left = sum(math.log2(math.prod(t[:4])) for t in queue)
             total = max(total, left)
             self.advance(0.3 + 0.7 * (1.0 - left / total))
+
+    def _keep_all(self, work: Work) -> bool:
+        """Let a mesh keep all its triangles, where finer voxels would take as many cells and more.
+
+        Rays meet them by a tree, nothing is lost, and no finer level has to be made.
+        """
+        if not self.may_choose_cells(work) or work.exact == "every":
+            return False
+        finer = self._probes(work).area / (work.measured.voxel_size / 2) ** 2
+        if finer < CELLS_PER_TRIANGLE * len(work.mesh.triangles):
+            return False
+        return self._try(work, exact="every", own_normals=True)
 
     def _widen(self, work: Work, volume_room: float = math.inf) -> bool:
         """Give a volume f32 where the steps of u16 are what its error is made of, if that helps."""
