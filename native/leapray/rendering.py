@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import ctypes
+import operator
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,7 @@ MIST_POWERS = {"LINEAR": 1.0, "QUADRATIC": 2.0, "INVERSE_QUADRATIC": 0.5}  # Ble
 
 PROJECTIONS = members(_abi.lr_projection)
 VISIBILITIES = {f"visible_{rays}": flag for rays, flag in members(_abi.lr_visibility).items()}
+_SEEN = operator.attrgetter(*VISIBILITIES)
 LIGHTS = members(_abi.lr_light_kind)
 FIELD_PARTS = members(_abi.lr_field_part)
 PHASES = members(_abi.lr_phase_kind)
@@ -322,7 +324,9 @@ def _instances(instances: Sequence[Instance], clips: NDArray, colors: NDArray) -
         table[name] = numbers(values, table.dtype[name], f"{name} of the instances")
     table["phase"] = [choice(PHASES, i.phase, "phase function") for i in instances]
     table["holdout"] = [bool(i.holdout) for i in instances]
-    table["visibility"] = [_visibility(i) for i in instances]
+    seen = list(map(_SEEN, instances))
+    flags = {each: _flags(each) for each in set(seen)}  # few, however many instances
+    table["visibility"] = [flags[each] for each in seen]
     return table
 
 
@@ -365,7 +369,12 @@ def _field_colors(instances: Sequence[Instance]) -> NDArray:
 def _visibility(thing: object, **more: bool) -> int:
     """The flags of what has attributes of their names; more tells those that it has not."""
     seen = {name: getattr(thing, name, False) for name in VISIBILITIES} | more
-    return sum(flag for name, flag in VISIBILITIES.items() if seen[name])
+    return _flags(seen[name] for name in VISIBILITIES)
+
+
+def _flags(seen: Iterable[bool]) -> int:
+    """Those of VISIBILITIES that are set."""
+    return sum(flag for flag, is_seen in zip(VISIBILITIES.values(), seen, strict=True) if is_seen)
 
 
 def _lights(lights: Sequence[Light]) -> NDArray:
