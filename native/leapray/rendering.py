@@ -16,7 +16,7 @@ from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
 from .arrays import choice, empty, members, numbers, pointer, record
 from .attributes import Texture
-from .scene_parts import Camera, Instance, Light, Material, World
+from .scene_parts import Camera, Instance, Light, Lobe, Material, World
 from .tracing import trace_options
 
 # Channels of every pass, by Blender's names; those that show what is seen first come from the
@@ -389,7 +389,9 @@ def _lights(lights: Sequence[Light]) -> NDArray:
 
 def _lobes(materials: Sequence[Material]) -> NDArray:
     """The lobes of all materials, one after the other."""
-    lobes = [(i, lobe) for i, material in enumerate(materials) for lobe in material.lobes]
+    lobes: list[tuple[int, Lobe]] = [
+        (i, lobe) for i, material in enumerate(materials) for lobe in material.lobes
+    ]
     table = np.zeros(len(lobes), record(_abi.lr_lobe))
     for row, (i, lobe) in zip(table, lobes, strict=True):
         _fill(row, lobe, f"a lobe of material {i}")
