@@ -3,6 +3,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/cpu.h"
+#include "base/pages.h"
 #include "trace/triangle_tree.h"
 
 /* The one rule of the core that the tree asks for: nothing is left. */
@@ -24,8 +25,8 @@ LR_API void tree_run(int32_t simd, const double (*corners)[3][3], uint64_t n,
                      const double (*o_and_d)[6], double *t, uint32_t *triangle, uint32_t *steps)
 {
     static lr_triangle_block blocks[LR_TREE_LANES];
-    static lr_tree_node node;
-    const lr_triangle_tree tree = {.nodes = &node, .blocks = blocks, .n_nodes = 1, .n_blocks = 8};
+    static lr_wide_node node;
+    const lr_triangle_tree tree = {.boxes = {&node, 1, 8}, .blocks = blocks, .n_blocks = 8};
     const lr_tree_ops *ops = simd == LR_SIMD_AVX512 ? &lr_tree_avx512
                              : simd == LR_SIMD_AVX2 ? &lr_tree_avx2
                                                     : &lr_tree_portable;
@@ -47,17 +48,56 @@ LR_API void tree_run(int32_t simd, const double (*corners)[3][3], uint64_t n,
         }
     }
     for (uint64_t i = 0; i < n; i++) {
-        lr_ray r = {.t_max = INFINITY};
-        for (int a = 0; a < 3; a++) {
-            r.o[a] = o_and_d[i][a];
-            r.d[a] = o_and_d[i][3 + a];
-            r.s[a] = (r.d[a] > 0.0) - (r.d[a] < 0.0);
-            r.inv[a] = r.s[a] != 0 ? 1.0 / r.d[a] : 0.0;
-        }
-        lr_tree_ray k = {.r = &r, .t = INFINITY, .triangle = LR_NO_TRIANGLE};
+        lr_tree_ray k = {.t = INFINITY, .triangle = LR_NO_TRIANGLE};
+        memcpy(k.r.o, o_and_d[i], sizeof k.r.o);
+        memcpy(k.r.d, o_and_d[i] + 3, sizeof k.r.d);
         ops->meet(&tree, &k);
         t[i] = k.t;
         triangle[i] = k.triangle;
-        steps[i] = k.n_nodes + k.n_blocks;
+        steps[i] = (uint32_t)(k.n_nodes + k.n_blocks);
     }
+}
+
+/* A leaf is a box. */
+static uint32_t take(void *own, const lr_hierarchy *binary, lr_child at)
+{
+    (void)own;
+    return binary->nodes[at.node].child[at.side] & ~LR_LEAF;
+}
+
+/* Through a tree over n_boxes boxes[][2][3], by n rays o_and_d[n][6] from t_min to t_max: which
+ * boxes each is given, as met[n][n_boxes], 1 for each time. Returns the number of nodes, or
+ * UINT32_MAX where something failed or a stack was too small. */
+LR_API uint32_t tree_boxes(int32_t simd, uint32_t n_boxes, const lr_box *boxes, uint64_t n,
+                           const double (*o_and_d)[6], const double *t_min, const double *t_max,
+                           uint8_t *met)
+{
+    static lr_branch stack[LR_HEIGHT_MAX * (LR_TREE_LANES - 1) + 1];
+    const lr_tree_ops *ops = simd == LR_SIMD_AVX512 ? &lr_tree_avx512
+                             : simd == LR_SIMD_AVX2 ? &lr_tree_avx2
+                                                    : &lr_tree_portable;
+    const lr_leaf_maker leaves = {.most = 1, .make = take};
+    lr_hierarchy binary;
+    lr_wide_tree tree;
+    lr_error error;
+    if (lr_hierarchy_build(boxes, n_boxes, &binary, &error) != LR_OK ||
+        lr_wide_build(&binary, &leaves, &tree, &error) != LR_OK)
+        return UINT32_MAX;
+    bool fits = true;
+    for (uint64_t i = 0; i < n; i++) {
+        lr_slabs slabs;
+        uint64_t n_nodes = 0;
+        uint32_t leaf, left = tree.n_nodes > 0 ? 1 : 0;
+        if (!lr_slabs_of(o_and_d[i], o_and_d[i] + 3, t_min[i], &slabs))
+            continue;
+        stack[0] = (lr_branch){-INFINITY, 0};
+        const float last = lr_wide_t(&slabs, t_max[i], 1);
+        while ((leaf = ops->next(tree.nodes, &slabs, last, stack, &left, &n_nodes)) != LR_NOWHERE) {
+            met[i * n_boxes + leaf]++;
+            fits = fits && left <= tree.n_branches;
+        }
+    }
+    free(binary.nodes);
+    lr_pages_free(tree.nodes);
+    return fits ? tree.n_nodes : UINT32_MAX;
 }

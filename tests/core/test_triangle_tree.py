@@ -100,7 +100,7 @@ def test_shadows_are_those_of_every_triangle_asked_in_turn():
 @pytest.fixture(scope="module")
 def library(tmp_path_factory) -> ctypes.CDLL:
     core = [f"trace/triangle_tree_{kind}" for kind in ("portable", "avx2", "avx512")]
-    core += ["base/cpu", "base/error"]
+    core += ["base/cpu", "base/error", "base/pages", "trace/bvh", "trace/wide_nodes"]
     return compiled.library(tmp_path_factory.mktemp("tree"), "tree", core)
 
 
@@ -129,3 +129,79 @@ def test_all_instruction_sets_give_the_same_bits(library, simd):
             np.testing.assert_array_equal(one_set, other)
         met += np.isfinite(got[0][0]).sum()
     assert met > 1000
+
+
+# ---- boxes ---------------------------------------------------------------------------------------
+
+
+def met_boxes(library, simd, boxes, rays, t_min, t_max):
+    """How often each ray is given each box, and the number of nodes."""
+
+    def pointer(array):
+        return np.ascontiguousarray(array).ctypes.data_as(ctypes.c_void_p)
+
+    met = np.zeros((len(rays), len(boxes)), np.uint8)
+    n_nodes = library.tree_boxes(
+        simd, len(boxes), pointer(boxes), ctypes.c_uint64(len(rays)), pointer(rays),
+        pointer(t_min), pointer(t_max), pointer(met))  # fmt: skip
+    assert n_nodes >= 0
+    return met, n_nodes
+
+
+def crossed(boxes, rays, t_min, t_max, wider):
+    """[rays, boxes]: which boxes, larger by `wider`, each ray enters, in 80 bits."""
+    o, d = (rays[:, None, part].astype(np.longdouble) for part in (slice(0, 3), slice(3, 6)))
+    lo, hi = boxes[None, :, 0] - wider, boxes[None, :, 1] + wider
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = (lo - o) / d, (hi - o) / d
+    still, within = d == 0, (o >= lo) & (o <= hi)
+    near = np.where(still, np.where(within, -np.inf, np.inf), np.minimum(a, b)).max(axis=-1)
+    far = np.where(still, np.where(within, np.inf, -np.inf), np.maximum(a, b)).min(axis=-1)
+    return np.maximum(near, t_min[:, None]) <= np.minimum(far, t_max[:, None])
+
+
+@pytest.mark.parametrize("n", [1, 2, 8, 9, 57, 700])
+@pytest.mark.parametrize("far", [1.0, 1e4, 1e9])
+def test_rays_are_given_every_box_that_they_cross_and_few_others(library, n, far):
+    """Boxes of all sizes, some flat, some of one place; rays along axes, in faces, through corners,
+    from afar, of any length of direction. No box is lost, and what is given beside them lies within
+    what f32 does to the start."""
+    rng = np.random.default_rng(n)
+    centre = rng.uniform(-5, 5, (n, 3))
+    half = rng.choice([0.0, 0.01, 0.5], (n, 3)) * rng.random((n, 3))
+    boxes = np.stack([centre - half, centre + half], axis=1)
+    boxes[: n // 4] = np.round(boxes[: n // 4])
+    target = boxes[rng.integers(0, n, 800), 0] + rng.choice([0, 0, 0.3], (800, 3))
+    d = rng.normal(size=(800, 3)) * rng.choice([0, 1, 1], (800, 3))
+    d = d[d.any(axis=1)]
+    target = target[: len(d)]
+    o = target - d / np.linalg.norm(d, axis=1, keepdims=True) * far * rng.random((len(d), 1))
+    scale = 10.0 ** rng.integers(-140, 140, (len(d), 1)).astype(float)
+    rays = np.concatenate([o, d * scale], axis=1)
+    reach = far / np.linalg.norm(rays[:, 3:], axis=1)
+    t_min, t_max = reach * rng.choice([0, 0.2], len(d)), reach * rng.choice([0.5, 2, 1e9], len(d))
+    for simd in (_abi.LR_SIMD_PORTABLE, *SETS):
+        if library.tree_simd() < simd:
+            continue
+        met, n_nodes = met_boxes(library, simd, boxes, rays, t_min, t_max)
+        assert met.max() <= 1
+        assert (met[crossed(boxes, rays, t_min, t_max, 0)] == 1).all()
+        # f32 keeps the start to 2^-22 of its distance; t to 2^-19, over the way from the start
+        near = crossed(boxes, rays, t_min * (1 - 2e-6), t_max * (1 + 2e-6), far * 2**-18 + 1e-5)
+        assert not met[~near].any()
+        assert n_nodes <= max(n - 1, 1)
+
+
+def test_a_ray_without_a_direction_or_a_number_meets_no_box(library):
+    boxes = np.array([[[-1.0] * 3, [1.0] * 3]])
+    rays = np.array([[0, 0, 0, 0, 0, 0], [np.nan, 0, 0, 1, 0, 0], [0, 0, 0, np.inf, 0, 0.0]])
+    met, _ = met_boxes(library, 0, boxes, rays, np.zeros(3), np.full(3, np.inf))
+    assert not met.any()
+
+
+def test_rays_from_beyond_the_numbers_of_f32_meet_a_box(library):
+    boxes = np.array([[[-1.0] * 3, [1.0] * 3]])
+    for far in (1e30, 1e39, 1e300):
+        rays = np.array([[far, 0, 0, -1, 0, 0], [0, -far, 0, 0, 3, 0], [far, 0, 0, 1, 0, 0]])
+        met, _ = met_boxes(library, 0, boxes, rays, np.zeros(3), np.full(3, np.inf))
+        assert met.ravel().tolist() == [1, 1, 0]

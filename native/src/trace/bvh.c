@@ -213,8 +213,6 @@ static uint32_t build(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level
 {
     const uint32_t node = b->out->n_nodes++;
     const uint32_t left = n > 1 ? partition(b, order, n, level) : n;
-    if (b->out->height < level + 1) /* every level pushes one branch */
-        b->out->height = level + 1;
     adopt(b, node, 0, order, left, level + 1);
     adopt(b, node, 1, order + left, n - left, level + 1);
     return node;
@@ -223,7 +221,7 @@ static uint32_t build(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level
 lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, lr_hierarchy *hierarchy,
                              lr_error *error)
 {
-    *hierarchy = (lr_hierarchy){.height = 1};
+    *hierarchy = (lr_hierarchy){.nodes = NULL};
     uint32_t *order = malloc((size_t)n * sizeof *order + 1);
     if (order == NULL)
         return lr_fail_memory(error, (uint64_t)n * sizeof *order, "the order of boxes");

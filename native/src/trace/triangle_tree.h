@@ -5,10 +5,8 @@
 #ifndef LR_TRACE_TRIANGLE_TREE_H
 #define LR_TRACE_TRIANGLE_TREE_H
 
-#include "trace/bvh.h"
 #include "trace/triangle_cell.h"
-
-enum { LR_TREE_LANES = 8 };
+#include "trace/wide_nodes.h"
 
 /* Up to eight triangles side by side, in storage space. */
 typedef struct lr_triangle_block {
@@ -16,18 +14,11 @@ typedef struct lr_triangle_block {
     uint32_t triangle[LR_TREE_LANES];                /* LR_NO_TRIANGLE: none */
 } lr_triangle_block;
 
-/* Boxes of up to eight children; those of none are empty. */
-typedef struct lr_tree_node {
-    _Alignas(64) float bound[2][3][LR_TREE_LANES]; /* lower and upper, by axis */
-    uint32_t child[LR_TREE_LANES];                 /* a node, or a block | LR_LEAF */
-} lr_tree_node;
-
 typedef struct lr_triangle_tree {
-    lr_tree_node *nodes;
+    lr_wide_tree boxes; /* none where there is but one block */
     lr_triangle_block *blocks;
-    uint32_t n_nodes, n_blocks;
-    uint32_t root; /* as a child */
-    int32_t simd;  /* lr_simd */
+    uint32_t n_blocks;
+    int32_t simd; /* lr_simd */
 } lr_triangle_tree;
 
 /* Can a tree stand for the volume? */
@@ -40,28 +31,52 @@ void lr_triangle_tree_free(lr_triangle_tree *tree); /* NULL is fine */
 
 /* What a ray has met; each instruction set gives the same bits. */
 typedef struct lr_tree_ray {
-    const lr_ray *r;
-    const lr_volume *v;
+    lr_ray r;
     double t_min;
     int32_t side;               /* see lr_leaving */
     double off;                 /* of the start, from triangles that it lies on */
     bool any;                   /* whatever it meets will do */
     double t;                   /* of the nearest hit, at most; INFINITY: none yet */
     uint32_t triangle;          /* that is hit; LR_NO_TRIANGLE: none */
-    uint32_t n_nodes, n_blocks; /* that were looked at */
+    uint64_t n_nodes, n_blocks; /* that were looked at */
 } lr_tree_ray;
 
 typedef struct lr_tree_ops {
     void (*meet)(const lr_triangle_tree *tree, lr_tree_ray *ray); /* the nearest triangle */
+    /* The next leaf of a tree of boxes, as wide_next. */
+    uint32_t (*next)(const lr_wide_node *nodes, const lr_slabs *slabs, float last, lr_branch *stack,
+                     uint32_t *n, uint64_t *n_nodes);
 } lr_tree_ops;
 
 /* By the instructions of an lr_simd that the processor has. */
 extern const lr_tree_ops lr_tree_portable, lr_tree_avx2, lr_tree_avx512;
+const lr_tree_ops *lr_tree_ops_of(int32_t simd);
 
 /* What a ray in the tree does with a triangle of a block whose line it meets at t: false where that
  * lies behind it, or is what it leaves. */
 bool lr_tree_accepts(const lr_tree_ray *ray, const lr_triangle_block *block, int lane, double t,
                      bool inward);
+
+/* What comes of a ray in the tree. */
+typedef enum lr_tree_outcome {
+    LR_TREE_MISSES,
+    LR_TREE_MEETS, /* ray->triangle, at ray->t */
+    LR_TREE_ASKS   /* only a walk through cells can tell, as lr_trace_scene takes one */
+} lr_tree_outcome;
+
+/* Do options ask for no more than a tree tells, so that nothing has to be checked by volume? */
+bool lr_tree_takes(const lr_trace_options *options);
+
+/* The nearest triangle from t_min to t_max, by the tree of a structure that has one, in object
+ * space. start: of a ray that leaves a surface, or NULL. any: whatever the ray meets will do. */
+lr_tree_outcome lr_tree_meet(const lr_structure *structure, const double o[3], const double d[3],
+                             double t_min, double t_max, const lr_start *start, bool any,
+                             lr_tree_ray *ray);
+
+/* Put what the ray has met into hits[i]; d as for lr_tree_meet. False where only a walk through
+ * cells can tell. */
+bool lr_tree_put(const lr_structure *structure, const lr_tree_ray *ray, const double d[3],
+                 int32_t normal_kind, const lr_hits *hits, uint64_t i);
 
 /* As lr_trace in LR_MODE_SURFACE, by a tree of triangles where the structure has one; steps are not
  * counted. any: whatever a ray meets will do, and only t counts. */

@@ -1,7 +1,8 @@
 /* The nearest hits of a wave.
  *
- * In rounds: every ray traverses the hierarchy to the next instance that it may meet
- * before its nearest hit; the pairs of ray and instance are sorted by instance; each
+ * In rounds: every ray goes through the tree of instances to the next one that it may meet
+ * before its nearest hit. Where a tree of triangles tells what it meets there, it goes on with
+ * that at once. Else the pairs of ray and instance are sorted by instance; each
  * instance traces its rays as one batch in its own space, with the same t. A ray is done
  * when no instance is left before its hit, a shadow ray also at any hit. A hit does not
  * depend on other rays, nor on the order of instances, since t_max only decides whether a
@@ -23,26 +24,96 @@ static bool may_hit(const lr_placed *placed, lr_among among, uint32_t visibility
     return included && (placed->visibility & visibility) != 0;
 }
 
-/* The next instance that ray i may hit before t: resumes its traversal. Reads the ray; writes
- * its stack. */
-static uint32_t next_instance(const lr_scene *scene, const lr_intersect_options *options,
-                              const lr_ray_queue *rays, uint32_t i, double t, lr_branch *stack,
-                              uint32_t *n)
-{
-    while (*n > 0 && stack[*n - 1].t > t) /* how most traversals end */
-        --*n;
-    if (*n == 0)
-        return LR_NOWHERE;
+/* A ray of the wave on its way through the instances. */
+typedef struct traveller {
+    uint32_t i; /* its place in the wave */
     double o[3], d[3];
-    lr_get_ray(&rays->ray, i, o, d);
-    const lr_slabs ray = lr_slabs_of(o, d);
-    for (;;) {
-        const uint32_t instance =
-            lr_hierarchy_next(&scene->hierarchy, &ray, options->t_min, t, stack, n);
-        if (instance == LR_NOWHERE ||
-            may_hit(&scene->instances[instance], options->among, rays->visibility[i]))
-            return instance;
+    lr_slabs slabs;
+    lr_branch *stack;
+    uint32_t n; /* branches on the stack */
+} traveller;
+
+/* Meet an instance by its tree: writes a hit that is nearer than what the ray has met so far; false
+ * where only a batch can tell. */
+static bool meet_by_tree(const lr_context *context, const lr_intersect_options *options,
+                         const lr_ray_queue *rays, const traveller *way, uint32_t instance,
+                         lr_hit_queue *hits)
+{
+    const lr_placed *placed = &context->scene->instances[instance];
+    const uint32_t i = way->i;
+    const bool left = options->leaving && rays->from[i] == instance;
+    double o[3], d[3];
+    lr_tree_ray ray;
+    lr_map_point(placed->object_from_world, way->o, o);
+    lr_map_vector(placed->object_from_world, way->d, d);
+    const lr_tree_outcome outcome =
+        lr_tree_meet(placed->structure, o, d, options->t_min, hits->t[i],
+                     left ? &rays->start[i] : NULL, options->any, &ray);
+    if (outcome == LR_TREE_ASKS)
+        return false;
+    if (context->counters != NULL) {
+        context->counters->nodes += ray.n_nodes;
+        context->counters->tests += ray.n_blocks;
     }
+    if (outcome == LR_TREE_MISSES || (ray.t == hits->t[i] && instance > hits->instance[i]))
+        return true;
+    if (!options->any && !lr_tree_put(placed->structure, &ray, d, context->tile->trace.normal,
+                                      &hits->hit, i))
+        return false;
+    hits->instance[i] = instance;
+    return true;
+}
+
+/* Go on with a ray to the next instance for which it needs a batch, or LR_NOWHERE: writes its hits
+ * by trees on the way, and its stack. */
+static uint32_t go_on(const lr_context *context, const lr_intersect_options *options, bool by_trees,
+                      const lr_ray_queue *rays, traveller *way, lr_hit_queue *hits)
+{
+    const lr_scene *scene = context->scene;
+    const uint32_t i = way->i;
+    uint64_t n_nodes = 0;
+    for (float last = lr_wide_t(&way->slabs, hits->t[i], 1);;) {
+        const uint32_t instance = scene->tree_ops->next(scene->boxes.nodes, &way->slabs, last,
+                                                        way->stack, &way->n, &n_nodes);
+        if (instance == LR_NOWHERE)
+            return LR_NOWHERE;
+        const lr_placed *placed = &scene->instances[instance];
+        if (!may_hit(placed, options->among, rays->visibility[i]))
+            continue;
+        if (!by_trees || !placed->has_tree ||
+            !meet_by_tree(context, options, rays, way, instance, hits))
+            return instance;
+        if (options->any && hits->instance[i] != LR_NOWHERE)
+            return LR_NOWHERE;
+        last = lr_wide_t(&way->slabs, hits->t[i], 1);
+    }
+}
+
+/* Let the active rays go on: reads them; writes hits, stacks, and the pairs for batches, of which
+ * it returns the number. The rays of these are those that are still active. */
+static uint32_t find_pairs(const lr_context *context, const lr_intersect_options *options,
+                           uint32_t n_active, const lr_ray_queue *rays, lr_hit_queue *hits,
+                           lr_intersect_memory *memory)
+{
+    const uint32_t room = context->scene->boxes.n_branches;
+    const bool by_trees = !options->steps && lr_tree_takes(&context->tile->trace);
+    uint32_t n_pairs = 0;
+    for (uint32_t k = 0; k < n_active; k++) {
+        traveller way = {.i = memory->active[k], .n = memory->stacked[memory->active[k]]};
+        if (way.n == 0)
+            continue;
+        way.stack = memory->stack + (size_t)way.i * room;
+        lr_get_ray(&rays->ray, way.i, way.o, way.d);
+        if (!lr_slabs_of(way.o, way.d, options->t_min, &way.slabs))
+            continue;
+        const uint32_t instance = go_on(context, options, by_trees, rays, &way, hits);
+        memory->stacked[way.i] = way.n;
+        if (instance == LR_NOWHERE)
+            continue;
+        memory->active[n_pairs] = way.i;
+        memory->pairs[n_pairs++] = (lr_pair){way.i, instance};
+    }
+    return n_pairs;
 }
 
 /* Sort by instance; the order of rays stays within each. Least significant digit
@@ -255,15 +326,15 @@ static lr_status trace_pairs(const lr_context *context, const lr_intersect_optio
 }
 
 /* Begin without hits: reads the rays' ends; writes hits and stacks. */
-static void begin(const lr_hierarchy *hierarchy, const lr_intersect_options *options,
+static void begin(const lr_wide_tree *boxes, const lr_intersect_options *options,
                   const lr_ray_queue *rays, lr_hit_queue *hits, lr_intersect_memory *memory)
 {
-    const uint32_t root = hierarchy->n_nodes > 0 ? 1 : 0;
+    const uint32_t root = boxes->n_nodes > 0 ? 1 : 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         hits->t[i] = rays->t_max[i];
         hits->instance[i] = LR_NOWHERE;
         memory->stacked[i] = root;
-        memory->stack[(size_t)i * hierarchy->height] = (lr_branch){options->t_min, 0};
+        memory->stack[(size_t)i * boxes->n_branches] = (lr_branch){-INFINITY, 0};
         memory->active[i] = i;
     }
     for (uint32_t i = 0; i < rays->n && options->steps; i++)
@@ -280,19 +351,9 @@ lr_status lr_intersect_closest(const lr_context *context, const lr_intersect_opt
     lr_counters *counters = context->counters;
     const uint64_t rays_before = counters != NULL ? counters->rays : 0;
     const uint64_t hits_before = counters != NULL ? counters->hits : 0;
-    begin(&scene->hierarchy, options, rays, hits, memory);
+    begin(&scene->boxes, options, rays, hits, memory);
     for (uint32_t n_active = rays->n; n_active > 0;) {
-        uint32_t n_pairs = 0, still = 0;
-        for (uint32_t k = 0; k < n_active; k++) {
-            const uint32_t ray = memory->active[k];
-            lr_branch *stack = memory->stack + (size_t)ray * scene->hierarchy.height;
-            const uint32_t instance = next_instance(scene, options, rays, ray, hits->t[ray], stack,
-                                                    &memory->stacked[ray]);
-            if (instance == LR_NOWHERE)
-                continue;
-            memory->pairs[n_pairs++] = (lr_pair){ray, instance};
-            memory->active[still++] = ray;
-        }
+        const uint32_t n_pairs = find_pairs(context, options, n_active, rays, hits, memory);
         if (lr_stopped(context->watch))
             return lr_fail_stopped(context->error);
         sort_pairs(memory, n_pairs, scene->n_instances);
@@ -301,7 +362,7 @@ lr_status lr_intersect_closest(const lr_context *context, const lr_intersect_opt
         if (status != LR_OK)
             return status;
         n_active = 0;
-        for (uint32_t k = 0; k < still; k++)
+        for (uint32_t k = 0; k < n_pairs; k++)
             if (!options->any || hits->instance[memory->active[k]] == LR_NOWHERE)
                 memory->active[n_active++] = memory->active[k];
     }

@@ -49,7 +49,6 @@ static void take_volume_scatter(lr_arena *arena, uint64_t n, lr_wave *wave)
 
 static void take_wave(lr_arena *arena, uint64_t n, const lr_scene *scene, lr_wave *wave)
 {
-    const uint32_t height = scene->hierarchy.height;
     lr_ray_queue *rays = &wave->rays;
     rays->n = 0;
     rays->capacity = (uint32_t)n;
@@ -63,7 +62,7 @@ static void take_wave(lr_arena *arena, uint64_t n, const lr_scene *scene, lr_wav
     wave->hits.hit = take_hits(arena, n);
     wave->hits.t = wave->hits.hit.t;
     lr_intersect_memory *m = &wave->memory;
-    m->stack = lr_arena_take(arena, n * height, sizeof *m->stack);
+    m->stack = lr_arena_take(arena, n * scene->boxes.n_branches, sizeof *m->stack);
     m->stacked = lr_arena_take(arena, n, sizeof *m->stacked);
     m->active = lr_arena_take(arena, n, sizeof *m->active);
     m->pairs = lr_arena_take(arena, n, sizeof *m->pairs);

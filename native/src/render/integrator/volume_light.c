@@ -23,15 +23,15 @@ enum { FIRST_INTERVALS = 16, MOST_INTERVALS = 4096 };
 static bool clip_to_box(const lr_box *box, const double o[3], const double d[3], double *begin,
                         double *end)
 {
-    const lr_slabs ray = lr_slabs_of(o, d);
     for (int a = 0; a < 3; a++) {
         if (d[a] == 0) {
             if (!(o[a] >= box->lo[a] && o[a] <= box->hi[a]))
                 return false;
             continue;
         }
-        const double low = (box->lo[a] - o[a]) * ray.inv[a];
-        const double high = (box->hi[a] - o[a]) * ray.inv[a];
+        const double inverse = 1 / d[a];
+        const double low = (box->lo[a] - o[a]) * inverse;
+        const double high = (box->hi[a] - o[a]) * inverse;
         *begin = fmax(*begin, fmin(low, high));
         *end = fmin(*end, fmax(low, high));
     }

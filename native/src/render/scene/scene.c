@@ -4,11 +4,14 @@
 #include "render/scene/scene.h"
 
 #include "base/affine.h"
+#include "base/cpu.h"
 #include "base/error.h"
+#include "base/pages.h"
 #include "grid/brick_grid.h"
 #include "grid/transfer_function.h"
 #include "render/lights/light.h"
 #include "trace/structure.h"
+#include "trace/triangle_tree.h"
 
 enum {
     VISIBILITY_ALL = LR_VISIBLE_CAMERA | LR_VISIBLE_SHADOW | LR_VISIBLE_DIFFUSE |
@@ -219,6 +222,7 @@ static lr_status place_fields(const lr_scene_desc *desc, lr_scene *scene, lr_err
         lr_placed *placed = &scene->instances[i];
         placed->clips = next;
         placed->n_clips = instance->n_clips;
+        placed->has_tree = placed->structure->tree != NULL && placed->n_clips == 0;
         for (uint64_t k = 0; k < instance->n_clips && status == LR_OK; k++)
             status = lr_clip_place(&instance->clips[k], i, next++, error);
         if (instance->field_color != NULL && status == LR_OK)
@@ -283,6 +287,24 @@ static void set_flags(lr_scene *scene)
         scene->has_lights |= lr_light_has_extent(&scene->lights[k]);
 }
 
+/* A leaf of the tree of instances is one of them. */
+static uint32_t take_instance(void *own, const lr_hierarchy *binary, lr_child at)
+{
+    (void)own;
+    return binary->nodes[at.node].child[at.side] & ~LR_LEAF;
+}
+
+/* The hierarchy and the tree over the boxes of the instances. */
+static lr_status gather(const lr_box *boxes, lr_scene *scene, lr_error *error)
+{
+    const lr_leaf_maker leaves = {.most = 1, .make = take_instance};
+    scene->tree_ops = lr_tree_ops_of(lr_cpu_simd());
+    const lr_status status =
+        lr_hierarchy_build(boxes, scene->n_instances, &scene->hierarchy, error);
+    return status == LR_OK ? lr_wide_build(&scene->hierarchy, &leaves, &scene->boxes, error)
+                           : status;
+}
+
 static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error *error)
 {
     const size_t nbytes = (size_t)desc->n_instances * sizeof(lr_box) + 1;
@@ -297,7 +319,7 @@ static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error 
     if (status == LR_OK)
         part(scene, boxes);
     if (status == LR_OK)
-        status = lr_hierarchy_build(boxes, (uint32_t)desc->n_instances, &scene->hierarchy, error);
+        status = gather(boxes, scene, error);
     if (status == LR_OK)
         set_flags(scene);
     free(boxes);
@@ -381,6 +403,7 @@ void lr_scene_free(lr_scene *scene)
     lr_environment_free(&scene->environment);
     lr_light_tree_free(&scene->light_tree);
     free(scene->hierarchy.nodes);
+    lr_pages_free(scene->boxes.nodes);
     free(scene->instances);
     free(scene->participants);
     free(scene->clips);

@@ -8,9 +8,9 @@
 #include "render/bsdf/material.h"
 #include "render/lights/environment.h"
 #include "render/lights/light_tree.h"
-#include "trace/bvh.h"
 #include "render/scene/clip.h"
 #include "render/scene/field_color.h"
+#include "trace/wide_nodes.h"
 
 /* An instance, as seen from a ray. */
 typedef struct lr_placed {
@@ -27,6 +27,7 @@ typedef struct lr_placed {
     bool clear;                   /* lets some light straight through */
     bool enterable;               /* a solid that bends light or is filled */
     bool holdout;
+    bool has_tree; /* rays meet it by the tree of its structure alone */
     const lr_placed_clip *clips; /* [n_clips] */
     uint64_t n_clips;
     lr_placed_color color;
@@ -65,7 +66,9 @@ struct lr_scene {
     double mist_start, mist_depth, mist_power;
     bool film_transparent;
     bool lone_media; /* see lr_scene_desc */
-    lr_hierarchy hierarchy;
+    lr_hierarchy hierarchy; /* of instances: for points, */
+    lr_wide_tree boxes;     /* and for rays */
+    const struct lr_tree_ops *tree_ops;
 };
 
 /* The material of id `id` of an instance; its slot, unless slot is NULL. */
