@@ -852,13 +852,15 @@ typedef struct lr_start {
 typedef struct lr_rays {
     const double *ox, *oy, *oz;
     const double *dx, *dy, *dz;
-    const double *t_min;   /* NULL: 0; not below 0 where start is used */
-    const double *t_max;   /* NULL: infinity */
-    const lr_start *start; /* NULL: unknown */
-    const double *length;  /* of the direction, as extinction and emission count; NULL: as it is in
-                              object space */
-    const double *stop;    /* of LR_MODE_VOLUME, exact sampling: the transmittance at which each ray
-                              ends; NULL: see stop_opacity */
+    const double *t_min;    /* NULL: 0; not below 0 where start is used */
+    const double *t_max;    /* NULL: infinity */
+    const lr_start *start;  /* NULL: unknown */
+    const double (*way)[3]; /* [n]: by which a start gets clear of the triangles that it lies on, in
+                               voxels, where the caller has it from the hit; NaN, or NULL: found */
+    const double *length;   /* of the direction, as extinction and emission count; NULL: as it is in
+                               object space */
+    const double *stop; /* of LR_MODE_VOLUME, exact sampling: the transmittance at which each ray
+                           ends; NULL: see stop_opacity */
 } lr_rays;
 
 /* One entry per ray; any pointer but t may be NULL. */

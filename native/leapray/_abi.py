@@ -612,6 +612,7 @@ class lr_rays(ctypes.Structure):
         ("t_min", ctypes.POINTER(ctypes.c_double)),
         ("t_max", ctypes.POINTER(ctypes.c_double)),
         ("start", ctypes.POINTER(lr_start)),
+        ("way", ctypes.POINTER(ctypes.c_double * 3)),
         ("length", ctypes.POINTER(ctypes.c_double)),
         ("stop", ctypes.POINTER(ctypes.c_double)),
     )

@@ -229,8 +229,8 @@ bool lr_tree_takes(const lr_trace_options *o)
 }
 
 lr_tree_outcome lr_tree_meet(const lr_structure *structure, const double o[3], const double d[3],
-                             double t_min, double t_max, const lr_start *start, bool any,
-                             lr_tree_ray *k)
+                             double t_min, double t_max, const lr_start *start, const double *way,
+                             bool any, lr_tree_ray *k)
 {
     const lr_volume *v = structure->volume;
     const int32_t side = start != NULL ? start->side : 0;
@@ -238,7 +238,7 @@ lr_tree_outcome lr_tree_meet(const lr_structure *structure, const double o[3], c
     k->triangle = LR_NO_TRIANGLE;
     k->n_nodes = k->n_blocks = 0;
     if (!lr_ray_setup(&k->r, v, o, d, t_max) || !(t_min <= t_max && t_min < INFINITY) ||
-        (side != 0 && !lr_leave(v, &k->r, &u, start, t_min)))
+        (side != 0 && !lr_leave(v, &k->r, &u, start, t_min, way)))
         return LR_TREE_MISSES;
     k->t_min = t_min;
     k->side = side;
@@ -274,7 +274,8 @@ static bool trace_ray(const lr_structure *s, const lr_rays *rays, uint64_t i,
     const double t_max = rays->t_max != NULL ? rays->t_max[i] : INFINITY;
     const lr_start *start = rays->start != NULL ? &rays->start[i] : NULL;
     lr_put_miss(hits, i);
-    const lr_tree_outcome outcome = lr_tree_meet(s, o, d, t_min, t_max, start, any, &k);
+    const lr_tree_outcome outcome =
+        lr_tree_meet(s, o, d, t_min, t_max, start, lr_way_of(rays, i), any, &k);
     if (outcome == LR_TREE_ASKS)
         return false;
     if (outcome == LR_TREE_MEETS && any)
@@ -298,6 +299,7 @@ static void skip(uint64_t i, lr_rays *rays, lr_hits *hits)
 #define SKIP(of, field) of->field = of->field != NULL ? of->field + i : NULL
     SKIP(rays, ox), SKIP(rays, oy), SKIP(rays, oz), SKIP(rays, dx), SKIP(rays, dy);
     SKIP(rays, dz), SKIP(rays, t_min), SKIP(rays, t_max), SKIP(rays, start), SKIP(rays, length);
+    SKIP(rays, way);
     SKIP(hits, t), SKIP(hits, ci), SKIP(hits, cj), SKIP(hits, ck), SKIP(hits, nx), SKIP(hits, ny);
     SKIP(hits, nz), SKIP(hits, gx), SKIP(hits, gy), SKIP(hits, gz), SKIP(hits, id);
     SKIP(hits, triangle), SKIP(hits, steps);

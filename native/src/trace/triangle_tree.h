@@ -68,10 +68,11 @@ typedef enum lr_tree_outcome {
 bool lr_tree_takes(const lr_trace_options *options);
 
 /* The nearest triangle from t_min to t_max, by the tree of a structure that has one, in object
- * space. start: of a ray that leaves a surface, or NULL. any: whatever the ray meets will do. */
+ * space. start: of a ray that leaves a surface, or NULL; way: as lr_leave's. any: whatever the ray
+ * meets will do. */
 lr_tree_outcome lr_tree_meet(const lr_structure *structure, const double o[3], const double d[3],
-                             double t_min, double t_max, const lr_start *start, bool any,
-                             lr_tree_ray *ray);
+                             double t_min, double t_max, const lr_start *start, const double *way,
+                             bool any, lr_tree_ray *ray);
 
 /* Put what the ray has met into hits[i]; d as for lr_tree_meet. False where only a walk through
  * cells can tell. */

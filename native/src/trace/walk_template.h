@@ -84,7 +84,7 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
         hit = true;
         goto end;
     }
-    if (!(side != 0 ? lr_leave(v, &r, &u, start, t_min)
+    if (!(side != 0 ? lr_leave(v, &r, &u, start, t_min, lr_way_of(rays, i))
                     : lr_enter(&r, lattice, &u, v->surface_lo, v->surface_hi, t_min)))
         goto end;
     LR_START(data, v, &r, lattice, &u, &state);

@@ -121,7 +121,7 @@ static bool set_up_alone(lr_packet *k, uint64_t i, lr_slot *s)
             k->counters->hits++;
         return false;
     }
-    if (!(side != 0 ? lr_leave(v, &r, &s->u, start, t_min)
+    if (!(side != 0 ? lr_leave(v, &r, &s->u, start, t_min, lr_way_of(rays, i))
                     : lr_enter(&r, LR_REGULAR, &s->u, v->surface_lo, v->surface_hi, t_min)))
         return false;
     memcpy(s->o, r.o, sizeof s->o);

@@ -70,6 +70,7 @@ static void spawn_shadow_ray(const lr_scene *scene, const lr_shading_point *s, c
 {
     double origin[3];
     rays->start[i] = lr_surface_light_start(scene, s, beyond, d, origin);
+    lr_surface_way(s, &rays->start[i], rays->way[i]);
     lr_aim(rays, i, origin, d, t_max);
     rays->from[i] = s->instance;
     rays->visibility[i] = LR_VISIBLE_SHADOW;
@@ -96,6 +97,7 @@ static void keep_free(const lr_hit_queue *hits, lr_ray_queue *rays, lr_shadow_qu
         lr_aim(rays, kept, o, d, rays->t_max[i]);
         rays->from[kept] = rays->from[i];
         rays->start[kept] = rays->start[i];
+        memcpy(rays->way[kept], rays->way[i], sizeof rays->way[i]);
         rays->visibility[kept] = rays->visibility[i];
         rays->owner[kept] = rays->owner[i];
     }
@@ -126,7 +128,7 @@ static void pass_surfaces(const lr_scene *scene, uint32_t transparent_bounces,
         lr_closure closures[LR_CLOSURES_MAX];
         lr_shading_point s;
         s.bsdf.closures = closures;
-        lr_surface_find(scene, rays, hits, i, media, &s);
+        lr_surface_find(scene, rays, hits, i, media, false, &s);
         const bool bare = (s.material->flags & LR_MATERIAL_BARE) != 0;
         const bool through = bare ? shadow_ray->bounds++ < LR_BOUNDS_MAX
                                   : shadow_ray->clear++ <= transparent_bounces;

@@ -48,7 +48,7 @@ static bool meet_by_tree(const lr_context *context, const lr_intersect_options *
     lr_map_vector(placed->object_from_world, way->d, d);
     const lr_tree_outcome outcome =
         lr_tree_meet(placed->structure, o, d, options->t_min, hits->t[i],
-                     left ? &rays->start[i] : NULL, options->any, &ray);
+                     left ? &rays->start[i] : NULL, left ? rays->way[i] : NULL, options->any, &ray);
     if (outcome == LR_TREE_ASKS)
         return false;
     if (context->counters != NULL) {
@@ -57,8 +57,8 @@ static bool meet_by_tree(const lr_context *context, const lr_intersect_options *
     }
     if (outcome == LR_TREE_MISSES || (ray.t == hits->t[i] && instance > hits->instance[i]))
         return true;
-    if (!options->any && !lr_tree_put(placed->structure, &ray, d, context->tile->trace.normal,
-                                      &hits->hit, i))
+    if (!options->any &&
+        !lr_tree_put(placed->structure, &ray, d, context->tile->trace.normal, &hits->hit, i))
         return false;
     hits->instance[i] = instance;
     return true;
@@ -164,6 +164,7 @@ static bool fill_batch(const lr_scene *scene, bool leaving, const lr_pair *pairs
         const uint32_t i = pairs[k].ray;
         const bool left = rays->from[i] == pairs[k].instance;
         batch->start[k] = left ? rays->start[i] : (lr_start){.side = 0};
+        memcpy(batch->way[k], rays->way[i], sizeof batch->way[k]);
         leaves |= left;
     }
     return leaves;
@@ -211,6 +212,7 @@ static lr_status trace_batch(const lr_context *context, const lr_intersect_optio
     lr_rays rays = lr_rays_of(batch);
     rays.t_min = options->t_min != 0 ? batch->t_min : NULL;
     rays.start = leaves ? batch->start : NULL;
+    rays.way = leaves ? (const double (*)[3])batch->way : NULL;
     const lr_hits distances = {.t = batch->hit.t};
     lr_hits all = batch->hit;
     if (!options->steps)
@@ -240,6 +242,7 @@ static void pass_through(uint32_t k, uint32_t to, const double p[3], const doubl
     const lr_hits *hit = &batch->hit;
     const int32_t side = leaves_object(hit, k, d) ? -1 : 1;
     batch->start[to] = (lr_start){{hit->ci[k], hit->cj[k], hit->ck[k]}, side};
+    batch->way[to][0] = NAN;
     batch->t_passed[to] = batch->t_passed[k] + hit->t[k];
     batch->t_max[to] = batch->t_max[k] - hit->t[k];
     batch->t_min[to] = 0;

@@ -18,7 +18,7 @@ typedef struct lr_intersect_options {
     double t_min;
     lr_among among;
     bool any;     /* whether something is hit, not what is first */
-    bool leaving; /* rays->from and rays->start are set */
+    bool leaving; /* rays->from, rays->start and rays->way are set */
     bool steps;   /* count them into hits->hit.steps; not with `any` */
 } lr_intersect_options;
 

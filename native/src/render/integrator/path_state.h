@@ -38,6 +38,7 @@ typedef struct lr_path {
     double t_max;
     uint32_t from; /* the instance whose surface it leaves, or LR_NOWHERE, */
     lr_start start;
+    double way[3];                  /* there, see lr_shading_point */
     uint32_t pixel;                 /* of the stretch */
     uint32_t key;                   /* of its choices */
     uint32_t sample;                /* of the sequences that they are made by */

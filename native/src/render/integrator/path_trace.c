@@ -150,6 +150,7 @@ static void fill_batch(const lr_path_queue *paths, uint32_t n_pixels, bool last,
             lr_aim(rays, i, path->origin, path->direction, path->t_max);
             rays->from[i] = path->from;
             rays->start[i] = path->start;
+            memcpy(rays->way[i], path->way, sizeof path->way);
             rays->visibility[i] = path->visibility;
             rays->owner[i] = (uint32_t)slot;
         }
@@ -213,7 +214,7 @@ static lr_status process_hits(const lr_context *context, double t_min, bool any,
             miss(scene, path, d, film);
         } else if (!any) {
             lr_shading_point *s = lr_next_point(shading_points);
-            lr_surface_find(scene, rays, hits, i, &path->media, s);
+            lr_surface_find(scene, rays, hits, i, &path->media, !path->last, s);
             s->path = path;
             s->left = (path->t_max - hits->t[i]) * unit;
             lr_record_hit(path, hits, i, s, context->tile->record);

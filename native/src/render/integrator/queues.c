@@ -56,6 +56,7 @@ static void take_wave(lr_arena *arena, uint64_t n, const lr_scene *scene, lr_wav
     rays->t_max = lr_arena_take_doubles(arena, n);
     rays->from = lr_arena_take(arena, n, sizeof *rays->from);
     rays->start = lr_arena_take(arena, n, sizeof *rays->start);
+    rays->way = lr_arena_take(arena, n, sizeof *rays->way);
     rays->visibility = lr_arena_take(arena, n, sizeof *rays->visibility);
     rays->owner = lr_arena_take(arena, n, sizeof *rays->owner);
     wave->hits.instance = lr_arena_take(arena, n, sizeof *wave->hits.instance);
@@ -73,6 +74,7 @@ static void take_wave(lr_arena *arena, uint64_t n, const lr_scene *scene, lr_wav
     m->batch.length = lr_arena_take_doubles(arena, n);
     m->batch.t_passed = lr_arena_take_doubles(arena, n);
     m->batch.start = lr_arena_take(arena, n, sizeof *m->batch.start);
+    m->batch.way = lr_arena_take(arena, n, sizeof *m->batch.way);
     m->batch.hit = take_hits(arena, n);
     m->batch.hit.red = lr_arena_take_doubles(arena, n);
     m->batch.hit.green = lr_arena_take_doubles(arena, n);

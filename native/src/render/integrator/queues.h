@@ -50,6 +50,7 @@ typedef struct lr_ray_queue {
     double *t_max;
     uint32_t *from;       /* the instance whose surface the ray leaves */
     lr_start *start;      /* where there */
+    double (*way)[3];     /* see lr_shading_point; NaN: not known */
     uint32_t *visibility; /* instances with one of these flags count */
     uint32_t *owner;      /* place of its path, shadow ray or shading point in their queue */
 } lr_ray_queue;
@@ -78,6 +79,7 @@ typedef struct lr_batch {
     double *stop;     /* transmittance at which it ends */
     double *t_passed; /* where it starts on the wave's ray, in an instance that is cut */
     lr_start *start;
+    double (*way)[3];
     lr_hits hit;
 } lr_batch;
 
@@ -145,6 +147,8 @@ typedef struct lr_shading_point {
     double position[3];
     double origin[3];  /* of rays on the viewer's side */
     lr_start start;    /* in the cell of the hit, on the viewer's side */
+    double way[3];     /* by which rays get clear of triangles there, see lr_way_to_side; NaN: not
+                          known */
     bool is_offset;    /* origin lies above the cell's own surface */
     uint32_t triangle; /* that was hit, or LR_NO_TRIANGLE */
     const lr_path *path;

@@ -231,6 +231,7 @@ static void spawn_path(const lr_context *context, const lr_shading_point *s, int
     child->start = kind == LR_RAY_TRANSPARENT
                        ? lr_surface_straight_start(s, s->path->from, &s->path->start)
                        : lr_surface_start(s, beyond);
+    lr_surface_way(s, &child->start, child->way);
     if (beyond && scene->has_media && lr_surface_cross(scene, s, &child->media) &&
         context->counters != NULL)
         context->counters->forgotten++;

@@ -26,6 +26,7 @@
 #include "grid/trilinear.h"
 #include "grid/value_gradient.h"
 #include "render/integrator/medium_stack.h"
+#include "trace/start_side.h"
 #include "trace/structure.h"
 
 /* To world space and to unit length. A vanishing gradient tells nothing: then the
@@ -69,17 +70,29 @@ static double second_difference_height(const lr_volume *v, int32_t object, const
     return sum;
 }
 
-/* Where the hit lies: its storage cell and the place in it. */
-static void locate(const lr_placed *placed, const lr_shading_point *s, int32_t c[3], double p[3])
+/* Where the hit lies: its storage cell, q in storage space, and the place p in its cell. */
+static void locate(const lr_placed *placed, const lr_shading_point *s, int32_t c[3], double q[3],
+                   double p[3])
 {
     const lr_volume *v = lr_structure_volume(placed->structure);
     double object[3];
     for (int a = 0; a < 3; a++)
         c[a] = s->start.cell[a] + LR_PAD;
     lr_map_point(placed->object_from_world, s->position, object);
-    lr_map_point(v->storage_from_object, object, p);
+    lr_map_point(v->storage_from_object, object, q);
     for (int a = 0; a < 3; a++)
-        p[a] = lr_clamp(p[a] - c[a], 0, 1);
+        p[a] = lr_clamp(q[a] - c[a], 0, 1);
+}
+
+/* The way of rays on the viewer's side, from q in storage cell c; NaN where none of them needs
+ * one. */
+static void find_way(const lr_volume *v, const int32_t c[3], const double q[3], bool leaves,
+                     lr_shading_point *s)
+{
+    if (leaves && !s->is_offset && v->triangle_cells != NULL && lr_is_triangle_cell(v, c))
+        lr_way_to_side(v, c, s->start.side, q, s->way);
+    else
+        s->way[0] = s->way[1] = s->way[2] = NAN;
 }
 
 /* From the hit, at p of storage cell c, to the smooth surface above it, in world
@@ -109,12 +122,12 @@ static bool terminator_offset(const lr_placed *placed, const lr_shading_point *s
 static bool smooth_offset(const lr_placed *placed, const lr_shading_point *s, double offset[3])
 {
     lr_smooth_triangle t;
-    double side = 0, p[3];
+    double side = 0, q[3], p[3];
     int32_t c[3];
     if (s->triangle == LR_NO_TRIANGLE)
         return false;
     memset(offset, 0, 3 * sizeof *offset);
-    locate(placed, s, c, p);
+    locate(placed, s, c, q, p);
     if (!lr_volume_smooth_triangle(lr_structure_volume(placed->structure), c, p, s->triangle, &t))
         return false;
     for (int b = 0; b < 3; b++) {
@@ -153,7 +166,8 @@ static double eta(const lr_scene *scene, const lr_shading_point *s, const lr_med
 }
 
 void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_hit_queue *hits,
-                     uint32_t i, const lr_medium_stack *media, lr_shading_point *shading_point)
+                     uint32_t i, const lr_medium_stack *media, bool leaves,
+                     lr_shading_point *shading_point)
 {
     const lr_placed *placed = &scene->instances[hits->instance[i]];
     const lr_hits *hit = &hits->hit;
@@ -183,12 +197,12 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
     shading_point->triangle = hit->triangle[i];
     shading_point->start = (lr_start){{hit->ci[i], hit->cj[i], hit->ck[i]}, point->inside ? 1 : -1};
     const lr_volume *volume = lr_structure_volume(placed->structure);
-    double offset[3], p[3];
+    double offset[3], q[3], p[3];
     int32_t c[3];
     point->bends = hit->triangle[i] != LR_NO_TRIANGLE || lr_carries_normals(volume);
     if (!point->bends && !(lr_dot(point->normal, point->view) > 0)) /* at the rim of the field */
         memcpy(point->normal, point->facing, sizeof point->normal);
-    locate(placed, shading_point, c, p);
+    locate(placed, shading_point, c, q, p);
     int32_t id = hit->id[i];
     if (placed->color.program != NULL)
         lr_field_color_at(&placed->color, shading_point->position, point->color);
@@ -200,6 +214,7 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
     shading_point->is_offset = terminator_offset(placed, shading_point, hit->id[i], c, p, offset);
     for (int a = 0; a < 3 && shading_point->is_offset; a++)
         shading_point->origin[a] += offset[a];
+    find_way(volume, c, q, leaves, shading_point);
     uint32_t slot;
     shading_point->material_index = lr_material_of(scene, shading_point->instance, id, &slot);
     shading_point->material = &scene->materials[shading_point->material_index];

@@ -7,11 +7,13 @@
 #include "render/integrator/queues.h"
 
 /* The point that ray i, which is in these solids, has hit: reads the ray and its hit; writes all
- * of the shading point but what its path gives and its probabilities. Surfaces have two sides;
+ * of the shading point but what its path gives and its probabilities; its way only where several
+ * rays are going to leave it. Surfaces have two sides;
  * the direction of the ray against the field's own normal tells which one is seen, and the
  * normals are turned to it. */
 void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_hit_queue *hits,
-                     uint32_t i, const lr_medium_stack *media, lr_shading_point *shading_point);
+                     uint32_t i, const lr_medium_stack *media, bool leaves,
+                     lr_shading_point *shading_point);
 
 /* The point of a volume that scatters light: reads it; writes what holds of the shading point.
  * normal_kind: lr_normal, of its gradient. */
@@ -32,6 +34,14 @@ lr_start lr_surface_start(const lr_shading_point *shading_point, bool beyond);
  * nobody knows its side, so that it goes on all the same. */
 lr_start lr_surface_straight_start(const lr_shading_point *shading_point, uint32_t from,
                                    const lr_start *before);
+
+/* The way of a ray that starts so, if the shading point knows it. */
+LR_INLINE void lr_surface_way(const lr_shading_point *s, const lr_start *start, double way[3])
+{
+    const bool same = start->side == s->start.side;
+    for (int a = 0; a < 3; a++)
+        way[a] = same ? s->way[a] : NAN;
+}
 
 /* Likewise, and from which point, for a shadow ray along d (unit). */
 lr_start lr_surface_light_start(const lr_scene *scene, const lr_shading_point *shading_point,

@@ -27,7 +27,7 @@ typedef struct lr_placed {
     bool clear;                   /* lets some light straight through */
     bool enterable;               /* a solid that bends light or is filled */
     bool holdout;
-    bool has_tree; /* rays meet it by the tree of its structure alone */
+    bool has_tree;               /* rays meet it by the tree of its structure alone */
     const lr_placed_clip *clips; /* [n_clips] */
     uint64_t n_clips;
     lr_placed_color color;
@@ -65,7 +65,7 @@ struct lr_scene {
     bool emits;                /* some material emits */
     double mist_start, mist_depth, mist_power;
     bool film_transparent;
-    bool lone_media; /* see lr_scene_desc */
+    bool lone_media;        /* see lr_scene_desc */
     lr_hierarchy hierarchy; /* of instances: for points, */
     lr_wide_tree boxes;     /* and for rays */
     const struct lr_tree_ops *tree_ops;
