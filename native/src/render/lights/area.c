@@ -113,16 +113,18 @@ typedef enum lr_part_kind {
  * from its centre. */
 typedef struct lr_light_part {
     lr_part_kind kind;
-    double axis[3][3];       /* along the sides; the last across them, towards the point */
-    double length[2];        /* of the sides */
-    double to[3];            /* from the point to the light's centre */
-    double height;           /* of the point over the light's plane, along its direction */
-    double foot[2];          /* of the point's perpendicular */
-    double radius;           /* of the disc that is seen through the slats */
-    double lo[2], hi[2];     /* of the box */
-    double area;             /* of the part */
-    double x[2], y[2], z;    /* the box from the point */
-    double b0, b1, k, angle; /* names of the source; angle: solid */
+    double axis[3][3];    /* along the sides; the last across them, towards the point */
+    double length[2];     /* of the sides */
+    double to[3];         /* from the point to the light's centre */
+    double height;        /* of the point over the light's plane, along its direction */
+    double foot[2];       /* of the point's perpendicular */
+    double radius;        /* of the disc that is seen through the slats */
+    double lo[2], hi[2];  /* of the box */
+    double area;          /* of the part */
+    double x[2], y[2], z; /* the box from the point */
+    double angle;         /* solid */
+    double turn[2];       /* the complex number of the corners at x[0]: of the argument k of the
+                             source, but for its length and the sign of its real part */
 } lr_light_part;
 
 /* Solid angle below which the excess of the angles is inexact; area sampling is as good. */
@@ -134,21 +136,42 @@ static double tilt(double side, double z)
     return side / sqrt(side * side + z * z);
 }
 
-/* The solid angle of the box. */
+/* The complex number whose argument is the solid angle between the foot and a corner, as such
+ * angles are added: for a corner to be taken away, sign is -1. */
+static void see_corner(double x, double y, double z, double sign, double w[2])
+{
+    w[0] = fabs(z) * sqrt(x * x + y * y + z * z);
+    w[1] = sign * x * y;
+}
+
+static void complex_product(const double a[2], const double b[2], double out[2])
+{
+    out[0] = a[0] * b[0] - a[1] * b[1];
+    out[1] = a[0] * b[1] + a[1] * b[0];
+}
+
+/* The solid angle of the box: the sum of its corners' angles is the argument of the product of
+ * their numbers. Over the foot all are positive, and their sum up to 2 pi; beside it the sum is
+ * below pi, so that a negative argument is one of rounding. */
 static void see_box(lr_light_part *r)
 {
+    double corner[2][2], right[2], all[2];
     r->z = lr_dot(r->to, r->axis[2]);
     for (int k = 0; k < 2; k++) {
         r->x[k] = lr_dot(r->to, r->axis[0]) + (k == 0 ? r->lo[0] : r->hi[0]);
         r->y[k] = lr_dot(r->to, r->axis[1]) + (k == 0 ? r->lo[1] : r->hi[1]);
     }
     r->area = (r->hi[0] - r->lo[0]) * (r->hi[1] - r->lo[1]);
-    const double n0 = -tilt(r->y[0], r->z), n1 = tilt(r->x[1], r->z);
-    const double n2 = tilt(r->y[1], r->z), n3 = -tilt(r->x[0], r->z);
-    r->b0 = n0;
-    r->b1 = n2;
-    r->k = 2 * LR_PI - acos(-n2 * n3) - acos(-n3 * n0);
-    r->angle = acos(-n0 * n1) + acos(-n1 * n2) - r->k;
+    for (int k = 0; k < 2; k++)
+        see_corner(r->x[0], r->y[k], r->z, k == 0 ? 1 : -1, corner[k]);
+    complex_product(corner[0], corner[1], r->turn);
+    for (int k = 0; k < 2; k++)
+        see_corner(r->x[1], r->y[k], r->z, k == 0 ? -1 : 1, corner[k]);
+    complex_product(corner[0], corner[1], right);
+    complex_product(r->turn, right, all);
+    const bool over = r->x[0] < 0 && r->x[1] > 0 && r->y[0] < 0 && r->y[1] > 0;
+    const double argument = atan2(all[1], all[0]);
+    r->angle = argument < 0 && over ? argument + 2 * LR_PI : argument;
     r->kind = r->angle > ANGLE_MIN ? LR_PART_BOX : LR_PART_FLAT_BOX;
 }
 
@@ -176,8 +199,9 @@ static bool see_part(const lr_light *light, const double p[3], lr_light_part *r)
         return false;
     for (int k = 0; k < 2; k++) {
         r->length[k] = sqrt(lr_dot(side[k], side[k]));
+        const double inverse = 1 / r->length[k];
         for (int a = 0; a < 3; a++)
-            r->axis[k][a] = side[k][a] / r->length[k];
+            r->axis[k][a] = side[k][a] * inverse;
         r->foot[k] = -lr_dot(r->to, r->axis[k]) - r->height * lr_dot(light->direction, r->axis[k]);
         r->lo[k] = -0.5 * r->length[k];
         r->hi[k] = 0.5 * r->length[k];
@@ -207,10 +231,15 @@ static bool see_part(const lr_light *light, const double p[3], lr_light_part *r)
 /* The place in the box, from the point, for u: uniformly by solid angle. */
 static void place_by_angle(const lr_light_part *r, const double u[2], double *x, double *y)
 {
-    const double a = u[0] * r->angle + r->k;
-    const double f = (cos(a) * r->b0 - r->b1) / sin(a);
-    const double c = lr_clamp(copysign(1 / sqrt(f * f + r->b0 * r->b0), f), -1, 1);
-    *x = lr_clamp(-c * r->z / sqrt(fmax(1 - c * c, 1e-300)), r->x[0], r->x[1]);
+    const double b0 = -tilt(r->y[0], r->z), b1 = tilt(r->y[1], r->z);
+    const double a = u[0] * r->angle, cosine = cos(a), sine = sin(a);
+    const double length = sqrt(r->turn[0] * r->turn[0] + r->turn[1] * r->turn[1]);
+    const double cos_a =
+        -(cosine * r->turn[0] + sine * r->turn[1]); /* of a + k, as are its parts */
+    const double sin_a = cosine * r->turn[1] - sine * r->turn[0];
+    const double f = (cos_a * b0 - b1 * length) / sin_a;
+    const double beyond = fmax(f * f + b0 * b0 - 1, 1e-300); /* (z / x)^2 */
+    *x = lr_clamp(copysign(r->z / sqrt(beyond), f), r->x[0], r->x[1]);
     const double d = sqrt(*x * *x + r->z * r->z);
     const double h0 = tilt(r->y[0], d), h1 = tilt(r->y[1], d), h = h0 + u[1] * (h1 - h0);
     *y = lr_clamp(h * d / sqrt(fmax(1 - h * h, 1e-300)), r->y[0], r->y[1]);
@@ -235,7 +264,7 @@ static double draw_in_box(const lr_light_part *r, const double u[2], double to[3
         place_by_angle(r, u, &x, &y);
     for (int k = 0; k < 3; k++)
         to[k] = x * r->axis[0][k] + y * r->axis[1][k] + r->z * r->axis[2][k];
-    return density(NULL, r, NULL, sqrt(x * x + y * y + r->z * r->z));
+    return r->kind == LR_PART_BOX ? 1 / r->angle : density(NULL, r, NULL, sqrt(lr_dot(to, to)));
 }
 
 /* As draw_in_box, for the ellipse or the disc. */
