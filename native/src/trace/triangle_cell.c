@@ -74,6 +74,16 @@ typedef struct scene {
     uint64_t *n_samples;
 } scene;
 
+LR_INLINE double lesser(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+LR_INLINE double greater(double a, double b)
+{
+    return a > b ? a : b;
+}
+
 /* False where the line passes by or lies in the plane. */
 static bool meet(const lr_triangle_cells *e, const lr_ray *r, const lr_shear *s, uint32_t triangle,
                  met *m)
@@ -89,7 +99,8 @@ static bool meet(const lr_triangle_cells *e, const lr_ray *r, const lr_shear *s,
     const double u = x[2] * y[1] - y[2] * x[1];
     const double v = x[0] * y[2] - y[0] * x[2];
     const double w = x[1] * y[0] - y[1] * x[0];
-    if ((u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0))
+    const double least = lesser(lesser(u, v), w), most = greater(greater(u, v), w);
+    if (least < 0.0 && most > 0.0) /* one branch, which nearly all take */
         return false;
     const double sum = u + v + w;
     if (sum == 0.0)
