@@ -77,7 +77,7 @@ TOPICS = {
     "Tracing": (
         "Rays are P = origin + t direction in object space. All rays of a call are traced with "
         "one set of options.",
-        "trace Hits MODES VISIBLE_MODES HIT_TESTS ROOTS NORMALS SAMPLINGS trace_options "
+        "trace Hits Phong MODES VISIBLE_MODES HIT_TESTS ROOTS NORMALS SAMPLINGS trace_options "
         "add_counters",
     ),
     "Distance transforms": (

@@ -825,6 +825,17 @@ typedef enum lr_normal {
     LR_NORMAL_ZUCKER_HUMMEL = 4 /* as sobel, by the distance: turns least with the lattice */
 } lr_normal;
 
+/* How samples are lit: by a light far away that nothing shadows, by the gradient as a normal, which
+ * faces the viewer; colours are times ambient + diffuse n.l, and specular (r.v)^power is added, r
+ * the reflection of l by n. Without a gradient the ambient share is all. */
+typedef struct lr_phong {
+    double ambient, diffuse, specular; /* 0 to 1e6 */
+    double light[3]; /* towards the light, in object space, of any length; 0, 0, 0:
+                        at the viewer, back along each ray */
+    int32_t power;   /* 1 to 1024 */
+    int32_t reserved;
+} lr_phong;
+
 typedef struct lr_trace_options {
     int32_t mode;     /* lr_mode */
     int32_t hit_test; /* lr_hit_test */
@@ -835,8 +846,10 @@ typedef struct lr_trace_options {
     int32_t reserved;
     double tolerance; /* what exact integrals may be off: that share of the largest colour, and of
                          the emission along the ray; 1e-9 to 1 */
-    double stop_opacity; /* rays end where they are as opaque: above 0, at most 1, never but where
-                            what remains is below 1e-16 */
+    double stop_opacity;   /* rays end where they are as opaque: above 0, at most 1, never but where
+                              what remains is below 1e-16 */
+    const lr_phong *phong; /* of sampling post, by the normals central and analytic; NULL: colours
+                              are as they are */
 } lr_trace_options;
 
 /* Where a secondary ray leaves a surface: the search in this cell takes the

@@ -580,6 +580,17 @@ class lr_structure(ctypes.Structure):
     pass  # opaque
 
 
+class lr_phong(ctypes.Structure):
+    _fields_ = (
+        ("ambient", ctypes.c_double),
+        ("diffuse", ctypes.c_double),
+        ("specular", ctypes.c_double),
+        ("light", ctypes.c_double * 3),
+        ("power", ctypes.c_int32),
+        ("reserved", ctypes.c_int32),
+    )
+
+
 class lr_trace_options(ctypes.Structure):
     _fields_ = (
         ("mode", ctypes.c_int32),
@@ -591,6 +602,7 @@ class lr_trace_options(ctypes.Structure):
         ("reserved", ctypes.c_int32),
         ("tolerance", ctypes.c_double),
         ("stop_opacity", ctypes.c_double),
+        ("phong", ctypes.POINTER(lr_phong)),
     )
 
 

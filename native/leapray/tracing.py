@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -179,6 +180,40 @@ class Hits:
         return f"<Hits of {len(near)} of {len(self.t)} rays{told}>"
 
 
+@dataclass(frozen=True)
+class Phong:
+    """How samples are lit, by a light far away that nothing shadows.
+
+    The normal is the gradient, facing the viewer. Colours are times ambient + diffuse n.l, and
+    specular (r.v)^power is added, where r is the reflection of l; without a gradient the ambient
+    share is all. The shares lie between 0 and 1e6, power between 1 and 1024. light: (3,), towards
+    the light in object space; None: at the viewer, back along each ray.
+    """
+
+    ambient: float = 0.2
+    diffuse: float = 0.8
+    specular: float = 0.2
+    power: int = 16
+    light: Sequence[float] | None = None
+
+    def in_c(self) -> _abi.lr_phong:
+        """The core's struct. Raises LeapRayError for a direction of no length and other shapes."""
+        to = np.zeros(3)
+        if self.light is not None:
+            to = numbers(self.light, np.float64, "the light's direction")
+            if to.shape != (3,) or not to.any():
+                raise LeapRayError(
+                    f"the light's direction must be three numbers, not all 0; it is {self.light!r}"
+                )
+        return _abi.lr_phong(
+            float(self.ambient),
+            float(self.diffuse),
+            float(self.specular),
+            (ctypes.c_double * 3)(*to),
+            int(self.power),
+        )
+
+
 def trace_options(
     *,
     mode="surface",
@@ -189,12 +224,13 @@ def trace_options(
     sampling="exact",
     tolerance=1e-4,
     stop_opacity=1.0,
+    phong=None,
 ) -> _abi.lr_trace_options:
     """The C options that these names stand for.
 
     mode is of MODES or VISIBLE_MODES, hit_test, root, normal and sampling are of HIT_TESTS, ROOTS,
-    NORMALS and SAMPLINGS; step: of the uniform hit test and of samplings, in voxels; tolerance and
-    stop_opacity as for `trace`. Raises LeapRayError that lists the names.
+    NORMALS and SAMPLINGS; step: of the uniform hit test and of samplings, in voxels; tolerance,
+    stop_opacity and phong as for `trace`. Raises LeapRayError that lists the names.
     """
     return _abi.lr_trace_options(
         mode=choice(MODES | VISIBLE_MODES, mode, "mode"),
@@ -205,6 +241,7 @@ def trace_options(
         sampling=choice(SAMPLINGS, sampling, "sampling"),
         tolerance=float(tolerance),
         stop_opacity=float(stop_opacity),
+        phong=None if phong is None else ctypes.pointer(phong.in_c()),
     )
 
 
@@ -223,6 +260,7 @@ def trace(
     sampling: str = "exact",
     tolerance: float = 1e-4,
     stop_opacity: float = 1.0,
+    phong: Phong | None = None,
     start: tuple[ArrayLike, ArrayLike] | None = None,
     stop: ArrayLike | None = None,
     threads: int = 1,
@@ -246,9 +284,11 @@ def trace(
     of extremes where they are. sampling "exact" integrates without steps, off by at most tolerance
     times the largest colour and the largest emission along the path that emits; "post" and "pre"
     take samples at t = k step, classified after and before interpolation, and lose what lies
-    between. stop_opacity: rays end where they are as opaque. stop: a number or (n,), with the mode
-    "volume" and exact sampling: each ray ends where its transmittance has fallen to it; t is that
-    place (infinity: there is none) and color the share of light that is scattered there.
+    between. stop_opacity: rays end where they are as opaque. phong: how samples "post" are lit,
+    by the normals "central" and "analytic"; None: colours are as they are. stop: a number or (n,),
+    with the mode "volume" and exact sampling: each ray ends where its transmittance has fallen to
+    it; t is that place (infinity: there is none) and color the share of light that is scattered
+    there.
 
     start: cells (n, 3) and sides (n,) of rays that leave a surface: side -1 where f < T, +1 where
     f >= T, 0 unknown. threads (0: all cores) change no bit. count: fill counters and steps. Raises
@@ -269,6 +309,7 @@ def trace(
         sampling=sampling,
         tolerance=tolerance,
         stop_opacity=stop_opacity,
+        phong=phong,
     )
     low, high = per_ray(t_min, n, "t_min"), per_ray(t_max, n, "t_max")
     starts, stops = None if start is None else _starts(start, n), per_ray(stop, n, "stop")

@@ -10,9 +10,10 @@ LR_API int32_t samples_simd(void)
     return lr_cpu_simd();
 }
 
-/* rays[6][n]: origins and directions; out[5][n]: t, light, transmittance. */
+/* rays[6][n]: origins and directions; out[5][n]: t, light, transmittance. phong may be NULL. */
 LR_API void samples_run(int32_t simd, const lr_volume *volume, uint64_t n, const double *rays,
-                        double step, double stop_opacity, double *out)
+                        double step, double stop_opacity, const lr_phong *phong, int32_t normal,
+                        double *out)
 {
     lr_sample_rays_of *run = simd == LR_SIMD_AVX512 ? lr_sample_rays_avx512
                              : simd == LR_SIMD_AVX2 ? lr_sample_rays_avx2
@@ -28,7 +29,8 @@ LR_API void samples_run(int32_t simd, const lr_volume *volume, uint64_t n, const
                           .green = out + 2 * n,
                           .blue = out + 3 * n,
                           .transmittance = out + 4 * n};
-    const lr_trace_options options = {.step = step, .stop_opacity = stop_opacity};
+    const lr_trace_options options = {
+        .normal = normal, .step = step, .stop_opacity = stop_opacity, .phong = phong};
     lr_counters counters = {0};
     run(volume, NULL, &of, 0, n, &options, &hits, &counters);
 }

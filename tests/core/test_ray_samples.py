@@ -137,23 +137,31 @@ def library(tmp_path_factory) -> ctypes.CDLL:
     return compiled.library(tmp_path_factory.mktemp("samples"), "samples", core)
 
 
+@pytest.mark.parametrize("normal", ["unlit", "central", "analytic"])
+@pytest.mark.parametrize("full", [0.0, 9000.0])
 @pytest.mark.parametrize("simd", SETS)
-def test_all_instruction_sets_give_the_same_bits(library, simd):
+def test_all_instruction_sets_give_the_same_bits(library, simd, full, normal):
     if library.samples_simd() < simd:
         pytest.skip("the processor lacks it")
 
     def pointer(array):
         return array.ctypes.data_as(ctypes.c_void_p)
 
-    volume = ramps.volume(field("u2"), (np.multiply(KNOTS[0], 65535), *KNOTS[1:]))
+    knots = np.multiply(KNOTS[0], 65535), *KNOTS[1:], None, full
+    volume = ramps.volume(field("u2"), knots)
+    phong = None if normal == "unlit" else leapray.Phong(power=13)
+    how = {"phong": phong} if phong is None else {"phong": phong, "normal": normal}
     o, d = some_rays(3000)
     rays, got = np.ascontiguousarray(np.concatenate([o, d], axis=1).T), []
     for which in (_abi.LR_SIMD_PORTABLE, simd):
         out = np.zeros((5, len(o)))
         library.samples_run(which, volume.handle, ctypes.c_uint64(len(o)), pointer(rays),
-                            ctypes.c_double(STEP), ctypes.c_double(0.99), pointer(out))  # fmt: skip
+                            ctypes.c_double(STEP), ctypes.c_double(0.99),
+                            None if phong is None else ctypes.byref(phong.in_c()),
+                            leapray.tracing.NORMALS[how.get("normal", "central")],
+                            pointer(out))  # fmt: skip
         got.append(out)
     assert_array_equal(got[0], got[1])
-    hits = trace(volume, o, d, stop_opacity=0.99)
+    hits = trace(volume, o, d, stop_opacity=0.99, **how)
     assert_array_equal(got[0], [hits.t, *hits.color.T, hits.transmittance])
     assert (hits.transmittance < 0.5).mean() > 0.2

@@ -13,7 +13,7 @@
 bool lr_samples_rays(const lr_volume *v, const lr_trace_options *options)
 {
     return options->mode == LR_MODE_VOLUME && options->sampling == LR_SAMPLING_POST &&
-           v->planes[0] == NULL && !(v->transfer->full_gradient > 0.0);
+           v->planes[0] == NULL;
 }
 
 void lr_sample_rays(const lr_volume *v, const lr_empty_cubes *cubes, const lr_rays *rays,

@@ -19,8 +19,7 @@ typedef struct lr_empty_cubes {
 } lr_empty_cubes;
 
 /* cubes: NULL, or leaps go by these, which changes no bit. Rays first..end-1 through a regular
- * volume with a transfer function that nothing modulates; all instruction sets give the same bits.
- */
+ * volume with a transfer function; all instruction sets give the same bits. */
 typedef void lr_sample_rays_of(const lr_volume *volume, const lr_empty_cubes *cubes,
                                const lr_rays *rays, uint64_t first, uint64_t end,
                                const lr_trace_options *options, const lr_hits *hits,

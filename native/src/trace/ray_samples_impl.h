@@ -29,6 +29,8 @@ enum {
 #define EACH_LANE for (int l = 0; l < LANES; l++)
 #endif
 
+#include "trace/ray_gradients_impl.h"
+
 /* Of the steps to where a ray leaves a box: what rounding can do to their number, at most. */
 static const double STEP_SLACK = 1e-6, STEP_ROUNDING = 0x1p-46;
 
@@ -40,12 +42,14 @@ typedef struct ray_lanes {
     double up[3][LANES];                 /* 1 where it moves up, else 0 */
     double step[LANES], per_step[LANES]; /* in t, and its reciprocal */
     double length[LANES];                /* of a step, as extinction counts */
-    double k[LANES], end[LANES];         /* the next sample; the first one that is too far */
-    double p[3][LANES];                  /* the sample's place in its cell */
-    int32_t c[3][LANES];                 /* that, */
-    int32_t block[LANES];                /* and where it is not visible, nothing is in the cube */
-    int32_t reach[LANES];                /* of block + 1 cells that it is in, and so far around */
-    double visible[LANES];               /* 1: it is visible; 0 */
+    double view[3][LANES],
+        lamp[3][LANES];          /* in object space, unit: back along the ray; to the light */
+    double k[LANES], end[LANES]; /* the next sample; the first one that is too far */
+    double p[3][LANES];          /* the sample's place in its cell */
+    int32_t c[3][LANES];         /* that, */
+    int32_t block[LANES];        /* and where it is not visible, nothing is in the cube */
+    int32_t reach[LANES];        /* of block + 1 cells that it is in, and so far around */
+    double visible[LANES];       /* 1: it is visible; 0 */
     double corner[8][LANES], value[LANES];
     double from[LANES], extinction[2][LANES], color[3][2][LANES], emission[3][2][LANES];
     double light[3][LANES], transmittance[LANES], begins[LANES]; /* so far */
@@ -65,6 +69,21 @@ static void leave_idle(ray_lanes *k, int l)
     k->step[l] = k->per_step[l] = k->transmittance[l] = 1.0;
     k->k[l] = k->length[l] = 0.0;
     k->end[l] = INFINITY;
+}
+
+static void set_directions(ray_lanes *k, int l, const double d[3], const lr_phong *phong)
+{
+    double to[3];
+    for (int a = 0; a < 3; a++) {
+        k->view[a][l] = -d[a] / sqrt(lr_dot(d, d));
+        to[a] = k->view[a][l];
+    }
+    const double *light = phong->light; /* may be so short that its square is 0 */
+    const double most = fmax(fabs(light[0]), fmax(fabs(light[1]), fabs(light[2])));
+    for (int a = 0; a < 3 && most > 0.0; a++)
+        to[a] = light[a] / most;
+    for (int a = 0; a < 3; a++)
+        k->lamp[a][l] = to[a] / sqrt(lr_dot(to, to));
 }
 
 /* Let lane l begin ray i; false: that meets nothing. */
@@ -99,6 +118,8 @@ static bool begin_ray(ray_lanes *k, int l, const lr_volume *v, const lr_rays *ra
     k->step[l] = step;
     k->per_step[l] = 1.0 / step;
     k->length[l] = step * (rays->length != NULL ? rays->length[i] : sqrt(lr_dot(d, d)));
+    if (options->phong != NULL)
+        set_directions(k, l, d, options->phong);
     k->transmittance[l] = 1.0;
     k->begins[l] = INFINITY;
     k->looked[l] = k->taken[l] = 0;
@@ -351,27 +372,71 @@ LR_INLINE void load_lines(ray_lanes *k, const lr_transfer *f)
     }
 }
 
-LR_INLINE void add_samples(ray_lanes *k, const lr_transfer *f)
+/* What gradients do to samples that absorb or emit: modulate them, and light them. */
+LR_INLINE void find_gradients(ray_lanes *k, gradient_lanes *g, const lr_volume *v,
+                              const lr_trace_options *options, int32_t type)
 {
-    double opacity[LANES], from[LANES];
+    const lr_transfer *f = v->transfer;
+    const bool central = options->phong != NULL && options->normal == LR_NORMAL_CENTRAL;
+    double counts[LANES];
+    EACH_LANE
+    {
+        const double from = k->value[l] - k->from[l];
+        const double line = k->extinction[0][l] + k->extinction[1][l] * from;
+        counts[l] = line > 0.0 || f->emits ? k->visible[l] : 0.0;
+    }
+    if (central || f->full_gradient > 0.0)
+        load_around(g, v, k->c, counts, type);
+    if (f->full_gradient > 0.0)
+        modulate(g, v, k->p);
+    if (options->phong == NULL)
+        return;
+    if (central)
+        central_gradients(g, v, k->p);
+    else
+        analytic_gradients(g, v, k->corner, k->p);
+    light_normals(g, k->view, k->lamp, options->phong->power);
+}
+
+/* Colours of samples, as they are lit. */
+LR_INLINE void find_colors(const ray_lanes *k, const gradient_lanes *g, const lr_phong *phong,
+                           const double from[LANES], double color[3][LANES])
+{
+    for (int a = 0; a < 3; a++)
+        EACH_LANE
+    color[a][l] = k->color[a][0][l] + k->color[a][1][l] * from[l];
+    if (phong == NULL)
+        return;
+    for (int a = 0; a < 3; a++)
+        EACH_LANE
+        {
+            const double share = phong->ambient + phong->diffuse * g->lit[l];
+            color[a][l] = color[a][l] * share + phong->specular * g->highlight[l];
+        }
+}
+
+LR_INLINE void add_samples(ray_lanes *k, const gradient_lanes *g, const lr_transfer *f,
+                           const lr_phong *phong)
+{
+    double opacity[LANES], from[LANES], length[LANES], color[3][LANES];
+    EACH_LANE
+    length[l] = f->full_gradient > 0.0 ? k->length[l] * g->seen[l] : k->length[l];
     EACH_LANE
     {
         from[l] = k->value[l] - k->from[l];
         const double line = k->extinction[0][l] + k->extinction[1][l] * from[l];
-        const double after = lr_lane_exp(-k->length[l] * (line > 0.0 ? line : 0.0));
+        const double after = lr_lane_exp(-length[l] * (line > 0.0 ? line : 0.0));
         opacity[l] = k->visible[l] != 0.0 ? 1.0 - after : 0.0;
     }
+    find_colors(k, g, phong, from, color);
     for (int a = 0; a < 3; a++)
         EACH_LANE
-        {
-            const double color = k->color[a][0][l] + k->color[a][1][l] * from[l];
-            k->light[a][l] += k->transmittance[l] * (opacity[l] * color);
-        }
+    k->light[a][l] += k->transmittance[l] * (opacity[l] * color[a][l]);
     for (int a = 0; a < 3 && f->emits; a++)
         EACH_LANE
         {
             const double shines = k->emission[a][0][l] + k->emission[a][1][l] * from[l];
-            const double light = k->transmittance[l] * (k->length[l] * shines);
+            const double light = k->transmittance[l] * (length[l] * shines);
             k->light[a][l] += k->visible[l] != 0.0 ? light : 0.0;
         }
     EACH_LANE
@@ -402,10 +467,14 @@ LR_INLINE void sample_rays(const lr_volume *v, const lr_empty_cubes *cubes, cons
                            const lr_hits *hits, lr_counters *counters, int32_t type, size_t size)
 {
     ray_lanes k;
+    gradient_lanes g;
     uint64_t next = first;
+    const bool by_gradient = options->phong != NULL || v->transfer->full_gradient > 0.0;
     const double opaque = fmax(1.0 - options->stop_opacity, LR_OPAQUE);
     int busy = 0;
     memset(&k, 0, sizeof k);
+    if (by_gradient)
+        memset(&g, 0, sizeof g);
     for (int l = 0; l < LANES; l++)
         busy += next_ray(&k, l, v, rays, &next, end, options, hits);
     while (busy > 0) {
@@ -413,7 +482,9 @@ LR_INLINE void sample_rays(const lr_volume *v, const lr_empty_cubes *cubes, cons
             load_corners(&k, v, type, size);
             interpolate(&k);
             load_lines(&k, v->transfer);
-            add_samples(&k, v->transfer);
+            if (by_gradient)
+                find_gradients(&k, &g, v, options, type);
+            add_samples(&k, &g, v->transfer, options->phong);
         }
         if (!some_have_ended(&k, opaque))
             continue;

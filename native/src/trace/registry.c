@@ -130,6 +130,33 @@ static lr_status check_step(const lr_trace_options *o, lr_error *error)
     return LR_OK;
 }
 
+static lr_status check_phong(const lr_trace_options *o, lr_error *error)
+{
+    static const double most = 1e6;
+    const lr_phong *p = o->phong;
+    const double shares[] = {p->ambient, p->diffuse, p->specular};
+    if (o->mode != LR_MODE_VOLUME || o->sampling != LR_SAMPLING_POST)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "samples are lit in the mode volume, sampled after interpolation (post)");
+    if (o->normal != LR_NORMAL_CENTRAL && o->normal != LR_NORMAL_ANALYTIC)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "samples are lit by the normals central and analytic; this is number %d",
+                       o->normal);
+    for (int i = 0; i < 3; i++)
+        if (!(shares[i] >= 0.0 && shares[i] <= most))
+            return lr_fail(error, LR_E_ARGUMENT,
+                           "ambient, diffuse and specular must lie between 0 and %g; one is %g",
+                           most, shares[i]);
+    if (!lr_all_finite(p->light, 3))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the direction of the light must be finite; it is %g, %g, %g", p->light[0],
+                       p->light[1], p->light[2]);
+    if (!(p->power >= 1 && p->power <= 1024))
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "the power of highlights must lie between 1 and 1024; it is %d", p->power);
+    return LR_OK;
+}
+
 /* What the modes from LR_MODE_VOLUME on take. */
 static lr_status check_along(const lr_volume *volume, const lr_trace_options *o, lr_error *error)
 {
@@ -161,6 +188,8 @@ static lr_status check_along(const lr_volume *volume, const lr_trace_options *o,
 static lr_status check_options(const lr_volume *volume, const lr_trace_options *o, lr_error *error)
 {
     lr_status status = lr_check_choice("mode", o->mode, LR_MODE_MEAN, error);
+    if (status == LR_OK && o->phong != NULL)
+        status = check_phong(o, error);
     if (status == LR_OK && o->mode >= LR_MODE_VOLUME)
         return check_along(volume, o, error);
     if (status == LR_OK && volume->transfer != NULL)
