@@ -3,8 +3,10 @@
 
 The phantom of a head with a transfer function that shows skin and bone, through a perspective
 camera, one thread. Errors are those of drawn pixels against integrals in extended precision; the
-time is that of the whole picture. Leaping over what is invisible, the traversers, and rays that end
-early are measured apart. Where PyPI's `vtk` is there, VTK's ray caster on the CPU joins.
+time is that of the whole picture. The same samples are lit by one lamp without shadows, too, by
+both kinds of normals; their errors are against close steps of that model. Leaping over what is
+invisible, the traversers, and rays that end early are measured apart. Where PyPI's `vtk` is there,
+VTK's ray caster on the CPU joins.
 
 Source: Levoy 1988 (equal steps, classified before interpolation) and 1990 (leaping, and ends that
 come early).
@@ -41,7 +43,13 @@ STOPS = (0.9, 0.99, 0.999)
 SINGLE_STEPS, PYRAMID = "Amanatides", "Levoy 1990"  # the methods whose culling is compared
 APART = 0.08  # logarithms of points of a chart that both have their number
 STOP = 0.99  # where rays end in the comparison of what culling brings
-COLUMNS = "setting", "seconds", "least", "most", "error, 90 %", "99 %", "largest", "cells", "pieces"
+COLUMNS = (
+    *("setting", "seconds", "least", "most", "error, 90 %", "99 %", "largest", "over 1e-4"),
+    *("cells", "pieces"),
+)
+TOO_FAR = 1e-4  # errors above it are counted
+LAMP = leapray.Phong(0.3, 0.7, 0.0, 20, (0.6, 0.3, 0.8))  # VTK has one view for all highlights
+NORMALS = "central", "analytic"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,14 +69,17 @@ def main(args: argparse.Namespace) -> int:
         truth = subject.reference()
         rows = measure(subject, truth, quality(), rounds)
         rows += measure(subject, truth, by_vtk(subject), rounds)
+        lit = measure(subject, subject.lit_reference(LAMP), in_light(subject), rounds)
         culling = measure(subject, truth, cullings(), max(rounds // 2, 1))
         modes = of_modes(subject, max(rounds // 2, 1))
         told: dict[str, Any] = {"size": size, "image": [width, subject.height], "judged": judged}
         told |= {"rounds": rounds}
-        told = write_figures(folder, "volume", told, rows=rows, culling=culling, modes=modes)
+        told = write_figures(
+            folder, "volume", told, rows=rows, lit=lit, culling=culling, modes=modes
+        )
         draw(folder, rows)
         show(folder, subject)
-        write_page(folder, told, rows, culling, modes)
+        write_page(folder, told, rows, lit, culling, modes)
     return 0
 
 
@@ -87,6 +98,8 @@ class Way:
     step: float = 1.0  # voxels
     tolerance: float = 1e-4
     stop: float = 1.0
+    phong: leapray.Phong | None = None
+    normal: str = "central"
 
     def run(self, subject: Subject, *, count: bool = False) -> leapray.Hits:
         return leapray.trace(
@@ -98,6 +111,8 @@ class Way:
             step=self.step,
             tolerance=self.tolerance,
             stop_opacity=self.stop,
+            phong=self.phong,
+            normal=self.normal,
             count=count,
         )
 
@@ -123,6 +138,7 @@ class Row:
     error_90: float  # of a colour's channels, in 90 % of the judged pixels
     error_99: float
     error_max: float
+    over: int  # judged pixels whose error is above TOO_FAR
     cells_per_ray: float  # visible ones that were looked at
     pieces_per_ray: float  # integrals, or samples
 
@@ -185,6 +201,7 @@ def measure(
                 float(np.percentile(off, 90)),
                 float(np.percentile(off, 99)),
                 float(off.max()),
+                int((off > TOO_FAR).sum()),
                 told.get("cells", 0) / n,
                 told.get("tests", 0) / n,
             )
@@ -193,14 +210,26 @@ def measure(
     return rows
 
 
-def by_vtk(subject: Subject) -> list:
+def in_light(subject: Subject) -> list:
+    """Samples that a lamp lights, and VTK's."""
+    ours = [
+        Way(
+            f"lit, {normal}", step, sampling="post", step=step, stop=STOP, phong=LAMP, normal=normal
+        )
+        for normal in NORMALS
+        for step in STEPS
+    ]
+    return [*ours, *by_vtk(subject, LAMP)]
+
+
+def by_vtk(subject: Subject, phong: leapray.Phong | None = None) -> list:
     """VTK's ways, where it is installed."""
     if importlib.util.find_spec("vtkmodules") is None:
         print("volume: no vtk here, so no other program", file=sys.stderr)
         return []
     from .vtk_volumes import VtkRays
 
-    return [VtkRays(subject, step) for step in STEPS]
+    return [VtkRays(subject, step, phong) for step in STEPS]
 
 
 @dataclass(frozen=True)
@@ -278,7 +307,12 @@ def show(folder: Path, subject: Subject) -> None:
 
 
 def write_page(
-    folder: Path, told: dict, rows: list[Row], culling: list[Row], modes: list[Leap]
+    folder: Path,
+    told: dict,
+    rows: list[Row],
+    lit: list[Row],
+    culling: list[Row],
+    modes: list[Leap],
 ) -> None:
     """volume.html: the charts and figures with what they say."""
     size, (width, height) = told["size"], told["image"]
@@ -295,24 +329,11 @@ def write_page(
             "numbers: tolerance, step in voxels, or the opacity at which rays end",
         ),
         page.findings([*sentences(rows), *gains(culling)]),
-        page.table(
-            ["", *COLUMNS],
-            [
-                [
-                    page.esc(row.name),
-                    f"{row.number:g}",
-                    f"{row.seconds:.3f}",
-                    f"{row.least:.3f}",
-                    f"{row.most:.3f}",
-                    f"{row.error_90:.2g}",
-                    f"{row.error_99:.2g}",
-                    f"{row.error_max:.2g}",
-                    f"{row.cells_per_ray:.1f}",
-                    f"{row.pieces_per_ray:.1f}",
-                ]
-                for row in rows
-            ],
-        ),
+        figures(rows),
+        "<h2>Lit by the gradient</h2>",
+        '<p class="soft">Ambient and diffuse light of one lamp without shadows, against close '
+        "steps with normals of central differences.</p>",
+        figures(lit),
         "<h2>What leaping over invisible cells and ending early bring</h2>",
         page.table(
             ["", "seconds", "times as fast", "error, 99 %"],
@@ -336,6 +357,29 @@ def write_page(
         ),
     ]
     (folder / "volume.html").write_text(page.whole("Light through a volume", body), "utf-8")
+
+
+def figures(rows: list[Row]) -> str:
+    """A table of ways."""
+    return page.table(
+        ["", *COLUMNS],
+        [
+            [
+                page.esc(row.name),
+                f"{row.number:g}",
+                f"{row.seconds:.3f}",
+                f"{row.least:.3f}",
+                f"{row.most:.3f}",
+                f"{row.error_90:.2g}",
+                f"{row.error_99:.2g}",
+                f"{row.error_max:.2g}",
+                f"{row.over}",
+                f"{row.cells_per_ray:.1f}",
+                f"{row.pieces_per_ray:.1f}",
+            ]
+            for row in rows
+        ],
+    )
 
 
 def first(rows: list[Row], row: Row) -> Row:

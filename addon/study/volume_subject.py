@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import leapray
 
-from . import light_integrals
+from . import light_integrals, lit_samples
 from .cameras import perspective
 from .scenes import write_head
 
@@ -84,8 +84,13 @@ class Subject:
         values = self.grid.offset + self.grid.scale * self.stored.astype(np.float64)
         ramp = light_integrals.Ramp(VALUES, EXTINCTION, COLORS)
         rays = self.origins[self.judged], self.directions[self.judged]
-        color, left = light_integrals.light(values, *rays, ramp, self.grid.world_from_index)
-        return np.column_stack([color, left]).astype(np.float64)
+        return light_integrals.light_of_many(values, *rays, ramp, self.grid.world_from_index)
+
+    def lit_reference(self, phong: leapray.Phong, apart: float = 1 / 32) -> NDArray[np.float64]:
+        """(judged, 4) of samples so many voxels apart, lit by central differences."""
+        ramp = light_integrals.Ramp(VALUES, EXTINCTION, COLORS)
+        rays = self.origins[self.judged], self.directions[self.judged]
+        return lit_samples.light(self.grid, *rays, ramp, phong, apart)
 
     def structure(self, spec: str, leaps: bool) -> leapray.Structure:
         """Of the visible cells, or of all; kept."""

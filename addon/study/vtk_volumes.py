@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""VTK's ray caster on the CPU on the head of `study volume` (PyPI's `vtk`, optional; no bpy)."""
+"""VTK's ray caster on the CPU on the head of `study volume` (PyPI's `vtk`, optional; no bpy).
+
+It takes the directions of the light and of the view as the same for the whole picture, and has no
+shadows.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +12,22 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+import leapray
+
 from .volume_subject import EYE, HALF, Subject
 
 KNOTS = 24  # of its opacity between two of the transfer function's
 
 
 class VtkRays:
-    """One step, with the attributes of `volume.Way`. Its picture has eight bits a channel."""
+    """One step, with the attributes of `volume.Way`. Its picture has eight bits a channel.
+
+    phong: how samples are lit; None: not at all.
+    """
 
     name, spec, leaps, sampling, stop = "VTK", "", True, "post", 1.0
 
-    def __init__(self, subject: Subject, step: float) -> None:
+    def __init__(self, subject: Subject, step: float, phong: leapray.Phong | None = None) -> None:
         import vtkmodules.vtkRenderingOpenGL2
         import vtkmodules.vtkRenderingVolumeOpenGL2  # noqa: F401
         from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow, vtkVolume
@@ -43,6 +52,8 @@ class VtkRays:
         volume = vtkVolume()
         volume.SetMapper(mapper)
         dress(volume.GetProperty(), subject)
+        if phong is not None:
+            light(renderer, volume.GetProperty(), phong)
         renderer.AddVolume(volume)
         look(renderer, subject)
         renderer.ResetCameraClippingRange()
@@ -99,6 +110,25 @@ def dress(own, subject: Subject) -> None:
     own.SetScalarOpacityUnitDistance(subject.voxel)
     own.SetInterpolationTypeToLinear()
     own.ShadeOff()
+
+
+def light(renderer, own, phong: leapray.Phong) -> None:
+    """Phong's model with the only light, which has a direction."""
+    from vtkmodules.vtkRenderingCore import vtkLight
+
+    lamp = vtkLight()
+    lamp.SetLightTypeToSceneLight()
+    lamp.SetPosition(*np.asarray(phong.light, float))
+    lamp.SetFocalPoint(0.0, 0.0, 0.0)
+    lamp.SetAmbientColor(1.0, 1.0, 1.0)
+    renderer.AutomaticLightCreationOff()
+    renderer.RemoveAllLights()
+    renderer.AddLight(lamp)
+    own.ShadeOn()
+    own.SetAmbient(phong.ambient)
+    own.SetDiffuse(phong.diffuse)
+    own.SetSpecular(phong.specular)
+    own.SetSpecularPower(phong.power)
 
 
 def look(renderer, subject: Subject) -> None:

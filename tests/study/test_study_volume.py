@@ -4,13 +4,14 @@
 import argparse
 import json
 
+import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("nibabel")
 
 import leapray
-from addon.study import volume, volume_subject
+from addon.study import light_integrals, volume, volume_subject
 from leapray import LeapRayError
 
 
@@ -39,6 +40,32 @@ def test_steps_err_more_than_integrals_and_less_the_smaller_they_are(told):
     assert errors[-1] < errors[0] / 4 and errors[-1] > 1e-4
 
 
+def test_lit_samples_err_less_the_smaller_their_steps_are_and_least_by_the_references_normals(told):
+    last = {}
+    for normal in volume.NORMALS:
+        found = [row for row in told[0]["lit"] if row["name"] == f"lit, {normal}"]
+        errors = [row["error_99"] for row in found]
+        assert errors[-1] < errors[0] / 4
+        last[normal] = errors[-1]
+    assert last["central"] < 0.03 < last["analytic"]  # a quarter of a voxel is 2 mm of bone here
+
+
+def test_compiled_references_are_those_of_the_slow_one():
+    rng = np.random.default_rng(7)
+    ramp = light_integrals.Ramp(
+        volume_subject.VALUES, volume_subject.EXTINCTION, volume_subject.COLORS
+    )
+    samples = rng.uniform(-800, 1200, (7, 8, 9))
+    matrix = np.diag([0.7, 0.9, 1.3, 1.0])
+    ends = rng.normal(size=(40, 3))
+    o = 5 + 8 * ends / np.linalg.norm(ends, axis=1, keepdims=True)
+    d = rng.uniform(1, 5, (40, 3)) - o
+    color, left = light_integrals.light(samples, o, d, ramp, matrix)
+    got = light_integrals.light_of_many(samples, o, d, ramp, matrix)
+    np.testing.assert_allclose(got, np.column_stack([color, left]).astype(float), atol=1e-15)
+    assert left.min() < 0.5
+
+
 def test_leaping_changes_no_picture(told):
     assert all(leap["equal"] for leap in told[0]["modes"])
     for sampling in ("exact", "pre"):
@@ -65,7 +92,9 @@ def test_a_phantom_that_is_not_made_is_told(tmp_path):
 
 def test_sentences_say_who_is_as_good_sooner():
     def row(name, number, seconds, error):
-        return volume.Row(name, number, "cd", True, "", 1.0, seconds, 0, 0, 0, error, error, 0, 0)
+        return volume.Row(
+            name, number, "cd", True, "", 1.0, seconds, 0, 0, 0, error, error, 0, 0, 0
+        )
 
     rows = [
         row("exact", 1e-4, 2.0, 1e-6),
