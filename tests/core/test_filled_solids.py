@@ -87,11 +87,20 @@ def test_a_box_lets_through_what_the_law_of_beer_says(traverser):
     assert np.abs(got[..., :3] - want)[good].max() < 1e-6
 
 
-def test_samples_of_16_bits_cost_a_millionth():
-    """A sample is right to 2^-17 of the ramp's five voxels, on either side, times extinction."""
-    got = render([one(box(dtype="u16"))], [filled(absorption=EXTINCTION)], world=(1, 1, 1))
-    want = np.exp(-EXTINCTION * (HI - LO)[2])
-    assert np.abs(got[..., :3] - want).max() < 2 * 5 * 0.125 * 2**-17 * (EXTINCTION * want).max()
+@pytest.mark.parametrize("voxel", [0.25, 0.125, 0.0625])
+def test_samples_of_16_bits_cost_what_their_steps_move_the_surface(voxel):
+    """The ramp is five voxels wide and has 2^16 steps. A sample is right to half of one, so that
+    either side of the box is off by 5 voxels 2^-17 at most, and what is let through by twice that
+    times the extinction, relatively: below 1e-6 where extinction times voxel is below 0.013."""
+    law = np.exp(-EXTINCTION * (HI - LO)[2])
+    passed = {
+        dtype: render([one(box(voxel=voxel, dtype=dtype))], [filled(absorption=EXTINCTION)],
+                      world=(1, 1, 1))[..., :3]
+        for dtype in ("u16", "f32")
+    }  # fmt: skip
+    off = {dtype: np.abs(np.log(got / law) / EXTINCTION) for dtype, got in passed.items()}
+    assert off["u16"].max() < 2 * 5 * voxel * 2**-17
+    assert off["f32"].max() < 1e-6 < off["u16"].max()  # it is the steps, not the filter
 
 
 def test_a_ball_is_as_dense_as_its_surface_is_exact():
