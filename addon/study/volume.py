@@ -69,7 +69,9 @@ def main(args: argparse.Namespace) -> int:
         truth = subject.reference()
         rows = measure(subject, truth, quality(), rounds)
         rows += measure(subject, truth, by_vtk(subject), rounds)
-        lit = measure(subject, subject.lit_reference(LAMP), in_light(subject), rounds)
+        lit = measure(
+            subject, subject.lit_reference(LAMP), in_light(subject), rounds, subject.judged_lit
+        )
         culling = measure(subject, truth, cullings(), max(rounds // 2, 1))
         modes = of_modes(subject, max(rounds // 2, 1))
         told: dict[str, Any] = {"size": size, "image": [width, subject.height], "judged": judged}
@@ -176,10 +178,15 @@ def cullings() -> list[Way]:
 
 
 def measure(
-    subject: Subject, truth: NDArray[np.float64], ways: Sequence[Any], rounds: int
+    subject: Subject,
+    truth: NDArray[np.float64],
+    ways: Sequence[Any],
+    rounds: int,
+    judged: NDArray[np.int64] | None = None,
 ) -> list[Row]:
-    """Rows of ways, all in turn."""
-    pictures = [way.picture(subject)[subject.judged] for way in ways]  # builds, too
+    """Rows of ways, all in turn. truth: of the pixels `judged`; None: of those of the subject."""
+    judged = subject.judged if judged is None else judged
+    pictures = [way.picture(subject)[judged] for way in ways]  # builds, too
     taken = seconds([partial(way.run, subject) for way in ways], rounds)
     rows = []
     for way, picture, took in zip(ways, pictures, taken.T, strict=True):
