@@ -106,6 +106,23 @@ def test_rays_through_a_head_are_within_the_tolerance(scan, tolerance):
     assert abs(got.transmittance - left).max() < 1e-10
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_field_that_lies_on_a_knot_ends(seed):
+    """Rounding puts it on either side of the knot, where extinction goes through 0."""
+    rng = np.random.default_rng(seed)
+    samples = np.full((9, 9, 9), 1000, np.uint16)
+    some = rng.random(samples.shape) < 0.4
+    samples[some] = rng.integers(500, 1500, some.sum())
+    scale, offset = rng.uniform(0.01, 1), rng.uniform(-2000, 0)
+    values = offset + scale * np.array([700, 1000, 1300])
+    transfer = leapray.TransferFunction(values, [0.5, 0.0, 0.5], np.eye(3))
+    volume = leapray.visible_volume(ramps.grid(samples, scale=scale, offset=offset), transfer)
+    o, d = ramps.rays(rng, 2000, 8.0)
+    got = trace(volume, o, d, "cd")  # halved to the last bit it would take for ever
+    assert 1 < got.counters["samples"] / len(o) < 50
+    assert got.transmittance.min() < 0.5
+
+
 # ---- closed forms --------------------------------------------------------------------------------
 
 

@@ -8,6 +8,9 @@
 
 /* What remains of light behind it is lost in the rounding of what is before it. */
 #define LR_OPAQUE 1e-16
+/* So is such a share of the largest colour in that of the sum. A part on a knot may have a depth
+ * that is rounded to 0, of which there is no share. */
+#define LR_LOST_LIGHT 0x1p-60
 /* A part whose integrals are off by too much is halved so often, at most. */
 #define LR_MOST_HALVINGS 60
 
@@ -46,7 +49,8 @@ LR_INLINE void lr_light_sum_add(lr_light_sum *sum, const lr_transfer_piece *p, d
 LR_INLINE bool lr_light_sum_within(const lr_transfer_piece *p, double tolerance, double middle,
                                    double depth, double half, const double error[3])
 {
-    const bool color = p->one_color || p->turn * error[0] <= 0.6 * tolerance * depth;
+    const bool color =
+        p->one_color || p->turn * error[0] <= 0.6 * tolerance * depth + LR_LOST_LIGHT;
     const double shines = p->shines + p->emitted * fabs(middle);
     const bool emission =
         !p->emits || shines * error[1] + p->emitted * error[2] <= tolerance * half;
