@@ -40,7 +40,7 @@ FAULTS = NATIVE.parent / "tests" / "c" / "faulty_memory.c"
 VECTOR = (
     *("closest_triangle_avx2.c", "closest_triangle_avx512.c"),
     *("cd_packet_avx2.c", "cd_packet_avx512.c"),
-    *("cell_lanes_avx2.c", "cell_lanes_avx512.c"),
+    *("ray_light_avx2.c", "ray_light_avx512.c"),
     *("cell_tests_avx2.c", "cell_tests_avx512.c"),
     *("ray_samples_avx2.c", "ray_samples_avx512.c"),
     *("triangle_tree_avx2.c", "triangle_tree_avx512.c"),

@@ -159,21 +159,21 @@ def quality() -> list[Way]:
 
 
 def cullings() -> list[Way]:
-    """All cells or the visible ones, by three walks, to the end or not, both samplings."""
-    single, leaping = first_of(SINGLE_STEPS), [first_of(PYRAMID), default()]
-    kinds = [(single, False, 1.0), (single, False, STOP), (single, True, 1.0)]
-    kinds += [(entry, True, stop) for entry in leaping for stop in (1.0, STOP)]
+    """All cells or the visible ones, to the end or not, both samplings.
+
+    Samples before interpolation go by the traverser's own walk. Integrals go by rays side by side,
+    which leap by the masks of bricks, or by distances where the structure has them.
+    """
+    single, pyramid, distances = first_of(SINGLE_STEPS), first_of(PYRAMID), default()
+    kinds = [("all cells", single, False, 1.0), ("all cells", single, False, STOP)]
+    masks = [("visible cells by masks", single, True, stop) for stop in (1.0, STOP)]
+    alone = [("visible cells one by one", single, True, 1.0)]
+    alone += [(f"visible cells, {pyramid.label}", pyramid, True, stop) for stop in (1.0, STOP)]
+    far = [("visible cells by distances", distances, True, stop) for stop in (1.0, STOP)]
     return [
-        Way(
-            f"{'visible' if leaps else 'all'} cells, {entry.label}, to {stop:g}, {sampling}",
-            number,
-            entry.spec,
-            leaps,
-            sampling,
-            stop=stop,
-        )
-        for sampling in ("exact", "pre")
-        for number, (entry, leaps, stop) in enumerate(kinds)
+        Way(f"{name}, to {stop:g}, {sampling}", number, entry.spec, leaps, sampling, stop=stop)
+        for sampling, leaping in (("exact", masks), ("pre", alone))
+        for number, (name, entry, leaps, stop) in enumerate([*kinds, *leaping, *far])
     ]
 
 

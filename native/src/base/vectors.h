@@ -200,7 +200,12 @@ LR_INLINE void lr_store_doubles(double *to, lr_doubles x)
 
 LR_INLINE lr_doubles lr_pick_doubles(lr_longs m, lr_doubles a, lr_doubles b)
 {
+#if LR_VECTORS == 2
+    const __mmask8 k = _mm512_movepi64_mask((__m512i)m);
+    return (lr_doubles)_mm512_mask_blend_pd(k, (__m512d)b, (__m512d)a);
+#else
     return (lr_doubles)((m & (lr_longs)a) | (~m & (lr_longs)b));
+#endif
 }
 
 /* As lr_clamp. */
@@ -270,4 +275,61 @@ LR_INLINE lr_longs lr_longs_of(uint32_t bits)
 {
     const lr_longs bit = {1, 2, 4, 8, 16, 32, 64, 128};
     return (((int64_t)bits - (lr_longs){0}) & bit) != 0;
+}
+
+/* ---- eight integers beside eight doubles ------------------------------------ */
+
+typedef int32_t lr_eight_ints __attribute__((vector_size(32)));
+typedef float lr_eight_floats __attribute__((vector_size(32)));
+typedef uint64_t lr_unsigned_longs __attribute__((vector_size(64)));
+
+/* Towards 0. */
+LR_INLINE lr_eight_ints lr_eight_ints_of(lr_doubles x)
+{
+    return __builtin_convertvector(x, lr_eight_ints);
+}
+
+LR_INLINE lr_doubles lr_doubles_of(lr_eight_ints x)
+{
+    return __builtin_convertvector(x, lr_doubles);
+}
+
+LR_INLINE lr_longs lr_longs_of_ints(lr_eight_ints x)
+{
+    return __builtin_convertvector(x, lr_longs);
+}
+
+/* Of numbers below 2^52. */
+LR_INLINE lr_doubles lr_doubles_of_unsigned(lr_unsigned_longs x)
+{
+    return (lr_doubles)(x | 0x4330000000000000u) - 0x1p52;
+}
+
+/* Of the low halves, as bits of floats. */
+LR_INLINE lr_doubles lr_doubles_of_floats(lr_unsigned_longs x)
+{
+    const lr_eight_ints low = __builtin_convertvector(x, lr_eight_ints);
+    return __builtin_convertvector((lr_eight_floats)low, lr_doubles);
+}
+
+LR_INLINE lr_eight_ints lr_pick_eight(lr_eight_ints m, lr_eight_ints a, lr_eight_ints b)
+{
+    return (m & a) | (~m & b);
+}
+
+LR_INLINE uint32_t lr_bits_of_eight(lr_eight_ints m)
+{
+    return lr_bits_of_longs(lr_longs_of_ints(m));
+}
+
+LR_INLINE void lr_store_eight(int32_t *to, lr_eight_ints x)
+{
+    memcpy(to, &x, sizeof x);
+}
+
+LR_INLINE lr_eight_ints lr_load_eight(const int32_t *from)
+{
+    lr_eight_ints x;
+    memcpy(&x, from, sizeof x);
+    return x;
 }

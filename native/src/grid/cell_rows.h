@@ -9,6 +9,18 @@
 
 enum { LR_CELL_ROWS = 4 };
 
+/* Those of a cell whose corners lie in one brick: its place in the table, and the cell in it. */
+LR_INLINE void lr_load_rows_of(const lr_volume *v, size_t size, size_t place, int32_t cell,
+                               uint64_t row[LR_CELL_ROWS])
+{
+    const size_t brick = lr_entry_at(v, place) >> 8;
+    const unsigned char *at = v->samples + (brick * LR_CELLS + (size_t)cell) * size;
+    for (int n = 0; n < LR_CELL_ROWS; n++) {
+        row[n] = 0;
+        memcpy(&row[n], at + (size_t)lr_in_brick(0, n & 1, n >> 1) * size, 2 * size);
+    }
+}
+
 /* Row n of a cell's corners is at (., n & 1, n >> 1): its corners 2 n and 2 n + 1. size: bytes of a
  * sample, a constant. */
 LR_INLINE void lr_load_rows(const lr_volume *v, size_t size, int32_t x, int32_t y, int32_t z,

@@ -17,102 +17,37 @@
 #include "trace/emission_absorption.h"
 
 #include "trace/cell.h"
-#include "trace/light_rule.h"
+#include "trace/light_stretch.h"
 #include "trace/modulated_light.h"
 
-/* Deeper pieces are halved. */
-static const double DEEPEST = LR_RULE_DEEPEST;
-
-/* A piece of the ray on one piece of the transfer function; x runs from -1 to 1. */
-typedef struct stretch {
-    double middle; /* value at x = 0, from the piece's own zero */
-    double y[3];   /* value - that = y[0] x + y[1] x^2 + y[2] x^3 */
-    double a[4];   /* optical depth behind x = 0: a[0] x + .. + a[3] x^4 */
-    double depth;  /* from -1 to 1 */
-    double half;   /* length of x from 0 to 1 */
-} stretch;
-
-LR_INLINE void set_up(stretch *s, const lr_transfer_piece *p, const double c[4], double a, double b,
-                      double length)
+LR_INLINE void set_up(lr_stretch *s, const lr_transfer_piece *p, const double c[4], double a,
+                      double b, double length)
 {
-    const double m = 0.5 * (a + b), h = 0.5 * (b - a);
-    s->half = h * length;
-    s->middle = ((c[3] * m + c[2]) * m + c[1]) * m + c[0] - p->from;
-    s->y[0] = ((3.0 * c[3] * m + 2.0 * c[2]) * m + c[1]) * h;
-    s->y[1] = (3.0 * c[3] * m + c[2]) * h * h;
-    s->y[2] = c[3] * h * h * h;
-    const double rise = p->extinction[1] * s->half;
-    s->a[0] = fmax(lr_linear(p->extinction, s->middle), 0.0) * s->half;
-    for (int i = 0; i < 3; i++)
-        s->a[1 + i] = rise * s->y[i] / (i + 2);
-    s->depth = fmax(2.0 * (s->a[0] + s->a[2]), 0.0);
-}
-
-/* Bounds of what the rule errs, for y dA/dx exp(-A), exp(-A) and y exp(-A). Of the series of
- * exp(-A) those terms are exact that make polynomials up to degree 7: of the first integral one, as
- * A is of degree 4 and y dA/dx of degree 6, of the others two. What follows them is less than A
- * exp(A) and A^2 exp(A) / 2. */
-LR_INLINE void bound(const stretch *s, double r, double error[3])
-{
-    const double y = ((fabs(s->y[2]) * r + fabs(s->y[1])) * r + fabs(s->y[0])) * r;
-    const double depth =
-        (((fabs(s->a[3]) * r + fabs(s->a[2])) * r + fabs(s->a[1])) * r + s->a[0]) * r;
-    const double slope =
-        ((4.0 * fabs(s->a[3]) * r + 3.0 * fabs(s->a[2])) * r + 2.0 * fabs(s->a[1])) * r + s->a[0];
-    const double r2 = r * r, r4 = r2 * r2;
-    const double grows = depth <= 1.79 ? 1.0 + depth + depth * depth : exp(depth); /* >= exp */
-    const double m = depth < 40.0 ? LR_RULE_LOST * depth * grows / (r4 * r4) : INFINITY;
-    error[0] = m * y * slope;
-    error[1] = 0.5 * m * depth * s->half;
-    error[2] = error[1] * y;
+    lr_stretch_of(s, c, a, b, length, p->from, p->extinction);
 }
 
 /* Is the error of the piece within its share, by one of two bounds? */
-static bool within(const stretch *s, const lr_transfer_piece *p, double tolerance)
+static bool within(const lr_stretch *s, const lr_transfer_piece *p, double tolerance)
 {
     static const double radius[] = {4.0, 7.0};
     for (int i = 0; i < 2; i++) {
         double error[3];
-        bound(s, radius[i], error);
+        lr_stretch_bound(s, radius[i], error);
         if (lr_light_sum_within(p, tolerance, s->middle, s->depth, s->half, error))
             return true;
     }
     return false;
 }
 
-/* Of a piece behind its beginning: sums[0..2] of the three integrals. */
-LR_INLINE void integrate(const stretch *s, double sums[3])
-{
-    const double before = s->a[0] - s->a[1] + s->a[2] - s->a[3]; /* depth from x = -1 to 0 */
-    const double start = lr_rule_exp(-before);
-    double y[LR_RULE_NODES], e[LR_RULE_NODES], slope[LR_RULE_NODES];
-    for (int k = 0; k < LR_RULE_NODES; k++) {
-        const double x = lr_rule_node[k];
-        y[k] = ((s->y[2] * x + s->y[1]) * x + s->y[0]) * x;
-        const double depth = (((s->a[3] * x + s->a[2]) * x + s->a[1]) * x + s->a[0]) * x;
-        slope[k] = ((4.0 * s->a[3] * x + 3.0 * s->a[2]) * x + 2.0 * s->a[1]) * x + s->a[0];
-        e[k] = lr_rule_weight[k] * lr_rule_exp(-depth);
-    }
-    sums[0] = sums[1] = sums[2] = 0.0;
-    for (int k = 0; k < LR_RULE_NODES; k++) {
-        sums[0] += e[k] * slope[k] * y[k];
-        sums[1] += e[k];
-        sums[2] += e[k] * y[k];
-    }
-    sums[0] *= start;
-    sums[1] *= start * s->half;
-    sums[2] *= start * s->half;
-}
-
 /* Emission alone: exact. */
-static void add_emission(lr_light_sum *sum, const lr_transfer_piece *p, const stretch *s)
+static void add_emission(lr_light_sum *sum, const lr_transfer_piece *p, const lr_stretch *s)
 {
     const double integrals[3] = {0.0, 2.0 * s->half, s->y[1] * s->half * (2.0 / 3.0)};
     lr_light_sum_add(sum, p, s->middle, 1.0, integrals);
 }
 
 /* What is so short that it has one value, and may be as deep as numbers go. */
-static void add_point(lr_light_sum *sum, const lr_transfer_piece *p, const stretch *s)
+static void add_point(lr_light_sum *sum, const lr_transfer_piece *p, const lr_stretch *s)
 {
     const double after = exp(-s->depth);
     const double seen = s->depth > 0.0 ? (1.0 - after) / s->depth : 1.0;
@@ -121,7 +56,7 @@ static void add_point(lr_light_sum *sum, const lr_transfer_piece *p, const stret
 }
 
 /* Where the piece is as deep: x from -1 to 1. Newton's steps, kept inside a bracket. */
-static double find_depth(const stretch *s, double depth)
+static double find_depth(const lr_stretch *s, double depth)
 {
     const double *a = s->a, target = depth - (a[0] - a[1] + a[2] - a[3]);
     double low = -1.0, high = 1.0, x = depth / s->depth * 2.0 - 1.0;
@@ -148,7 +83,7 @@ static void end_in_piece(lr_light_sum *sum, const lr_transfer_piece *p, const do
 {
     if (!p->absorbs || sum->ended)
         return;
-    stretch s;
+    lr_stretch s;
     set_up(&s, p, c, a, b, length);
     const double after = exp(-s.depth) * sum->transmittance;
     sum->pieces++;
@@ -163,9 +98,8 @@ static void end_in_piece(lr_light_sum *sum, const lr_transfer_piece *p, const do
     lr_albedo_at(p, s.middle + ((s.y[2] * x + s.y[1]) * x + s.y[0]) * x, sum->albedo);
 }
 
-/* The cubic from a to b on one piece of the transfer function. */
-static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const double c[4],
-                      const double *m, double a, double b, double length)
+void lr_add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const double c[4], const double *m,
+                  double a, double b, double length)
 {
     static const double none[3] = {0.0, 0.0, 0.0};
     if (m != NULL) {
@@ -181,15 +115,14 @@ static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const doubl
     const double end = b;
     int halvings = 0;
     while (a < end && sum->transmittance > LR_OPAQUE) {
-        stretch s;
+        lr_stretch s;
         set_up(&s, p, c, a, b, length);
         const bool closed = p->one_color && !p->emits;
         if (closed) {
-            lr_light_sum_add(sum, p, s.middle,
-                             s.depth <= DEEPEST ? lr_rule_exp(-s.depth) : exp(-s.depth), none);
+            lr_light_sum_add(sum, p, s.middle, lr_lane_exp(-s.depth), none);
         } else if (!p->absorbs) {
             add_emission(sum, p, &s);
-        } else if (!(s.depth <= DEEPEST && within(&s, p, sum->tolerance))) {
+        } else if (!within(&s, p, sum->tolerance)) {
             const double middle = 0.5 * (a + b);
             if (halvings < LR_MOST_HALVINGS && middle > a && middle < b) {
                 b = middle;
@@ -199,8 +132,8 @@ static void add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const doubl
             add_point(sum, p, &s);
         } else {
             double integrals[3];
-            integrate(&s, integrals);
-            lr_light_sum_add(sum, p, s.middle, lr_rule_exp(-s.depth), integrals);
+            lr_stretch_integrate(&s, integrals);
+            lr_light_sum_add(sum, p, s.middle, lr_lane_exp(-s.depth), integrals);
         }
         const double size = b - a;
         a = b;
@@ -224,12 +157,12 @@ static void add_monotone(lr_light_sum *sum, const lr_transfer *f, const double c
         const lr_bracket bracket = {a, b, fa, fb, !up};
         uint64_t n_samples = 0;
         const double at = lr_root_newton(c, level, bracket, &n_samples);
-        add_piece(sum, &f->pieces[piece], c, m, a, at, length);
+        lr_add_piece(sum, &f->pieces[piece], c, m, a, at, length);
         a = at;
         fa = level;
         piece = up ? piece + 1 : piece - 1;
     }
-    add_piece(sum, &f->pieces[piece], c, m, a, b, length);
+    lr_add_piece(sum, &f->pieces[piece], c, m, a, b, length);
 }
 
 /* Bounds of the cubic on a..b, by its Bernstein coefficients. */
@@ -251,7 +184,7 @@ void lr_add_cubic(lr_light_sum *sum, const lr_transfer *f, const double c[4], co
     hull(c, a, b, &low, &high);
     const uint64_t piece = lr_piece_of(f, low);
     if (piece == f->n || high < f->values[piece]) {
-        add_piece(sum, &f->pieces[piece], c, m, a, b, length);
+        lr_add_piece(sum, &f->pieces[piece], c, m, a, b, length);
         return;
     }
     const int n = lr_cubic_extrema(c, x);

@@ -12,4 +12,8 @@
 void lr_add_cubic(lr_light_sum *sum, const lr_transfer *f, const double c[4], const double *m,
                   double a, double b, double length);
 
+/* The same of a part that piece p of the transfer function sees alone. */
+void lr_add_piece(lr_light_sum *sum, const lr_transfer_piece *p, const double c[4], const double *m,
+                  double a, double b, double length);
+
 #endif

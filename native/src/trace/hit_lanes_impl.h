@@ -7,6 +7,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "trace/hit_record.h"
 #include "trace/cell.h"
+#include "trace/cubic_lanes_impl.h"
 
 /* Rays that stand on cells, and what is found of them. */
 typedef struct lr_hit_lanes {
@@ -45,10 +46,6 @@ LR_INLINE void lr_hit_lane_put(lr_hit_lanes *k, int l, const lr_volume *v, const
 typedef struct lr_chord_lanes {
     lr_doubles s[8], in[3], out[3], t_in, t_out, f_in, f_out, c[4];
 } lr_chord_lanes;
-
-#define LR_NUMBER        lr_doubles
-#define LR_FORMULA(name) name##_lanes
-#include "grid/trilinear_impl.h"
 
 /* b on the upper face. */
 LR_INLINE lr_doubles lr_mix_to(lr_doubles a, lr_doubles b, lr_doubles u, lr_longs upper)
@@ -120,26 +117,6 @@ LR_INLINE lr_longs lr_cubic_stays_lanes(const lr_doubles c[4], double level, lr_
            ((b0 > slack) & (b1 > slack) & (b2 > slack) & (b3 > slack));
 }
 
-/* As lr_cubic_extrema; NaN where there is none. */
-LR_INLINE void lr_cubic_extrema_lanes(const lr_doubles c[4], lr_doubles x[2])
-{
-    const lr_doubles none = lr_all_doubles(NAN);
-    const lr_doubles a = 3.0 * c[3], b = 2.0 * c[2], square = b * b - 4.0 * a * c[1];
-    const lr_longs real = square >= 0.0;
-    const lr_doubles q = -0.5 * (b + lr_signed_as(lr_root_doubles(square), b));
-    const lr_doubles first = q / a, second = c[1] / q;
-    const lr_longs swapped = first > second;
-    x[0] = lr_pick_doubles(swapped, second, first);
-    x[1] = lr_pick_doubles(swapped, first, second);
-    for (int i = 0; i < 2; i++)
-        x[i] = lr_pick_doubles(real & (x[i] > 0.0) & (x[i] < 1.0), x[i], none);
-}
-
-typedef struct lr_bracket_lanes {
-    lr_doubles a, b;
-    lr_longs above, found;
-} lr_bracket_lanes;
-
 /* The first interval with a change of sides, of the lanes of m. */
 LR_INLINE void lr_bracket_of_lanes(const lr_chord_lanes *h, double level, bool extrema,
                                    lr_doubles side, lr_longs m, lr_bracket_lanes *k,
@@ -169,39 +146,6 @@ LR_INLINE void lr_bracket_of_lanes(const lr_chord_lanes *h, double level, bool e
     }
 }
 
-/* As lr_root_newton. */
-LR_INLINE lr_doubles lr_newton_lanes(const lr_doubles c[4], double level, lr_bracket_lanes k,
-                                     uint64_t *n_samples)
-{
-    const lr_doubles zero = {0};
-    const lr_doubles fa = lr_cubic_lanes(c, k.a) - level, fb = lr_cubic_lanes(c, k.b) - level;
-    const lr_longs a_holds = ~((fa >= zero) ^ k.above), b_holds = (fb >= zero) ^ k.above;
-    lr_doubles root = lr_pick_doubles(a_holds, k.b, k.a);
-    lr_longs on = k.found & a_holds & b_holds;
-    const lr_longs sought = on;
-    lr_longs ended = ~sought; /* root is known */
-    lr_doubles x = k.a + (k.b - k.a) * fa / (fa - fb);
-    *n_samples += 2 * (uint64_t)__builtin_popcount(lr_bits_of_longs(k.found));
-    for (int step = 0; step < 60; step++) {
-        on = on & (k.b - k.a > LR_ROOT_ENOUGH) & ~ended;
-        const uint32_t left = lr_bits_of_longs(on);
-        if (left == 0)
-            break;
-        *n_samples += (uint64_t)__builtin_popcount(left);
-        x = lr_pick_doubles((x > k.a) & (x < k.b), x, 0.5 * (k.a + k.b));
-        const lr_doubles fx = lr_cubic_lanes(c, x) - level;
-        const lr_longs before = ~((fx >= zero) ^ k.above);
-        k.a = lr_pick_doubles(on & before, x, k.a);
-        k.b = lr_pick_doubles(on & ~before, x, k.b);
-        const lr_doubles next = x - fx / lr_cubic_slope_lanes(c, x);
-        const lr_longs close = on & (lr_absolute_doubles(next - x) <= LR_ROOT_ENOUGH);
-        root = lr_pick_doubles(close, lr_clamp_doubles(next, k.a, k.b), root);
-        ended |= close;
-        x = next;
-    }
-    return lr_pick_doubles(~ended, 0.5 * (k.a + k.b), root);
-}
-
 /* Which of the lanes hit: a bit each; t and p of these. */
 static uint32_t lr_find_hits(lr_hit_lanes *k, const lr_volume *v, uint32_t lanes,
                              const lr_trace_options *options, uint64_t *n_samples)
@@ -216,7 +160,7 @@ static uint32_t lr_find_hits(lr_hit_lanes *k, const lr_volume *v, uint32_t lanes
     *n_samples += 2 * (uint64_t)__builtin_popcount(lanes);
     if (!lr_any(b.found))
         return 0;
-    const lr_doubles at = lr_newton_lanes(h.c, v->threshold, b, n_samples);
+    const lr_doubles at = lr_newton_lanes(h.c, lr_all_doubles(v->threshold), b, n_samples);
     const lr_doubles t = h.t_in + at * (h.t_out - h.t_in);
     lr_store_doubles(k->t, t);
     for (int a = 0; a < 3; a++)

@@ -11,53 +11,26 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "trace/ray_sums.h"
 
-#include "base/cpu.h"
-#include "grid/cell_rows.h"
 #include "grid/value_gradient.h"
 #include "trace/cell.h"
+#include "trace/cell_graze.h"
 #include "trace/emission_absorption.h"
 #include "trace/hit_record.h"
-
-/* Of positions on a ray, relatively: a sum, a product and a reciprocal, at both of two planes. And
- * voxels that are never taken for a graze. */
-static const double ROUNDING = 0x1p-49, LEAST_CHORD = 1e-6;
 
 void lr_sums_begin(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, const lr_rays *rays,
                    uint64_t i, double t_min, const lr_trace_options *options)
 {
     const double d[3] = {rays->dx[i], rays->dy[i], rays->dz[i]};
-    const int32_t n[3] = {v->desc.nx, v->desc.ny, v->desc.nz};
-    *sums =
-        (lr_ray_sums){.options = options,
-                      .ray = {.t_min = t_min,
-                              .t_max = r->t_max,
-                              .speed = rays->length != NULL ? rays->length[i] : sqrt(lr_dot(d, d)),
-                              .tolerance = options->tolerance},
-                      .step = options->step / sqrt(lr_dot(r->d, r->d)),
-                      .t = INFINITY,
-                      .transmittance = 1.0,
-                      .stop = rays->stop != NULL ? fmax(rays->stop[i], LR_OPAQUE) : 0.0,
-                      .best = options->mode == LR_MODE_MINIMUM ? INFINITY : -INFINITY};
-    double fastest = 0.0;
-    for (int a = 0; a < 3; a++)
-        fastest = fmax(fastest, fabs(r->d[a]));
-    for (int a = 0; a < 3; a++) {
-        const double extent = v->planes[0] != NULL ? fabs(v->planes[a][n[a] + 1]) : n[a];
-        sums->ray.graze[a] = fmin(ROUNDING * (fabs(r->o[a]) + extent + 1.0) * fabs(r->inv[a]),
-                                  LEAST_CHORD / fastest);
-    }
-}
-
-static const lr_lanes_ops *lanes_ops(int32_t simd)
-{
-#ifdef LR_X86
-    if (simd == LR_SIMD_AVX512)
-        return &lr_lanes_avx512;
-    if (simd == LR_SIMD_AVX2)
-        return &lr_lanes_avx2;
-#endif
-    (void)simd;
-    return &lr_lanes_portable;
+    *sums = (lr_ray_sums){.options = options,
+                          .t_min = t_min,
+                          .t_max = r->t_max,
+                          .speed = rays->length != NULL ? rays->length[i] : sqrt(lr_dot(d, d)),
+                          .step = options->step / sqrt(lr_dot(r->d, r->d)),
+                          .t = INFINITY,
+                          .transmittance = 1.0,
+                          .stop = rays->stop != NULL ? fmax(rays->stop[i], LR_OPAQUE) : 0.0,
+                          .best = options->mode == LR_MODE_MINIMUM ? INFINITY : -INFINITY};
+    lr_grazes_of(v, r, sums->graze);
 }
 
 /* The ray's way through cell c, by its planes alone, and the part of it, 0..1, that lies between
@@ -83,10 +56,10 @@ LR_INLINE bool way_through(const lr_ray_sums *sums, const lr_ray *r, lr_lattice 
             *axis_out = a;
         }
     }
-    if (u->axis < 0 || !(out - u->t > fmax(sums->ray.graze[u->axis], sums->ray.graze[*axis_out])))
+    if (u->axis < 0 || !(out - u->t > fmax(sums->graze[u->axis], sums->graze[*axis_out])))
         return false;
     const double size = out - u->t;
-    const double low = fmax(u->t, sums->ray.t_min), high = fmin(out, sums->ray.t_max);
+    const double low = fmax(u->t, sums->t_min), high = fmin(out, sums->t_max);
     if (!(high > low))
         return false;
     part[0] = low > u->t ? (low - u->t) / size : 0.0;
@@ -106,79 +79,12 @@ static void add_cubic(lr_ray_sums *sums, const lr_volume *v, const double c[4], 
                         .transmittance = sums->transmittance,
                         .stop = sums->stop};
     memcpy(sum.color, sums->color, sizeof sum.color);
-    lr_add_cubic(&sum, v->transfer, c, m, part[0], part[1], (t_high - t_low) * sums->ray.speed);
+    lr_add_cubic(&sum, v->transfer, c, m, part[0], part[1], (t_high - t_low) * sums->speed);
     memcpy(sums->color, sum.ended ? sum.albedo : sum.color, sizeof sum.color);
     sums->transmittance = sum.transmittance;
     sums->pieces += sum.pieces;
     if (sum.ended)
         sums->t = lr_mix(t_low, t_high, sum.at);
-}
-
-/* The piece of the transfer function that sees all values of a range; NULL: several do. */
-LR_INLINE const lr_transfer_piece *only_piece(const lr_transfer *f, uint64_t *last, double least,
-                                              double greatest)
-{
-    uint64_t i = *last;
-    if (!((i == 0 || f->values[i - 1] <= least) && (i == f->n || least < f->values[i])))
-        *last = i = lr_piece_of(f, least);
-    return i == f->n || greatest < f->values[i] ? &f->pieces[i] : NULL;
-}
-
-LR_INLINE void load_lanes_of(const lr_ray_sums *sums, const lr_volume *v, int32_t type, size_t size,
-                             lr_cell_lanes *k)
-{
-    uint64_t rows[LR_CELL_ROWS][LR_CELL_LANES];
-    for (int l = 0; l < LR_CELL_LANES; l++) {
-        uint64_t row[LR_CELL_ROWS];
-        const int32_t *c = sums->waiting[l < sums->n_waiting ? l : 0];
-        lr_load_rows(v, size, c[0], c[1], c[2], row);
-        for (int n = 0; n < LR_CELL_ROWS; n++)
-            rows[n][l] = row[n];
-        for (int a = 0; a < 3; a++)
-            k->cell[a][l] = c[a];
-    }
-    for (int n = 0; n < LR_CELL_ROWS; n++)
-        for (int l = 0; l < LR_CELL_LANES; l++)
-            lr_unpack_row(rows[n][l], type, &k->corner[2 * n][l], &k->corner[2 * n + 1][l]);
-}
-
-static void load_lanes(const lr_ray_sums *sums, const lr_volume *v, lr_cell_lanes *k)
-{
-    switch (v->desc.sample_type) {
-#define LR_SAMPLE_TYPE(id, name, stored, one, step)                                                \
-    case id:                                                                                       \
-        load_lanes_of(sums, v, id, sizeof(stored), k);                                             \
-        return;
-#include "grid/sample_types.def"
-#undef LR_SAMPLE_TYPE
-    }
-}
-
-/* Which piece sees each lane alone and without emission; NULL: none, or several. Where only the
- * transmittance is asked for, neither emission nor the turn of colours counts. */
-static void choose_pieces(lr_ray_sums *sums, const lr_volume *v, lr_cell_lanes *k,
-                          const lr_transfer_piece *pieces[LR_CELL_LANES])
-{
-    for (int l = 0; l < LR_CELL_LANES; l++) {
-        const lr_transfer_piece *p =
-            only_piece(v->transfer, &sums->piece, k->least[l], k->greatest[l]);
-        const bool alone = p != NULL && (!p->emits || sums->stop > 0.0);
-        k->from[l] = alone ? p->from : 0.0;
-        k->extinction[0][l] = alone ? p->extinction[0] : 0.0;
-        k->extinction[1][l] = alone ? p->extinction[1] : 0.0;
-        k->turn[l] = alone && !(sums->stop > 0.0) ? p->turn : 0.0;
-        pieces[l] = alone ? p : NULL;
-    }
-}
-
-static void add_lane(lr_ray_sums *sums, const lr_transfer_piece *p, const lr_cell_lanes *k, int l)
-{
-    const double opacity = 1.0 - k->after[l];
-    for (int i = 0; i < 3; i++)
-        sums->color[i] += sums->transmittance * (lr_linear(p->color[i], k->middle[l]) * opacity +
-                                                 p->color[i][1] * k->integral[l]);
-    sums->transmittance *= k->after[l];
-    sums->pieces++;
 }
 
 static void note_beginning(lr_ray_sums *sums, double t)
@@ -193,44 +99,6 @@ LR_INLINE bool goes_on(const lr_ray_sums *sums)
 {
     const double end = sums->stop > 0.0 ? sums->stop : 1.0 - sums->options->stop_opacity;
     return sums->transmittance > (end > LR_OPAQUE ? end : LR_OPAQUE);
-}
-
-/* Add the light of the cells that wait, front to back; false where the ray has ended. */
-static bool add_waiting(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r)
-{
-    static const double whole[2] = {0.0, 1.0};
-    const lr_lanes_ops *ops = lanes_ops(v->transfer->simd);
-    const lr_transfer_piece *pieces[LR_CELL_LANES];
-    lr_cell_lanes k;
-    load_lanes(sums, v, &k);
-    ops->cubics(&k, r, &sums->ray);
-    choose_pieces(sums, v, &k, pieces);
-    ops->light(&k, &sums->ray);
-    const int n = sums->n_waiting;
-    sums->n_waiting = 0;
-    for (int l = 0; l < n; l++) {
-        const double size = k.t_high[l] - k.t_low[l];
-        const lr_transfer_piece *p = pieces[l];
-        if (!(size > 0.0) || (p != NULL && !p->absorbs))
-            continue;
-        if (p != NULL && k.within[l] != 0.0 && sums->transmittance * k.after[l] > sums->stop) {
-            add_lane(sums, p, &k, l);
-        } else {
-            const double c[4] = {k.c[0][l], k.c[1][l], k.c[2][l], k.c[3][l]};
-            add_cubic(sums, v, c, NULL, whole, k.t_low[l], k.t_high[l]);
-        }
-        note_beginning(sums, k.t_low[l]);
-        if (!goes_on(sums))
-            return false;
-    }
-    return true;
-}
-
-static bool let_wait(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, const int32_t c[3])
-{
-    memcpy(sums->waiting[sums->n_waiting++], c, sizeof *sums->waiting);
-    sums->cells++;
-    return sums->n_waiting < LR_CELL_LANES || add_waiting(sums, v, r);
 }
 
 /* ---- samples at equal steps ------------------------------------------------- */
@@ -263,8 +131,8 @@ static void classify_corners(const lr_transfer *f, const lr_chord *h, const lr_c
 static void add_samples(lr_ray_sums *sums, const lr_volume *v, const lr_chord *h, const lr_chord *m)
 {
     const bool before = sums->options->sampling == LR_SAMPLING_PRE;
-    const double size = h->t_out - h->t_in, length = sums->step * sums->ray.speed;
-    const double low = fmax(h->t_in, sums->ray.t_min), high = fmin(h->t_out, sums->ray.t_max);
+    const double size = h->t_out - h->t_in, length = sums->step * sums->speed;
+    const double low = fmax(h->t_in, sums->t_min), high = fmin(h->t_out, sums->t_max);
     double lights[LIGHTS][8];
     if (before)
         classify_corners(v->transfer, h, m, length, lights);
@@ -371,9 +239,6 @@ bool lr_sums_cell(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, lr_lat
     lr_cursor u;
     double part[2];
     int axis_out;
-    if (lattice == LR_REGULAR && sums->options->mode == LR_MODE_VOLUME &&
-        sums->options->sampling == LR_SAMPLING_EXACT && !(v->transfer->full_gradient > 0.0))
-        return let_wait(sums, v, r, c);
     const int32_t mode = sums->options->mode;
     const bool extreme = mode == LR_MODE_MAXIMUM || mode == LR_MODE_MINIMUM;
     if (!way_through(sums, r, lattice, c, &h, &u, &axis_out, part))
@@ -396,11 +261,8 @@ bool lr_sums_cell(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, lr_lat
     return goes_on(sums);
 }
 
-bool lr_sums_put(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, const lr_hits *hits,
-                 uint64_t i)
+bool lr_sums_put(const lr_ray_sums *sums, const lr_volume *v, const lr_hits *hits, uint64_t i)
 {
-    if (sums->n_waiting > 0)
-        add_waiting(sums, v, r);
     const bool mean = sums->options->mode == LR_MODE_MEAN, seen = sums->t < INFINITY;
     const double stored = mean ? sums->sum / sums->length : sums->best;
     hits->t[i] = sums->t;
@@ -410,6 +272,6 @@ bool lr_sums_put(lr_ray_sums *sums, const lr_volume *v, const lr_ray *r, const l
     if (hits->value != NULL)
         hits->value[i] = seen ? v->value_offset + v->value_scale * stored : NAN;
     if (hits->length != NULL)
-        hits->length[i] = sums->length * sums->ray.speed;
+        hits->length[i] = sums->length * sums->speed;
     return seen;
 }

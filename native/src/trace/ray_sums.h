@@ -9,33 +9,30 @@
 #define LR_TRACE_RAY_SUMS_H
 
 #include "grid/transfer_function.h"
-#include "trace/cell_lanes.h"
+#include "trace/ray.h"
 
 typedef struct lr_ray_sums {
     const lr_trace_options *options;
-    lr_lanes_ray ray;
-    double step; /* between samples, in t */
-    double t;    /* where it begins to see something, or ends at `stop`, or has the best value */
+    double t_min, t_max, speed;
+    double graze[3]; /* see cell_graze.h */
+    double step;     /* between samples, in t */
+    double t; /* where it begins to see something, or ends at `stop`, or has the best value */
     double color[3], transmittance;
-    double stop;                       /* transmittance at which it ends; 0: none, see options */
-    double best;                       /* stored value */
-    double sum, length;                /* of values over t, and t */
-    uint64_t cells, pieces;            /* that were looked at */
-    int32_t waiting[LR_CELL_LANES][3]; /* cells whose light is not added yet */
-    int32_t n_waiting;
-    uint64_t piece; /* of the transfer function, by which the last cell was seen */
+    double stop;            /* transmittance at which it ends; 0: none, see options */
+    double best;            /* stored value */
+    double sum, length;     /* of values over t, and t */
+    uint64_t cells, pieces; /* that were looked at */
 } lr_ray_sums;
 
 /* Ray i of rays, that begins at t_min. r: set up, entered or not. */
 void lr_sums_begin(lr_ray_sums *sums, const lr_volume *volume, const lr_ray *r, const lr_rays *rays,
                    uint64_t i, double t_min, const lr_trace_options *options);
 
-/* Add visible cell c, or let it wait; false: nothing behind it can count. */
+/* Add visible cell c; false: nothing behind it can count. */
 bool lr_sums_cell(lr_ray_sums *sums, const lr_volume *volume, const lr_ray *r, lr_lattice lattice,
                   const int32_t c[3]);
 
-/* Add what still waits of ray r, and write all to entry i of hits; whether it has seen anything. */
-bool lr_sums_put(lr_ray_sums *sums, const lr_volume *volume, const lr_ray *r, const lr_hits *hits,
-                 uint64_t i);
+/* Write all to entry i of hits; whether it has seen anything. */
+bool lr_sums_put(const lr_ray_sums *sums, const lr_volume *volume, const lr_hits *hits, uint64_t i);
 
 #endif

@@ -18,6 +18,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 
+#include "trace/ray_light.h"
 #include "trace/ray_samples.h"
 #include "trace/ray_sums.h"
 #include "trace/hit_record.h"
@@ -147,7 +148,7 @@ LR_INLINE void lr_add_along_one(const lr_volume *v, const void *data, const lr_r
             first = false;
         }
     }
-    const bool seen = lr_sums_put(&sums, v, &r, hits, i);
+    const bool seen = lr_sums_put(&sums, v, hits, i);
     if (hits->steps != NULL)
         hits->steps[i] = (int32_t)(tally.cells < INT32_MAX ? tally.cells : INT32_MAX);
     counters->rays++;
@@ -197,12 +198,14 @@ lr_status LR_JOIN(lr_, LR_NAME,
 {
     const bool along = options->mode >= LR_MODE_VOLUME;
     const bool sampled = along && lr_samples_rays(volume, options);
+    const bool lighted = along && lr_lights_rays(volume, options);
 #ifdef LR_EMPTY_CUBES
     const lr_empty_cubes of_structure = LR_EMPTY_CUBES(data), *cubes = &of_structure;
 #else
     const lr_empty_cubes *cubes = NULL;
 #endif
-    const uint64_t poll = along && !sampled ? 64 : 1024; /* rays between looks at the stop word */
+    const uint64_t poll =
+        along && !sampled && !lighted ? 64 : 1024; /* rays between looks at the stop word */
     lr_counters sum = {0};
     for (uint64_t first = 0; first < n; first += poll) {
         if (lr_stopped(watch))
@@ -214,6 +217,12 @@ lr_status LR_JOIN(lr_, LR_NAME,
         if (sampled) {
             sum.in_lanes += last - first;
             lr_sample_rays(volume, cubes, rays, first, last, options, hits, &sum);
+            continue;
+        }
+        if (lighted) {
+            lr_light_rays(volume, cubes, rays, first, last, options, hits, &sum, watch);
+            if (lr_stopped(watch)) /* in the midst of these, maybe */
+                return lr_fail_stopped(error);
             continue;
         }
         if (along) {

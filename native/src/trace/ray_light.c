@@ -1,0 +1,32 @@
+/* Light along rays side by side, by whatever the processor; and which of them take it.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "trace/ray_light.h"
+
+#include "base/cpu.h"
+#include "grid/transfer_function.h"
+
+#define LR_VECTORS    0
+#define LR_LIGHT_RAYS lr_light_rays_portable
+
+#include "trace/ray_light_impl.h"
+
+bool lr_lights_rays(const lr_volume *v, const lr_trace_options *options)
+{
+    return options->mode == LR_MODE_VOLUME && options->sampling == LR_SAMPLING_EXACT &&
+           v->planes[0] == NULL && !(v->transfer->full_gradient > 0.0);
+}
+
+void lr_light_rays(const lr_volume *v, const lr_empty_cubes *cubes, const lr_rays *rays,
+                   uint64_t first, uint64_t end, const lr_trace_options *options,
+                   const lr_hits *hits, lr_counters *counters, const lr_watch *watch)
+{
+    lr_light_rays_of *run = lr_light_rays_portable;
+#ifdef LR_X86
+    if (v->transfer->simd == LR_SIMD_AVX512)
+        run = lr_light_rays_avx512;
+    else if (v->transfer->simd == LR_SIMD_AVX2)
+        run = lr_light_rays_avx2;
+#endif
+    run(v, cubes, rays, first, end, options, hits, counters, watch);
+}
