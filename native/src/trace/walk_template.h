@@ -220,6 +220,7 @@ lr_status LR_JOIN(lr_, LR_NAME,
             continue;
         }
         if (lighted) {
+            sum.in_lanes += last - first;
             lr_light_rays(volume, cubes, rays, first, last, options, hits, &sum, watch);
             if (lr_stopped(watch)) /* in the midst of these, maybe */
                 return lr_fail_stopped(error);
