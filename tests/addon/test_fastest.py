@@ -111,8 +111,11 @@ def test_rays_of_an_orthographic_camera_come_along_its_axis():
 
 
 def test_the_report_says_how_many_pairs_went_in_lanes():
-    report = pipeline.render(balls()).report
-    assert 0 < report["in_lanes"] == report["pairs"]
+    trees = scenes.scene([scenes.sphere(n=4), scenes.box()])
+    for scene in (balls(), trees):
+        report = pipeline.render(scene).report
+        assert 0 < report["in_lanes"] == report["pairs"]
+        assert report["hits"] <= report["pairs"]
     alone = next(e.spec for e in leapray.variants() if e.exact and e.trial)
     report = pipeline.render(balls(traverser=alone)).report
     assert report["in_lanes"] == 0 < report["pairs"]

@@ -426,6 +426,7 @@ def test_what_is_wrong_with_a_tile_is_said_in_a_sentence(crowd):
         "passes are Combined, .* not 1": dict(passes=[1]),
         r"Depth must be float32 \(4, 4, 1\)": dict(passes={"Depth": np.empty((4, 4, 1))}),
         "unknown hit test 'luck'": dict(options={"hit_test": "luck"}),
+        "lit by their lights": dict(options={"phong": leapray.Phong()}),
     }
     for sentence, change in cases.items():
         tile = dict(x=0, y=0, width=4, height=4) | change

@@ -83,6 +83,10 @@ static uint32_t go_on(const lr_context *context, const lr_intersect_options *opt
         if (!by_trees || !placed->has_tree ||
             !meet_by_tree(context, options, rays, way, instance, hits))
             return instance;
+        if (context->counters != NULL) {
+            context->counters->pairs++;
+            context->counters->in_lanes++;
+        }
         if (options->any && hits->instance[i] != LR_NOWHERE)
             return LR_NOWHERE;
         last = lr_wide_t(&way->slabs, hits->t[i], 1);

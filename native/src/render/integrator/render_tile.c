@@ -69,6 +69,9 @@ static lr_status check(const lr_scene *scene, const lr_tile *tile, const lr_pass
     if (tile->trace.mode != LR_MODE_SURFACE)
         return lr_fail(error, LR_E_ARGUMENT, "rendering needs surface mode (%d), the mode is %d",
                        LR_MODE_SURFACE, tile->trace.mode);
+    if (tile->trace.phong != NULL)
+        return lr_fail(error, LR_E_ARGUMENT,
+                       "scenes are lit by their lights, not as samples of rays by themselves are");
     if (tile->record != NULL && (tile->width != 1 || tile->height != 1))
         return lr_fail(error, LR_E_ARGUMENT,
                        "a tile with a record must be one pixel, it is %d x %d", tile->width,
