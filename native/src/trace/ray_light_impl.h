@@ -242,7 +242,7 @@ LR_INLINE void look(lr_light_lanes *k, const light_job *job, uint32_t bits)
     lr_store_eight(k->cell, (c[0] & last) | (c[1] & last) << LR_SIDE_BITS |
                                 (c[2] & last) << 2 * LR_SIDE_BITS);
     const lr_eight_ints apart =
-        (c[0] & last) == last | (c[1] & last) == last | (c[2] & last) == last;
+        ((c[0] & last) == last) | ((c[1] & last) == last) | ((c[2] & last) == last);
     const light_view seen =
         job->cubes != NULL ? look_at_distances(job->cubes, k) : look_at_masks(v, c, k->place);
     for (int a = 0; a < 3; a++) {
