@@ -95,27 +95,49 @@ static uint32_t choose(const double *shares, uint32_t n, double *u)
     return last;
 }
 
+/* Where within the length a ray is scattered, by the density of one channel. */
+static double draw_by_channel(const lr_medium *medium, const double drawn[3], double length,
+                              double u, double *rest)
+{
+    const double sigma = medium->extinction[choose(drawn, 3, rest)];
+    return fmin(-log1p(u * expm1(-sigma * length)) / sigma, length);
+}
+
 double lr_medium_draw(const lr_scene *scene, const lr_medium_stack *in, uint32_t visibility,
                       const lr_medium *medium, const double throughput[3], double length,
-                      const double u[2], uint32_t *solid, double weight[3])
+                      const lr_lamps_beside *lamps, const double u[2], uint32_t *solid,
+                      double weight[3])
 {
     double part[3], drawn[3], there[3], share[LR_MEDIA_MAX] = {0}, rest = u[1];
+    double all_drawn = 0, all_there = 0;
     const double all = scattered(medium, throughput, part);
-    for (int a = 0; a < 3; a++)
+    for (int a = 0; a < 3; a++) {
         drawn[a] = part[a] * -expm1(-depth(medium, a, length));
-    const uint32_t channel = choose(drawn, 3, &rest);
-    const double sigma = medium->extinction[channel];
-    const double t = fmin(-log1p(u[0] * expm1(-sigma * length)) / sigma, length);
+        all_drawn += drawn[a];
+    }
+    const double t = u[0] < lamps->share
+                         ? lr_lamps_beside_draw(lamps, u[0] / lamps->share)
+                         : draw_by_channel(medium, drawn, length,
+                                           (u[0] - lamps->share) / (1 - lamps->share), &rest);
     for (int a = 0; a < 3; a++)
         there[a] = fabs(throughput[a]) * exp(-depth(medium, a, t));
     for (uint32_t k = 0; k < in->n; k++) {
         const lr_material *m = lr_medium_stack_filling(scene, in, k, visibility);
         for (int a = 0; a < 3 && m != NULL; a++)
             share[k] += m->medium.scattering[a] * there[a];
+        all_there += share[k];
     }
+    memset(weight, 0, 3 * sizeof *weight);
+    *solid = 0;
+    if (!(all_there > 0)) /* by a lamp, where no light from it is left */
+        return t;
     *solid = choose(share, in->n, &rest);
+    const double pdf = all_there / all_drawn;
+    const double drawn_by_both =
+        (1 - lamps->share) * pdf + lamps->share * lr_lamps_beside_pdf(lamps, t);
+    const double mis = pdf / drawn_by_both;
     const lr_medium *chosen = &scene->materials[in->material[*solid]].medium;
     for (int a = 0; a < 3; a++)
-        weight[a] = chosen->scattering[a] / share[*solid] * all;
+        weight[a] = chosen->scattering[a] / share[*solid] * all * mis;
     return t;
 }

@@ -4,6 +4,7 @@
 #ifndef LR_RENDER_INTEGRATOR_MEDIUM_H
 #define LR_RENDER_INTEGRATOR_MEDIUM_H
 
+#include "render/integrator/equiangular.h"
 #include "render/integrator/medium_stack.h"
 
 /* What fills the solids that a ray of that visibility is in, added up. False: nothing does. */
@@ -24,6 +25,7 @@ double lr_medium_opacity(const lr_medium *medium, const double throughput[3], do
  * the distance. */
 double lr_medium_draw(const lr_scene *scene, const lr_medium_stack *in, uint32_t visibility,
                       const lr_medium *medium, const double throughput[3], double length,
-                      const double u[2], uint32_t *solid, double weight[3]);
+                      const lr_lamps_beside *lamps, const double u[2], uint32_t *solid,
+                      double weight[3]);
 
 #endif

@@ -81,11 +81,21 @@ static void find_places_in_media(const lr_scene *scene, double t_min, const lr_p
             continue;
         const lr_path *path = &paths[wave->rays.owner[i]];
         const double unit = sqrt(lr_dot(path->direction, path->direction));
+        const double length = (wave->hits.t[i] - t_min) * unit;
+        double o[3], d[3];
         lr_medium medium;
+        lr_lamps_beside lamps;
+        for (int a = 0; a < 3; a++) {
+            o[a] = path->origin[a] + t_min * path->direction[a];
+            d[a] = path->direction[a] / unit;
+        }
         lr_medium_find(scene, &path->media, path->visibility, &medium);
-        const double t = lr_medium_draw(scene, &path->media, path->visibility, &medium,
-                                        path->throughput, (wave->hits.t[i] - t_min) * unit,
-                                        scatter->u[i], &scatter->medium[i], scatter->albedo[i]);
+        lr_lamps_beside_find(
+            scene, path, o, d, length,
+            fmin(medium.extinction[0], fmin(medium.extinction[1], medium.extinction[2])), &lamps);
+        const double t =
+            lr_medium_draw(scene, &path->media, path->visibility, &medium, path->throughput, length,
+                           &lamps, scatter->u[i], &scatter->medium[i], scatter->albedo[i]);
         scatter->t[i] = t_min + t / unit;
     }
 }
