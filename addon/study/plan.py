@@ -82,6 +82,9 @@ def uniform(size: float) -> type[planning.Planner]:
         def first_size(self, work) -> float:
             return size / max(np.linalg.norm(m[:3, :3], axis=0).max() for m in work.matrices)
 
+        def may_choose_cells(self, work) -> bool:
+            return False  # else small meshes have no voxels at all, but for their triangles
+
         def improve(self) -> None:
             pass
 
