@@ -322,13 +322,15 @@ class RayPainter:
         self.workspaces.append(workspace.nbytes)
         self.counters.append(counters)
         sampling = {name: getattr(s, name) for name in leapray.SAMPLING}
+        options = {name: getattr(s, name) for name in ("hit_test", "root", "normal", "step")}
+        options["sampling"] = s.volume_sampling
 
         def paint(tile: tiles.Tile) -> film.Passes:
             return self.placed.render_tile(
                 *tile,
                 samples=s.samples,
                 seed=s.seed,
-                options={"hit_test": s.hit_test, "root": s.root, "normal": s.normal},
+                options=options,
                 passes=self.passes,
                 workspace=workspace,
                 watch=self.watch,

@@ -288,6 +288,21 @@ class Settings:
         "How the surface's normal is found",
         choices=choices(leapray.NORMALS),
     )
+    volume_sampling: str = setting(
+        "exact",
+        "Volume Sampling",
+        "How light adds up along rays through volume data without a surface",
+        choices=choices(leapray.SAMPLINGS),
+    )
+    step: float = setting(
+        1.0,
+        "Step",
+        "How far apart samples of volume data, and those of the uniform hit test, lie, in voxels",
+        0.01,
+        100.0,
+        soft_minimum=0.1,
+        soft_maximum=8.0,
+    )
     layout: str = setting("objects", "Layout", "What shares a volume", choices=LAYOUT_CHOICES)
     resolution: int = samples_along(
         "Resolution",

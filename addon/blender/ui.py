@@ -130,6 +130,10 @@ class RENDER_PT_leapray_sampling(_RenderPanel, bpy.types.Panel):
         least = column.column()
         least.active = settings.noise_threshold > 0
         automatic(least, settings, "min_samples")
+        column.prop(settings, "volume_sampling")
+        step = column.column()
+        step.active = settings.volume_sampling != "exact" or settings.hit_test == "uniform"
+        step.prop(settings, "step")
         automatic(column, settings, "branches")
         column.prop(settings, "seed")
 

@@ -121,7 +121,9 @@ def _trial(
     mode = mode or ("volume" if instance.volume_unit > 0 else "surface")
     options: dict[str, Any] = {"mode": mode}
     if mode == "surface":
-        options |= {"hit_test": s.hit_test, "root": s.root, "normal": s.normal}
+        options |= {"hit_test": s.hit_test, "root": s.root, "normal": s.normal, "step": s.step}
+    elif mode == "volume":
+        options |= {"sampling": s.volume_sampling, "step": s.step}
     least = [np.inf] * len(structures)
     for _ in range(ROUNDS):
         for n, each in enumerate(structures):

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import bpy
 import numpy as np
 import pytest
@@ -99,6 +101,30 @@ def test_volumes_absorb_and_emit_as_in_cycles(name, tmp_path):
     assert not warnings()
     assert a[..., :3].std() > 0.02
     assert np.abs(a - b)[..., :3].max() < 0.02 * max(a.max(), 1)
+
+
+@pytest.mark.parametrize("sampling", ["post", "pre"])
+def test_samples_at_steps_come_nearer_to_integrals_the_smaller_the_step(sampling, tmp_path):
+    """Samples of classified corners keep an error, that of what lies between corners."""
+    before_white()
+    smoke(MATERIALS["both"](), tmp_path)
+    plain = read(24, 24)
+    settings = dataclasses.replace(plain.settings, samples=16, noise_threshold=0.0)
+
+    def picture(**more):
+        scene = dataclasses.replace(plain, settings=dataclasses.replace(settings, **more))
+        return blocks(pipeline.render(scene).passes["Combined"], 4)[..., :3]
+
+    exact = picture()
+    off = [
+        np.abs(picture(volume_sampling=sampling, step=step) - exact).max()
+        for step in (16.0, 2.0, 0.25)
+    ]
+    assert off[0] > 3 * off[1] > 0
+    if sampling == "post":
+        assert off[1] > 3 * off[2] and off[2] < 0.02 * exact.max()
+    else:
+        assert off[2] > 1e-3
 
 
 def test_surfaces_stand_in_front_within_and_behind(tmp_path):
