@@ -17,8 +17,13 @@
 /* The part of a distance that rounding leaves uncertain: nearer to the ray no lamp is. */
 static const double ROUNDING = 0x1p-40;
 
-/* Of places, where all light is shed on one point. */
-static const double MOST = 0.5;
+/* Of places, by a lamp that sheds its light unevenly. */
+static const double SHARE = 0.5;
+
+/* By how much its brightest place then exceeds the mean, at least. Measured on lamps near, far and
+ * of extent: below that the density of the medium alone has less noise, and smaller shares have
+ * more than either. */
+static const double UNEVEN = 2;
 
 /* Clip begin..end of the ray to the cone of directions within an angle (its cosine c >= 0) of the
  * axis; w leads from its apex to where the ray starts. False: nothing is left. */
@@ -62,13 +67,13 @@ static bool clip_to_light(const lr_light_bounds *bounds, double radius, const do
     return clip_to_cone(bounds->axis, c, w, d, begin, end);
 }
 
-/* By how much what is shed on the brightest point of the ray exceeds the mean over the length in
- * which it is scattered, as a part of it: 0 where all is as bright, which density alone finds. */
-static double contrast_of(const lr_lamp_beside *lamp, double length)
+/* Whether it sheds its light unevenly on the length in which the ray is scattered. */
+static bool is_uneven(const lr_lamp_beside *lamp, double length)
 {
     const double off = lr_clamp(lamp->nearest, lamp->begin, lamp->end) - lamp->nearest;
-    const double shed = lamp->angle * (lamp->away + off * off / lamp->away);
-    return fmax(1 - shed / length, 0);
+    const double even =
+        lamp->angle * (lamp->away + off * off / lamp->away); /* as at the brightest */
+    return UNEVEN * even < length;
 }
 
 /* The lamp with these bounds beside the ray; false where it sheds nothing on it. Its chance is what
@@ -122,8 +127,8 @@ void lr_lamps_beside_find(const lr_scene *scene, const lr_path *path, const doub
     }
     for (uint32_t k = 0; k < beside->n; k++) {
         beside->lamps[k].chance /= sum;
-        const double contrast = contrast_of(&beside->lamps[k], scattered);
-        beside->share += MOST * beside->lamps[k].chance * contrast * contrast;
+        if (is_uneven(&beside->lamps[k], scattered))
+            beside->share += SHARE * beside->lamps[k].chance;
     }
 }
 
