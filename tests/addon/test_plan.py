@@ -13,7 +13,7 @@ import pytest
 import scenes
 
 import leapray
-from addon import model
+from addon import model, pipeline
 from addon.plan import error_metric, objects, plan, probes
 from addon.store.memory_cache import Cache
 from leapray.voxelization import SPARE
@@ -513,6 +513,17 @@ def test_corners_look_sharp():
     assert rounded["exact_share"] == 0 and rounded["nbytes"] > row["nbytes"]
     assert rounded["crease_footprints"] > 0.05
     assert 0.5 < rounded["crease_voxel_footprints"] <= error_metric.SHARP_VOXEL
+
+
+@pytest.mark.parametrize("sigma", [0.3, 0.8, 2.0])
+def test_a_box_of_gas_lets_through_what_the_law_of_beer_says(sigma):
+    """To what 32 bits of a pixel hold, for the plan keeps the triangles of so small a mesh."""
+    gas = model.Material("Gas", (), absorption=(sigma,) * 3, bare=True)
+    view = scenes.camera(eye=(0, -6, 0), scale=1.2)
+    scene = scenes.scene([scenes.box((2.0, 1.8, 1.6))], view=view)
+    lit = {"materials": (gas, gas), "lights": (), "world": model.World((1.0, 1.0, 1.0))}
+    got = pipeline.render(dataclasses.replace(scene, **lit)).passes["Combined"][..., :3]
+    assert np.abs(got / np.exp(-1.8 * sigma) - 1).max() < 2e-7
 
 
 @pytest.mark.parametrize("n", [20, 64])
