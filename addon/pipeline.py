@@ -31,6 +31,7 @@ from .process import POLL
 from .settings import SETTINGS
 from .store.memory_cache import Cache
 
+OPTIONS = "hit_test", "root", "normal", "step", "stop_opacity"  # as leapray.trace has them
 PLANNED = 0.3  # share of the progress bar that planning and voxelizing take
 
 
@@ -322,7 +323,7 @@ class RayPainter:
         self.workspaces.append(workspace.nbytes)
         self.counters.append(counters)
         sampling = {name: getattr(s, name) for name in leapray.SAMPLING}
-        options = {name: getattr(s, name) for name in ("hit_test", "root", "normal", "step")}
+        options = {name: getattr(s, name) for name in OPTIONS}
         options["sampling"] = s.volume_sampling
 
         def paint(tile: tiles.Tile) -> film.Passes:

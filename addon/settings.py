@@ -303,6 +303,15 @@ class Settings:
         soft_minimum=0.1,
         soft_maximum=8.0,
     )
+    stop_opacity: float = setting(
+        1.0,
+        "Stop Opacity",
+        "How opaque volume data become along a ray before it ends, at the cost of what is behind; 1 "
+        "never ends it",
+        0.01,
+        1.0,
+        digits=4,
+    )
     layout: str = setting("objects", "Layout", "What shares a volume", choices=LAYOUT_CHOICES)
     resolution: int = samples_along(
         "Resolution",

@@ -134,6 +134,7 @@ class RENDER_PT_leapray_sampling(_RenderPanel, bpy.types.Panel):
         step = column.column()
         step.active = settings.volume_sampling != "exact" or settings.hit_test == "uniform"
         step.prop(settings, "step")
+        column.prop(settings, "stop_opacity")
         automatic(column, settings, "branches")
         column.prop(settings, "seed")
 

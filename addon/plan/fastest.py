@@ -124,6 +124,7 @@ def _trial(
         options |= {"hit_test": s.hit_test, "root": s.root, "normal": s.normal, "step": s.step}
     elif mode == "volume":
         options |= {"sampling": s.volume_sampling, "step": s.step}
+        options |= {"stop_opacity": s.stop_opacity}
     least = [np.inf] * len(structures)
     for _ in range(ROUNDS):
         for n, each in enumerate(structures):

@@ -127,6 +127,21 @@ def test_samples_at_steps_come_nearer_to_integrals_the_smaller_the_step(sampling
         assert off[2] > 1e-3
 
 
+def test_rays_that_end_early_are_off_by_what_is_behind_at_most(tmp_path):
+    before_white()
+    smoke(shaded("VolumePrincipled", Color=BLACK, Density=9.0), tmp_path)
+    plain = read(24, 24)
+    settings = dataclasses.replace(plain.settings, samples=16, noise_threshold=0.0)
+    whole, ended = (
+        pipeline.render(
+            dataclasses.replace(plain, settings=dataclasses.replace(settings, stop_opacity=stop))
+        ).passes["Combined"][..., :3]
+        for stop in (1.0, 0.8)
+    )
+    off = np.abs(whole - ended).max()
+    assert 0.02 < off < 0.2 * 0.7 + 1e-3  # of a world as bright as 0.7
+
+
 def test_surfaces_stand_in_front_within_and_behind(tmp_path):
     scene = before_white()
     smoke(MATERIALS["both"](), tmp_path)
