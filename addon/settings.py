@@ -306,8 +306,8 @@ class Settings:
     stop_opacity: float = setting(
         1.0,
         "Stop Opacity",
-        "How opaque volume data become along a ray before it ends, at the cost of what is behind; 1 "
-        "never ends it",
+        "How opaque volume data become along a ray before it ends, at the cost of what lies "
+        "behind; 1 never ends it",
         0.01,
         1.0,
         digits=4,
