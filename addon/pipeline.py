@@ -31,7 +31,6 @@ from .process import POLL
 from .settings import SETTINGS
 from .store.memory_cache import Cache
 
-OPTIONS = "hit_test", "root", "normal", "step", "stop_opacity"  # as leapray.trace has them
 PLANNED = 0.3  # share of the progress bar that planning and voxelizing take
 
 
@@ -323,8 +322,7 @@ class RayPainter:
         self.workspaces.append(workspace.nbytes)
         self.counters.append(counters)
         sampling = {name: getattr(s, name) for name in leapray.SAMPLING}
-        options = {name: getattr(s, name) for name in OPTIONS}
-        options["sampling"] = s.volume_sampling
+        options = s.trace_options("surface") | s.trace_options("volume")
 
         def paint(tile: tiles.Tile) -> film.Passes:
             return self.placed.render_tile(

@@ -298,8 +298,7 @@ class Ray:
         """t of the hit before high, or infinity."""
         if self.mode == "volume":
             return np.inf
-        options = {name: getattr(settings, name) for name in ("hit_test", "root", "normal", "step")}
-        return float(self._trace(np.array([high]), **options).t[0])
+        return float(self._trace(np.array([high]), **settings.trace_options(self.mode)).t[0])
 
     def visited_cells(self, high: float, most: int) -> tuple[int, NDArray[np.int64]]:
         """How many cells the ray visits up to t = high, and the first `most` of them, (n, 3).

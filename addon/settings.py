@@ -409,6 +409,15 @@ class Settings:
         in_presets=False,
     )
 
+    def trace_options(self, mode: str) -> dict[str, Any]:
+        """What of these leapray.trace takes in a mode."""
+        if mode == "surface":
+            return {name: getattr(self, name) for name in ("hit_test", "root", "normal", "step")}
+        if mode == "volume":
+            own = {name: getattr(self, name) for name in ("step", "stop_opacity")}
+            return {**own, "sampling": self.volume_sampling}
+        return {}
+
 
 @dataclass(frozen=True)
 class Modelling:

@@ -38,8 +38,11 @@ class Choice:
     why: str  # a sentence's end
 
 
-# By the structure of the default: the same volume is tried once, however many frames show it.
-_choices: weakref.WeakKeyDictionary[leapray.Structure, Choice] = weakref.WeakKeyDictionary()
+# By the structure of the default, then by what its rays were traced with: the same volume is tried
+# once, however many frames show it.
+_choices: weakref.WeakKeyDictionary[leapray.Structure, dict[str, Choice]] = (
+    weakref.WeakKeyDictionary()
+)
 
 
 def first(spec: str) -> str | None:
@@ -91,24 +94,25 @@ def _choice(
     watch: leapray.Watch,
     mode: str,
 ) -> Choice:
-    built = instance.structure
-    found = _choices.get(built)
-    if found is None:
-        found = _choices[built] = _trial(instance, scene, threads, watch, mode)
-    return found
+    """What a trial finds or has found. mode: as for choose."""
+    mode = mode or ("volume" if instance.volume_unit > 0 else "surface")
+    options = {"mode": mode, **scene.settings.trace_options(mode)}
+    known = _choices.setdefault(instance.structure, {})
+    if repr(options) not in known:
+        known[repr(options)] = _trial(instance, scene.camera, options, threads, watch)
+    return known[repr(options)]
 
 
 def _trial(
     instance: leapray.Instance,
-    scene: model.Scene,
+    camera: leapray.Camera,
+    options: dict[str, Any],
     threads: int,
     watch: leapray.Watch,
-    mode: str,
 ) -> Choice:
-    """Trace the same rays by all that may be the fastest."""
+    """Trace the same rays by all that may be the fastest. options: of leapray.trace."""
     built = instance.structure
-    info = built.volume.info
-    if info.n_triangle_cells == info.n_surface_cells:
+    if built.has_tree:
         return Choice(None, {}, "its triangles are met in a tree, whatever the traverser")
     rivals = [
         leapray.build(built.volume, each, threads=threads, watch=watch)
@@ -116,15 +120,7 @@ def _trial(
         if each.trial and not each.default
     ]
     structures = [built, *rivals]
-    rays = _rays(instance, scene.camera)
-    s = scene.settings
-    mode = mode or ("volume" if instance.volume_unit > 0 else "surface")
-    options: dict[str, Any] = {"mode": mode}
-    if mode == "surface":
-        options |= {"hit_test": s.hit_test, "root": s.root, "normal": s.normal, "step": s.step}
-    elif mode == "volume":
-        options |= {"sampling": s.volume_sampling, "step": s.step}
-        options |= {"stop_opacity": s.stop_opacity}
+    rays = _rays(instance, camera)
     least = [np.inf] * len(structures)
     for _ in range(ROUNDS):
         for n, each in enumerate(structures):

@@ -248,7 +248,7 @@ class Planner(Separation):
         """
         if not self.may_choose_cells(work) or work.exact == "every":
             return False
-        finer = self._probes(work).area / (work.measured.voxel_size / 2) ** 2
+        finer = self._cells(work, work.measured.voxel_size / 2)
         if finer < CELLS_PER_TRIANGLE * len(work.mesh.triangles):
             return False
         return self._try(work, exact="every", own_normals=True)
@@ -299,8 +299,12 @@ class Planner(Separation):
 
         Of thin things the samples may find no cell at all: then the area tells how many.
         """
-        cells = self._probes(work).area / work.measured.voxel_size**2
+        cells = self._cells(work, work.measured.voxel_size)
         return len(work.mesh.triangles) > error_metric.CROWD / 4 * max(work.measured.n_cells, cells)
+
+    def _cells(self, work: Work, voxel_size: float) -> float:
+        """How many cells of that size the surface goes through, about."""
+        return self._probes(work).area / voxel_size**2
 
     def _may_keep_triangles(self, work: Work) -> bool:
         """Whether it is a solid whose cells do not, but could if that helps."""

@@ -19,7 +19,7 @@ from scipy import ndimage
 import leapray
 
 from . import page
-from .entries import seconds
+from .entries import seconds, spread
 from .phantom import phantom
 
 SEED = 256
@@ -86,8 +86,7 @@ def measure(size: int, rounds: int) -> list[Distance]:
                     raise ValueError(f"{by} finds other distances, by {metric}")
             taken = seconds(list(methods.values()), rounds)
             for by, each in zip(methods, taken.T, strict=True):
-                low, middle, high = each.min(), np.median(each), each.max()
-                rows.append(Distance(field, size, metric, by, middle, low, high))
+                rows.append(Distance(field, size, metric, by, *spread(each)))
     return rows
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,11 @@ def label(entry: leapray.Traverser | leapray.ImageMethod) -> str:
     return (
         f"{entry.label}, {options.replace('=', ' ').replace(',', ', ')}" if options else entry.label
     )
+
+
+def spread(taken: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:
+    """The median, the least and the most of seconds."""
+    return float(np.median(taken)), float(np.min(taken)), float(np.max(taken))
 
 
 def seconds(

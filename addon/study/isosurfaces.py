@@ -27,6 +27,7 @@ from leapray.formats.vdb import openvdb_module
 
 from . import charts, metrics, page
 from .clouds import cloud
+from .entries import spread
 from .folder import study_folder, write_figures
 from .options import chosen, number
 from .scenes import write_head
@@ -233,7 +234,7 @@ def summary(by: str, rounds: list[list[dict]]) -> list[Run]:
     for step, which in steps.items():
         seconds = [each["seconds"] for told in rounds for each in told[which]]
         nbytes = max(each["nbytes"] for told in rounds for each in told[which])
-        found.append(Run(by, step, float(np.median(seconds)), min(seconds), max(seconds), nbytes))
+        found.append(Run(by, step, *spread(seconds), nbytes))
     return found
 
 

@@ -23,7 +23,7 @@ import leapray
 from leapray.formats.vdb import openvdb_module
 
 from . import charts, distances, page, scenes, traversals
-from .entries import seconds
+from .entries import seconds, spread
 from .folder import study_folder, write_figures
 from .options import chosen, number, numbers
 
@@ -93,7 +93,7 @@ def samples_of_meshes(
     methods["OpenVDB", 0] = by_openvdb(vertices, triangles, voxel)
     taken = seconds(list(methods.values()), rounds, time.perf_counter)  # several threads
     return [
-        Row("mesh to samples", size, by, threads, float(np.median(s)), s.min(), s.max())
+        Row("mesh to samples", size, by, threads, *spread(s))
         for (by, threads), s in zip(methods, taken.T, strict=True)
     ]
 

@@ -21,6 +21,7 @@ from leapray.threads import cores
 
 from .. import model, pipeline
 from . import charts, page, scenes
+from .entries import spread
 from .folder import study_folder, write_figures
 from .options import chosen, number
 
@@ -159,9 +160,7 @@ def measure(axis: str, values: tuple[int, ...], rounds: int) -> list[Row]:
                 axis,
                 value,
                 float(np.median(made)),
-                float(np.median(traced)),
-                min(traced),
-                max(traced),
+                *spread(traced),
                 told[0]["rays"],
                 told[0]["volumes"][0]["voxel_size"],
                 held["volumes"] + held["structures"],
@@ -181,33 +180,30 @@ def draw(folder: Path, rows: list[Row]) -> None:
     path, columns = folder / "scaling", len(groups)
     with charts.chart(path, rows=2, columns=columns, width=3.6, height=3.0) as (_, axes):
         for column, (name, group) in enumerate(groups.items()):
-            x = [row.value for row in group]
-            top, bottom = axes[0, column], axes[1, column]
-            for k, (label, y) in enumerate(
+            lines = (
                 {
                     "set-up, s": [row.seconds_made for row in group],
                     "tracing, s": [row.seconds_traced for row in group],
                     "million rays a second": [row.speed for row in group],
-                }.items()
-            ):
-                top.plot(x, y, label=label, **charts.look(k))
-            for k, (label, y) in enumerate(
+                },
                 {
                     "volumes and structures, MB": [row.nbytes / 2**20 for row in group],
                     "at peak, MB": [row.peak / 2**20 for row in group],
-                }.items()
-            ):
-                bottom.plot(x, y, label=label, **charts.look(k))
-            for axis in (top, bottom):
+                },
+            )
+            x = [row.value for row in group]
+            for axis, series in zip(axes[:, column], lines, strict=True):
+                for k, (label, y) in enumerate(series.items()):
+                    axis.plot(x, y, label=label, **charts.look(k))
                 axis.set_yscale("log")
                 if name != "threads":
                     axis.set_xscale("log")
                 else:
                     axis.set_xticks(x)
-            top.set_title(name, fontsize=10.5)
-            bottom.set_xlabel(TOLD[name], fontsize=9)
-        axes[0, 0].legend(fontsize=8)
-        axes[1, 0].legend(fontsize=8)
+            axes[0, column].set_title(name, fontsize=10.5)
+            axes[1, column].set_xlabel(TOLD[name], fontsize=9)
+        for axis in axes[:, 0]:
+            axis.legend(fontsize=8)
 
 
 def sentences(rows: list[Row]) -> list[str]:

@@ -255,9 +255,7 @@ def rows_of(s: Subject, work: str, peers: list[Peer], rounds: int) -> list[Row]:
                 s.size,
                 s.n,
                 peer.by,
-                float(np.median(each)),
-                float(each.min()),
-                float(each.max()),
+                *entries.spread(each),
                 float(np.quantile(off, 0.99)) if both.any() else np.nan,
                 int((np.isfinite(t) != np.isfinite(want)).sum()),
                 peer.nbytes,
@@ -301,7 +299,7 @@ def section(folder: Path, rows: list[Row], image: int) -> list[str]:
         for row in rows
     ]
     head = ["work", "phantom", "by", "ns a ray", "least", "most"]
-    head += ["off by at 99 %, voxels", f"other hits of {JUDGED}", "MB"]
+    head += ["off by at 99 %, voxels", "other hits of those judged", "MB"]
     return [
         "<h2>Rays</h2>",
         f"<p>{image} x {image} parallel rays, askew, one thread, in turns, with all that the calls "

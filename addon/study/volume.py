@@ -30,7 +30,7 @@ import leapray
 
 from ..arrays import srgb
 from . import charts, page
-from .entries import default, first_of, label, seconds
+from .entries import default, first_of, label, seconds, spread
 from .folder import study_folder, write_figures
 from .options import chosen, number
 from .volume_subject import Subject, head
@@ -202,9 +202,7 @@ def measure(
                 way.leaps,
                 way.sampling,
                 way.stop,
-                float(np.median(took)),
-                float(took.min()),
-                float(took.max()),
+                *spread(took),
                 float(np.percentile(off, 90)),
                 float(np.percentile(off, 99)),
                 float(off.max()),

@@ -771,6 +771,8 @@ LR_API lr_status lr_structure_build(const lr_volume *volume, int32_t traverser,
                                     lr_structure **structure, lr_error *error);
 LR_API void lr_structure_free(lr_structure *structure);             /* NULL is fine */
 LR_API uint64_t lr_structure_nbytes(const lr_structure *structure); /* without the volume */
+/* 1: rays of scenes meet the volume's triangles by a tree, whatever the traverser; else 0. */
+LR_API int32_t lr_structure_has_tree(const lr_structure *structure);
 /* The box in which scenes look for what rays can hit, in lattice coordinates; lo > hi: there is
  * nothing. */
 LR_API void lr_structure_bounds(const lr_structure *structure, double lo[3], double hi[3]);

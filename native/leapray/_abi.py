@@ -1352,6 +1352,9 @@ PROTOTYPES = {
     "lr_structure_nbytes": (ctypes.c_uint64, (
         ctypes.POINTER(lr_structure),
     )),
+    "lr_structure_has_tree": (ctypes.c_int32, (
+        ctypes.POINTER(lr_structure),
+    )),
     "lr_structure_bounds": (None, (
         ctypes.POINTER(lr_structure),
         ctypes.POINTER(ctypes.c_double),

@@ -94,9 +94,10 @@ class Structure:
     """What a traverser needs beside the volume, which it keeps alive; `build` makes it.
 
     volume: whose it is; entry: the traverser with its options; handle: the core's.
-    Attributes: volume; traverser, with its options; nbytes, without the volume; bounds, (2, 3): the
-    box in which scenes look for what rays can hit, in lattice coordinates, its lower end above the
-    upper one where there is nothing.
+    Attributes: volume; traverser, with its options; nbytes, without the volume; has_tree: rays of
+    scenes meet the volume's triangles by a tree, whatever the traverser; bounds, (2, 3): the box in
+    which scenes look for what rays can hit, in lattice coordinates, its lower end above the upper
+    one where there is nothing.
     """
 
     def __init__(self, volume: Volume, entry: Traverser, handle) -> None:
@@ -104,6 +105,7 @@ class Structure:
         self.traverser = entry
         self.handle = handle
         self.nbytes = lib.lr_structure_nbytes(handle)
+        self.has_tree = bool(lib.lr_structure_has_tree(handle))
         self.bounds = np.zeros((2, 3))
         lib.lr_structure_bounds(handle, *map(pointer, self.bounds))
         weakref.finalize(self, lib.lr_structure_free, handle)

@@ -3,6 +3,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/cpu.h"
+#include "light_arrays.h"
 #include "trace/ray_samples.h"
 
 LR_API int32_t samples_simd(void)
@@ -18,17 +19,8 @@ LR_API void samples_run(int32_t simd, const lr_volume *volume, uint64_t n, const
     lr_sample_rays_of *run = simd == LR_SIMD_AVX512 ? lr_sample_rays_avx512
                              : simd == LR_SIMD_AVX2 ? lr_sample_rays_avx2
                                                     : lr_sample_rays_portable;
-    const lr_rays of = {.ox = rays,
-                        .oy = rays + n,
-                        .oz = rays + 2 * n,
-                        .dx = rays + 3 * n,
-                        .dy = rays + 4 * n,
-                        .dz = rays + 5 * n};
-    const lr_hits hits = {.t = out,
-                          .red = out + n,
-                          .green = out + 2 * n,
-                          .blue = out + 3 * n,
-                          .transmittance = out + 4 * n};
+    const lr_rays of = rays_of(rays, n);
+    const lr_hits hits = hits_of(out, n);
     const lr_trace_options options = {
         .normal = normal, .step = step, .stop_opacity = stop_opacity, .phong = phong};
     lr_counters counters = {0};

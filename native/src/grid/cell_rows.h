@@ -28,15 +28,12 @@ LR_INLINE void lr_load_rows(const lr_volume *v, size_t size, int32_t x, int32_t 
 {
     const int corner = lr_in_brick(x, y, z);
     const bool apart = lr_along(corner, 0) == LR_SIDE - 1;
-    for (int n = 0; n < LR_CELL_ROWS; n++)
-        row[n] = 0;
     if (!apart && lr_along(corner, 1) < LR_SIDE - 1 && lr_along(corner, 2) < LR_SIDE - 1) {
-        const unsigned char *at = v->samples + lr_sample_at(v, x, y, z) * size;
-        for (int n = 0; n < LR_CELL_ROWS; n++)
-            memcpy(&row[n], at + (size_t)lr_in_brick(0, n & 1, n >> 1) * size, 2 * size);
+        lr_load_rows_of(v, size, lr_table_of(v, x, y, z), corner, row);
         return;
     }
     for (int n = 0; n < LR_CELL_ROWS; n++) {
+        row[n] = 0;
         const int32_t yn = y + (n & 1), zn = z + (n >> 1);
         const unsigned char *at = v->samples + lr_sample_at(v, x, yn, zn) * size;
         if (apart) {

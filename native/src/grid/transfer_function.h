@@ -53,6 +53,10 @@ LR_INLINE uint64_t lr_knots_below(const lr_transfer *f, double value, bool on_it
     return low;
 }
 
+/* Side by side the pieces of values are found by counting the knots below them, unless these are
+ * more than so many. */
+enum { LR_FEW_KNOTS = 16 };
+
 /* The number of a value's piece. */
 LR_INLINE uint64_t lr_piece_of(const lr_transfer *f, double value)
 {

@@ -51,6 +51,43 @@ LR_INLINE void lr_put_miss(const lr_hits *hits, uint64_t i)
     lr_put_misses(hits, i, i + 1);
 }
 
+/* Ray i has stood in so many cells. */
+LR_INLINE void lr_put_steps(const lr_hits *hits, uint64_t i, uint64_t cells)
+{
+    if (hits->steps != NULL)
+        hits->steps[i] = (int32_t)(cells < INT32_MAX ? cells : INT32_MAX);
+}
+
+/* Ray i meets nothing of a visible volume. */
+LR_INLINE void lr_put_dark(const lr_hits *hits, uint64_t i)
+{
+    static const double dark[3] = {0.0, 0.0, 0.0};
+    lr_put_miss(hits, i);
+    lr_put_triple(hits->red, hits->green, hits->blue, i, dark);
+    if (hits->transmittance != NULL)
+        hits->transmittance[i] = 1.0;
+    if (hits->value != NULL)
+        hits->value[i] = NAN;
+    if (hits->length != NULL)
+        hits->length[i] = 0.0;
+    lr_put_steps(hits, i, 0);
+}
+
+/* What ray i has seen of one, from t on (infinity: nothing), in so many cells. */
+LR_INLINE void lr_put_light(const lr_hits *hits, uint64_t i, double t, const double color[3],
+                            double transmittance, uint64_t cells, lr_counters *counters)
+{
+    hits->t[i] = t;
+    lr_put_triple(hits->red, hits->green, hits->blue, i, color);
+    if (hits->transmittance != NULL)
+        hits->transmittance[i] = transmittance;
+    lr_put_steps(hits, i, cells);
+    counters->cells += cells;
+    counters->hits += t < INFINITY;
+    if (counters->most_cells < cells)
+        counters->most_cells = cells;
+}
+
 LR_INLINE void lr_towards_origin(const double d[3], double normal[3])
 {
     double length = sqrt(lr_dot(d, d));

@@ -17,8 +17,7 @@
 enum {
     LR_ALL_LIGHT_LANES = (1 << LR_DOUBLE_LANES) - 1,
     LR_LIGHT_GROUPS = 4, /* of lanes */
-    LR_MOST_ROOTS = LR_LIGHT_GROUPS * LR_DOUBLE_LANES,
-    FEW_KNOTS = 16 /* so many are counted through, not searched */
+    LR_MOST_ROOTS = LR_LIGHT_GROUPS * LR_DOUBLE_LANES
 };
 
 LR_INLINE lr_doubles lr_greater_lanes(lr_doubles a, lr_doubles b)
@@ -200,7 +199,7 @@ LR_INLINE void lr_find_bounds(const lr_doubles s[8], const lr_doubles c[4], lr_d
 LR_INLINE lr_doubles lr_pieces_of_lanes(const lr_transfer *f, lr_doubles value)
 {
     lr_doubles piece = {0};
-    if (f->n > FEW_KNOTS) {
+    if (f->n > LR_FEW_KNOTS) {
         for (int l = 0; l < LR_DOUBLE_LANES; l++)
             piece[l] = (double)lr_piece_of(f, value[l]);
         return piece;

@@ -76,35 +76,9 @@ static bool begin_ray(lr_light_lanes *k, int l, const light_job *job, uint64_t i
 
 static void put_ray(const lr_light_lanes *k, int l, const light_job *job)
 {
-    const lr_hits *hits = job->hits;
-    lr_counters *counters = job->counters;
-    const uint64_t i = k->ray[l], looked = (uint64_t)k->looked[l];
     const double color[3] = {k->color[0][l], k->color[1][l], k->color[2][l]};
-    hits->t[i] = k->begins[l];
-    lr_put_triple(hits->red, hits->green, hits->blue, i, color);
-    if (hits->transmittance != NULL)
-        hits->transmittance[i] = k->transmittance[l];
-    if (hits->steps != NULL)
-        hits->steps[i] = (int32_t)looked;
-    counters->cells += looked;
-    counters->hits += k->begins[l] < INFINITY;
-    if (counters->most_cells < looked)
-        counters->most_cells = looked;
-}
-
-static void put_nothing(const lr_hits *hits, uint64_t i)
-{
-    static const double dark[3] = {0.0, 0.0, 0.0};
-    lr_put_miss(hits, i);
-    lr_put_triple(hits->red, hits->green, hits->blue, i, dark);
-    if (hits->transmittance != NULL)
-        hits->transmittance[i] = 1.0;
-    if (hits->value != NULL)
-        hits->value[i] = NAN;
-    if (hits->length != NULL)
-        hits->length[i] = 0.0;
-    if (hits->steps != NULL)
-        hits->steps[i] = 0;
+    lr_put_light(job->hits, k->ray[l], k->begins[l], color, k->transmittance[l],
+                 (uint64_t)k->looked[l], job->counters);
 }
 
 /* Give lane l the next ray that meets something, or none. */
@@ -113,7 +87,7 @@ static void next_ray(lr_light_lanes *k, int l, light_job *job)
     const uint32_t bit = 1u << l;
     while (job->next < job->end) {
         const uint64_t i = job->next++;
-        put_nothing(job->hits, i);
+        lr_put_dark(job->hits, i);
         if (begin_ray(k, l, job, i)) {
             k->busy |= bit;
             k->fresh |= bit;

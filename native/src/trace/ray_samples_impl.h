@@ -18,9 +18,8 @@
 
 enum {
     LANES = 32,
-    LOOKS = 3,     /* for visible samples, before those that were found are taken, */
-    ENOUGH = 24,   /* or so many of them */
-    FEW_KNOTS = 16 /* so many are counted through, not searched */
+    LOOKS = 3,   /* for visible samples, before those that were found are taken, */
+    ENOUGH = 24, /* or so many of them */
 };
 
 #ifdef __clang__
@@ -129,35 +128,10 @@ static bool begin_ray(ray_lanes *k, int l, const lr_volume *v, const lr_rays *ra
 
 static void put_ray(const ray_lanes *k, int l, const lr_hits *hits, lr_counters *counters)
 {
-    const uint64_t i = k->ray[l];
     const double light[3] = {k->light[0][l], k->light[1][l], k->light[2][l]};
-    hits->t[i] = k->begins[l];
-    lr_put_triple(hits->red, hits->green, hits->blue, i, light);
-    if (hits->transmittance != NULL)
-        hits->transmittance[i] = k->transmittance[l];
-    if (hits->steps != NULL)
-        hits->steps[i] = (int32_t)(k->looked[l] < INT32_MAX ? k->looked[l] : INT32_MAX);
-    counters->cells += k->looked[l];
+    lr_put_light(hits, k->ray[l], k->begins[l], light, k->transmittance[l], k->looked[l], counters);
     counters->tests += k->taken[l];
     counters->samples += k->taken[l];
-    counters->hits += k->begins[l] < INFINITY;
-    if (counters->most_cells < k->looked[l])
-        counters->most_cells = k->looked[l];
-}
-
-static void put_nothing(const lr_hits *hits, uint64_t i)
-{
-    static const double dark[3] = {0.0, 0.0, 0.0};
-    lr_put_miss(hits, i);
-    lr_put_triple(hits->red, hits->green, hits->blue, i, dark);
-    if (hits->transmittance != NULL)
-        hits->transmittance[i] = 1.0;
-    if (hits->value != NULL)
-        hits->value[i] = NAN;
-    if (hits->length != NULL)
-        hits->length[i] = 0.0;
-    if (hits->steps != NULL)
-        hits->steps[i] = 0;
 }
 
 /* Give lane l the next ray that meets something; false: there is none. */
@@ -166,7 +140,7 @@ static bool next_ray(ray_lanes *k, int l, const lr_volume *v, const lr_rays *ray
 {
     while (*next < end) {
         const uint64_t i = (*next)++;
-        put_nothing(hits, i);
+        lr_put_dark(hits, i);
         if (begin_ray(k, l, v, rays, i, options))
             return true;
     }
@@ -340,7 +314,7 @@ LR_INLINE void interpolate(ray_lanes *k)
 
 LR_INLINE void find_pieces(const ray_lanes *k, const lr_transfer *f, double piece[LANES])
 {
-    if (f->n > FEW_KNOTS) {
+    if (f->n > LR_FEW_KNOTS) {
         for (int l = 0; l < LANES; l++)
             piece[l] = (double)lr_piece_of(f, k->value[l]);
         return;

@@ -95,6 +95,11 @@ uint64_t lr_structure_nbytes(const lr_structure *s)
     return s->nbytes;
 }
 
+int32_t lr_structure_has_tree(const lr_structure *s)
+{
+    return s->tree != NULL;
+}
+
 void lr_structure_bounds(const lr_structure *s, double lo[3], double hi[3])
 {
     for (int a = 0; a < 3; a++) {

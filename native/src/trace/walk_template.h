@@ -105,9 +105,8 @@ LR_INLINE void lr_trace_one(const lr_volume *v, const void *data, const lr_rays 
         first = false;
     }
 end:
-    if (counted && hits->steps != NULL)
-        hits->steps[i] = (int32_t)(tally.cells < INT32_MAX ? tally.cells : INT32_MAX);
     if (counted) {
+        lr_put_steps(hits, i, tally.cells);
         counters->rays++;
         counters->cells += tally.cells;
         counters->jumps += tally.jumps;
@@ -149,8 +148,7 @@ LR_INLINE void lr_add_along_one(const lr_volume *v, const void *data, const lr_r
         }
     }
     const bool seen = lr_sums_put(&sums, v, hits, i);
-    if (hits->steps != NULL)
-        hits->steps[i] = (int32_t)(tally.cells < INT32_MAX ? tally.cells : INT32_MAX);
+    lr_put_steps(hits, i, tally.cells);
     counters->rays++;
     counters->cells += tally.cells;
     counters->jumps += tally.jumps;

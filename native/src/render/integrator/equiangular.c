@@ -130,6 +130,8 @@ void lr_lamps_beside_find(const lr_scene *scene, const lr_path *path, const doub
         if (is_uneven(&beside->lamps[k], scattered))
             beside->share += SHARE * beside->lamps[k].chance;
     }
+    if (beside->share == 0)
+        beside->n = 0; /* no place is drawn by them */
 }
 
 double lr_lamps_beside_draw(const lr_lamps_beside *beside, double u)
