@@ -43,25 +43,25 @@ static uint32_t names(const lr_volume *v, const int32_t c[3], const double p[3],
             i++;
         if (face == 0)
             continue;
-        if (i == n)
+        if (i == n) {
             share[n++] = (lr_share){.face = face, .weight = LEAST};
+            __builtin_prefetch(v->faces->corner[face]);
+        }
         share[i].weight += weight;
     }
     return n;
 }
 
-/* The face's point that is closest to the hit, which is the origin of a[3].
+/* The weights of the corners at the face's point that is closest to the hit; false: it is
+ * none within the face. Given are how far the hit lies along two sides ab and ac, as dot
+ * products, and those of the sides.
  * Source: Ericson, Real-Time Collision Detection, 5.1.5. */
-static void closest(const double a[3][3], double at[3])
+static bool closest(double along_b, double along_c, double bb, double bc, double cc, double at[3])
 {
-    double ab[3], ac[3];
-    lr_sub(a[1], a[0], ab);
-    lr_sub(a[2], a[0], ac);
-    const double d1 = -lr_dot(ab, a[0]), d2 = -lr_dot(ac, a[0]);
-    const double d3 = -lr_dot(ab, a[1]), d4 = -lr_dot(ac, a[1]);
-    const double d5 = -lr_dot(ab, a[2]), d6 = -lr_dot(ac, a[2]);
+    const double d1 = along_b, d2 = along_c, d3 = d1 - bb, d4 = d2 - bc, d5 = d1 - bc, d6 = d2 - cc;
     const double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2;
     double u = 0.0, w = 0.0; /* of the second and third corner */
+    bool within = false;
     if (d1 <= 0.0 && d2 <= 0.0) {
     } else if (d3 >= 0.0 && d4 <= d3) {
         u = 1.0;
@@ -75,12 +75,15 @@ static void closest(const double a[3][3], double at[3])
         w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
         u = 1.0 - w;
     } else {
-        u = vb / (va + vb + vc);
-        w = vc / (va + vb + vc);
+        const double share = 1.0 / (va + vb + vc);
+        within = true;
+        u = vb * share;
+        w = vc * share;
     }
     at[0] = 1.0 - u - w;
     at[1] = u;
     at[2] = w;
+    return within;
 }
 
 /* Where the hit lies on a face, from its corners round it. Its height over the face's
@@ -89,28 +92,29 @@ static void closest(const double a[3][3], double at[3])
 static bool place(const double a[3][3], const double *inward, lr_share *s, double *height,
                   double *beside)
 {
-    double ab[3], ac[3], n[3], foot[3] = {0.0};
+    double ab[3], ac[3], n[3], foot[3];
     lr_sub(a[1], a[0], ab);
     lr_sub(a[2], a[0], ac);
     lr_cross_product(ab, ac, n);
     const double nn = lr_dot(n, n), bb = lr_dot(ab, ab), cc = lr_dot(ac, ac), bc = lr_dot(ab, ac);
     if (!(nn > 0.0 && isfinite(nn)))
         return false;
-    if (inward != NULL && fabs(lr_dot(n, inward)) < LEAST_COSINE * sqrt(nn))
+    const double length = sqrt(nn);
+    if (inward != NULL && fabs(lr_dot(n, inward)) < LEAST_COSINE * length)
         return false;
-    closest(a, s->at);
-    const double h = lr_dot(n, a[0]) / nn; /* the foot is h n */
-    for (int k = 0; k < 3; k++) {
-        for (int c = 0; c < 3; c++)
-            foot[k] += s->at[c] * a[c][k];
-        foot[k] -= h * n[k];
-    }
-    *height = fabs(h) * sqrt(nn);
-    *beside = lr_dot(foot, foot);
+    const double up = lr_dot(n, a[0]), h = up / nn; /* the foot is h n */
+    const double db = -lr_dot(ab, a[0]), dc = -lr_dot(ac, a[0]);
+    const bool within = closest(db, dc, bb, bc, cc, s->at);
+    *height = fabs(up) / length;
+    *beside = 0.0;
     memcpy(s->beyond, s->at, sizeof s->beyond);
+    if (within)
+        return true;
+    for (int k = 0; k < 3; k++)
+        foot[k] = s->at[0] * a[0][k] + s->at[1] * a[1][k] + s->at[2] * a[2][k] - h * n[k];
+    *beside = lr_dot(foot, foot);
     const double longest = fmax(fmax(bb, cc), bb + cc - 2.0 * bc);
-    if (*beside > 0.0 && nn > NEEDLE * longest * longest) {
-        const double db = -lr_dot(ab, a[0]), dc = -lr_dot(ac, a[0]);
+    if (nn > NEEDLE * longest * longest) {
         s->beyond[1] = (cc * db - bc * dc) / nn;
         s->beyond[2] = (bb * dc - bc * db) / nn;
         s->beyond[0] = 1.0 - s->beyond[1] - s->beyond[2];
@@ -222,10 +226,13 @@ static void image_color(const lr_triangle_attributes *f, const lr_share *s, doub
     for (int b = 0; b < 3; b++)
         for (int i = 0; i < 2; i++)
             uv[i] += s->beyond[b] * (double)f->uv[s->face][b][i];
-    lr_footprint footprint = {{0.0, 0.0}, 0.0};
-    if (width > 0.0)
-        footprint = footprint_of(f, s->face, width);
-    lr_texture_average(f->texture[f->source[s->face]], uv, &footprint, rgb);
+    const lr_texture *texture = f->texture[f->source[s->face]];
+    if (!(width > 0.0)) {
+        lr_texture_look(texture, uv, rgb);
+        return;
+    }
+    const lr_footprint footprint = footprint_of(f, s->face, width);
+    lr_texture_average(texture, uv, &footprint, rgb);
 }
 
 static void face_color(const lr_triangle_attributes *f, const lr_share *s, double width,

@@ -40,6 +40,8 @@ LR_INLINE double from_srgb(double x)
 /* The texel that stands for index i of n; -1: black. */
 LR_INLINE int32_t extended(double i, int32_t n, int32_t extension)
 {
+    if (i >= 0.0 && i < n)
+        return (int32_t)i;
     switch (extension) {
     case LR_EXTENSION_REPEAT:
         return (int32_t)lr_clamp(i - floor(i / n) * n, 0.0, n - 1);
@@ -48,7 +50,7 @@ LR_INLINE int32_t extended(double i, int32_t n, int32_t extension)
         return (int32_t)lr_clamp(j < n ? j : 2.0 * n - 1.0 - j, 0.0, n - 1);
     }
     case LR_EXTENSION_CLIP:
-        return i >= 0.0 && i < n ? (int32_t)i : -1;
+        return -1;
     default:
         return (int32_t)lr_clamp(i, 0.0, n - 1);
     }
@@ -274,6 +276,17 @@ static void add_texel(const lr_texture *t, int level, int32_t i, int32_t j, doub
         sum[3] += bytes ? 255.0 * weight : weight;
 }
 
+/* Four texels of bytes, of which none is black by extension. */
+LR_INLINE void mix_bytes(const lr_texture *t, const int32_t i[2], const int32_t j[2],
+                         const double w[4], double sum[4])
+{
+    const uint8_t *row[2] = {t->bytes + 3 * (size_t)j[0] * (size_t)t->width[0],
+                             t->bytes + 3 * (size_t)j[1] * (size_t)t->width[0]};
+    for (int a = 0; a < 3; a++)
+        sum[a] = w[0] * row[0][3 * i[0] + a] + w[1] * row[0][3 * i[1] + a] +
+                 w[2] * row[1][3 * i[0] + a] + w[3] * row[1][3 * i[1] + a];
+}
+
 /* How the box from -half to +half around x, in texels and no wider than one, is shared
  * by texel *first and the next: the next one's part. */
 LR_INLINE double next_share(double x, double half, double *first)
@@ -348,10 +361,12 @@ static void add_level(const lr_texture *t, int level, const double uv[2], double
             i[k] = extended(x + k, t->width[level], t->extension);
             j[k] = extended(y + k, t->height[level], t->extension);
         }
-        for (int n = 0; n < 4; n++) {
-            const int right = n & 1, up = n >> 1;
-            add_texel(t, level, i[right], j[up], (right ? p : 1.0 - p) * (up ? q : 1.0 - q), sum);
-        }
+        const double w[4] = {(1.0 - p) * (1.0 - q), p * (1.0 - q), (1.0 - p) * q, p * q};
+        if (level == 0 && t->linear != NULL && (i[0] | i[1] | j[0] | j[1]) >= 0)
+            mix_bytes(t, i, j, w, sum);
+        else
+            for (int n = 0; n < 4; n++)
+                add_texel(t, level, i[n & 1], j[n >> 1], w[n], sum);
     }
     double color[3] = {sum[0], sum[1], sum[2]};
     if (level == 0)
