@@ -21,44 +21,59 @@ void lr_aw_free(void *data)
     (void)data;
 }
 
-/* t of the next plane along each axis. */
+/* The next plane along each axis, and t there; how many cells of the box lie behind it. */
 typedef struct planes {
-    double next[3];
+    double next[3], plane[3], by[3];
+    int32_t left[3];
 } planes;
 
 LR_INLINE void begin_walk(const lr_ray *r, lr_lattice lattice, const lr_cursor *u, planes *p)
 {
-    for (int a = 0; a < 3; a++)
+    for (int a = 0; a < 3; a++) {
         p->next[a] = lr_next_t(r, lattice, u, a);
+        p->plane[a] = u->c[a] + (r->s[a] > 0);
+        p->by[a] = r->s[a];
+        p->left[a] = r->s[a] > 0 ? r->hi[a] - u->c[a] : r->s[a] < 0 ? u->c[a] - r->lo[a] : 0;
+    }
 }
 
-LR_INLINE bool step(const lr_ray *r, lr_lattice lattice, lr_cursor *u, planes *p, int axis)
+/* The cursor's t and axis are set by the walk, at its end. */
+LR_INLINE bool step(const lr_ray *r, lr_lattice lattice, lr_cursor *u, planes *p, int axis,
+                    double *t)
 {
-    bool goes_on = lr_cross(r, u, axis, p->next[axis]);
-    p->next[axis] = lr_next_t(r, lattice, u, axis);
-    return goes_on;
+    *t = p->next[axis];
+    u->axis = axis;
+    if (--p->left[axis] < 0 || !(*t <= r->t_max))
+        return false;
+    u->c[axis] += r->s[axis];
+    p->plane[axis] += p->by[axis];
+    p->next[axis] = lattice == LR_REGULAR ? (p->plane[axis] - r->o[axis]) * r->inv[axis]
+                                          : lr_next_t(r, lattice, u, axis);
+    return true;
 }
 
-LR_INLINE bool next_cell(const lr_ray *r, lr_lattice lattice, lr_cursor *u, planes *p)
+LR_INLINE bool next_cell(const lr_ray *r, lr_lattice lattice, lr_cursor *u, planes *p, double *t)
 {
-    const double *t = p->next;
-    if (t[1] < t[0])
-        return t[2] < t[1] ? step(r, lattice, u, p, 2) : step(r, lattice, u, p, 1);
-    return t[2] < t[0] ? step(r, lattice, u, p, 2) : step(r, lattice, u, p, 0);
+    const double x = p->next[0], y = p->next[1], z = p->next[2];
+    if (y < x)
+        return z < y ? step(r, lattice, u, p, 2, t) : step(r, lattice, u, p, 1, t);
+    return z < x ? step(r, lattice, u, p, 2, t) : step(r, lattice, u, p, 0, t);
 }
 
 LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_lattice lattice,
                     lr_cursor *u, planes *p, bool first, lr_tally *tally)
 {
     (void)data;
-    if (!first && !next_cell(r, lattice, u, p))
+    double t = u->t;
+    if (!first && !next_cell(r, lattice, u, p, &t))
         return false;
     lr_count_cell(tally);
     while (!lr_is_surface_cell(v, u->c)) {
-        if (!next_cell(r, lattice, u, p))
+        if (!next_cell(r, lattice, u, p, &t))
             return false;
         lr_count_cell(tally);
     }
+    u->t = t > u->t ? t : u->t;
     return true;
 }
 
