@@ -98,8 +98,13 @@ LR_INLINE double lr_plane_t(const lr_ray *r, lr_lattice lattice, int a, int32_t 
 LR_INLINE int32_t lr_cell_of(const lr_ray *r, lr_lattice lattice, int a, double q, int32_t lo,
                              int32_t hi)
 {
-    if (lattice == LR_REGULAR)
-        return (int32_t)lr_clamp(lr_floor_along(q, r->s[a]), lo, hi);
+    if (lattice == LR_REGULAR) { /* cells are 0 and more: no need to round down */
+        uint64_t bits;
+        memcpy(&bits, &q, sizeof q);
+        bits -= r->s[a] < 0; /* the next smaller number, of those over 0 */
+        memcpy(&q, &bits, sizeof q);
+        return (int32_t)lr_clamp(q, lo, hi);
+    }
     const double *planes = r->planes[a];
     while (lo < hi) { /* the last cell whose lower plane the ray has reached */
         const int32_t middle = hi - (hi - lo) / 2;
@@ -158,10 +163,11 @@ LR_INLINE double lr_exit_t(const lr_ray *r, lr_lattice lattice, const int32_t lo
     double t[3];
     for (int a = 0; a < 3; a++)
         t[a] = lr_plane_t(r, lattice, a, r->s[a] > 0 ? hi[a] + 1 : lo[a]);
-    int a = t[1] < t[0];
-    a = t[2] < t[a] ? 2 : a;
-    *axis = a;
-    return t[a];
+    const bool second = t[1] < t[0];
+    const double first = second ? t[1] : t[0];
+    const bool third = t[2] < first;
+    *axis = third ? 2 : second;
+    return third ? t[2] : first;
 }
 
 /* Go through the face of one axis at t, whose plane next to u->c it is; false:
@@ -242,7 +248,8 @@ LR_INLINE bool lr_advance_to_box(const lr_ray *r, lr_lattice lattice, lr_cursor 
     return true;
 }
 
-/* Leave the box lo..hi around u->c; false: the ray has ended. */
+/* Leave the box lo..hi around u->c; false: the ray has ended. Which axis is crossed nothing
+ * foretells: it is no branch. */
 LR_INLINE bool lr_exit(const lr_ray *r, lr_lattice lattice, lr_cursor *u, const int32_t lo[3],
                        const int32_t hi[3])
 {
@@ -251,17 +258,19 @@ LR_INLINE bool lr_exit(const lr_ray *r, lr_lattice lattice, lr_cursor *u, const 
     t = t > u->t ? t : u->t;
     if (!(t <= r->t_max))
         return false;
+    bool on = true;
     for (int a = 0; a < 3; a++) {
-        const bool up = r->s[a] > 0;
-        if (a == axis)
-            u->c[a] = up ? hi[a] + 1 : lo[a] - 1;
-        else if (r->s[a] != 0)
-            u->c[a] = lr_cell_of(r, lattice, a, r->o[a] + t * r->d[a], up ? u->c[a] : lo[a],
-                                 up ? hi[a] : u->c[a]);
+        const int32_t up = -(r->s[a] > 0), moves = -(r->s[a] != 0), crossed = -(a == axis);
+        const int32_t low = (u->c[a] & up) | (lo[a] & ~up), high = (hi[a] & up) | (u->c[a] & ~up);
+        const int32_t within = lr_cell_of(r, lattice, a, r->o[a] + t * r->d[a], low, high);
+        const int32_t beyond = ((hi[a] + 1) & up) | ((lo[a] - 1) & ~up);
+        const int32_t to = (within & moves) | (u->c[a] & ~moves);
+        u->c[a] = (beyond & crossed) | (to & ~crossed);
+        on &= (u->c[a] >= r->lo[a]) & (u->c[a] <= r->hi[a]);
     }
     u->axis = axis;
     u->t = t;
-    return u->c[axis] >= r->lo[axis] && u->c[axis] <= r->hi[axis];
+    return on;
 }
 
 #endif

@@ -11,6 +11,7 @@
  * steps do not descend again; 3. roots are a dense table.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "trace/next_planes.h"
 #include "trace/traverser.h"
 
 enum { NODE_BITS = 4, NODE_BRICKS = 1 << 3 * NODE_BITS };
@@ -147,6 +148,8 @@ typedef struct place {
     int32_t brick[3];
     int shift; /* cells of the empty box: 2^shift; 0 in a brick with surface */
     uint32_t entry;
+    bool steps; /* cell by cell, by the planes */
+    lr_planes planes;
 } place;
 
 LR_INLINE void descend(const tree *t, place *at, lr_tally *tally)
@@ -167,29 +170,64 @@ LR_INLINE void descend(const tree *t, place *at, lr_tally *tally)
     at->entry = t->leaves[n->first[in >> 6] + (uint32_t)__builtin_popcountll(word & (bit - 1))];
 }
 
-LR_INLINE bool empty_node(const void *data, const lr_volume *v, const lr_ray *r, place *at,
-                          const int32_t c[3], int32_t lo[3], int32_t hi[3], lr_tally *tally)
+LR_INLINE void look_up(const tree *t, place *at, const int32_t c[3], lr_tally *tally)
 {
-    if (lr_brick_of(c[0]) != at->brick[0] || lr_brick_of(c[1]) != at->brick[1] ||
-        lr_brick_of(c[2]) != at->brick[2]) {
-        for (int a = 0; a < 3; a++)
-            at->brick[a] = lr_brick_of(c[a]);
-        descend(data, at, tally);
-    }
-    if (at->shift == 0 && lr_entry_has(v, at->entry, c))
-        return true;
+    if (lr_brick_of(c[0]) == at->brick[0] && lr_brick_of(c[1]) == at->brick[1] &&
+        lr_brick_of(c[2]) == at->brick[2])
+        return;
+    for (int a = 0; a < 3; a++)
+        at->brick[a] = lr_brick_of(c[a]);
+    descend(t, at, tally);
+}
+
+LR_INLINE bool leave_empty(const lr_ray *r, lr_lattice lattice, lr_cursor *u, place *at)
+{
+    int32_t lo[3], hi[3];
     for (int a = 0; a < 3; a++) {
-        lo[a] = c[a] >> at->shift << at->shift;
+        lo[a] = u->c[a] >> at->shift << at->shift;
         hi[a] = lo[a] + (1 << at->shift) - 1;
     }
     lr_cut_box(r, lo, hi);
-    return false;
+    at->steps = false;
+    return lr_exit(r, lattice, u, lo, hi);
 }
 
-#define LR_NAME  hdda
-#define LR_STATE place
-#define LR_START(data, volume, ray, lattice, cursor, state)                                        \
-    ((state)->brick[0] = -1) /* none yet                                                           \
-                              */
-#define LR_BOX empty_node
+/* Leave a cell of a brick that holds surface. */
+LR_INLINE bool leave_cell(const lr_ray *r, lr_lattice lattice, lr_cursor *u, place *at)
+{
+    double t;
+    if (!at->steps)
+        lr_planes_begin(&at->planes, r, lattice, u);
+    at->steps = true;
+    if (!lr_planes_step(&at->planes, r, lattice, u, &t))
+        return false;
+    u->t = t > u->t ? t : u->t;
+    return true;
+}
+
+LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_lattice lattice,
+                    lr_cursor *u, place *at, bool first, lr_tally *tally)
+{
+    for (bool leaves = !first;; leaves = true) {
+        if (leaves &&
+            !(at->shift == 0 ? leave_cell(r, lattice, u, at) : leave_empty(r, lattice, u, at)))
+            return false;
+        look_up(data, at, u->c, tally);
+        lr_count_cell(tally);
+        if (at->shift == 0 && lr_entry_has(v, at->entry, u->c))
+            return true;
+        lr_count_jump(tally, at->shift != 0);
+    }
+}
+
+LR_INLINE void begin(place *at)
+{
+    at->brick[0] = -1; /* none yet */
+    at->steps = false;
+}
+
+#define LR_NAME                                             hdda
+#define LR_STATE                                            place
+#define LR_START(data, volume, ray, lattice, cursor, state) begin(state)
+#define LR_WALK                                             walk
 #include "trace/walk_template.h"
