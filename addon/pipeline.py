@@ -317,8 +317,7 @@ class RayPainter:
     def worker(self) -> Callable[[tiles.Tile], film.Passes]:
         s = self.scene.settings
         side = min(s.tile_size, max(self.scene.width, self.scene.height))
-        branches = s.branches or leapray.branches_for(s.samples)
-        workspace, counters = self.placed.workspace(side, side, branches), lr_counters()
+        workspace, counters = self.placed.workspace(side, side, s.branches), lr_counters()
         self.workspaces.append(workspace.nbytes)
         self.counters.append(counters)
         sampling = {name: getattr(s, name) for name in leapray.SAMPLING}

@@ -205,14 +205,14 @@ class Settings:
         "Most times that volumes scatter light which they have scattered once",
     )
     branches: int = setting(
-        0,
+        1,
         "Branches",
         "Rays of one sample that may be on their way at a time: where a surface both reflects and "
-        "refracts, more are followed and fewer left to chance; 0 takes what suits the samples",
-        0,
+        "refracts, more are followed and fewer left to chance, which takes longer than it spares "
+        "samples",
+        1,
         LR_BRANCHES_MAX,
         option=False,
-        zero=Switch("Automatic Branches", "Take as many as suit the samples", 4),
     )
     clamp_direct: float = setting(
         0.0,

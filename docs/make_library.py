@@ -97,7 +97,7 @@ TOPICS = {
         "rendered tile by tile by a path tracer. [leapray.h](../native/include/leapray.h) defines "
         "the units and conventions of each member.",
         "Scene Camera Instance Clip FieldColor Light Material Lobe World PASSES SAMPLING "
-        "PIXEL_FILTERS branches_for Record",
+        "PIXEL_FILTERS Record",
     ),
     "Errors and cancellation": (
         "The core refuses what it cannot do with an exception whose text is one sentence. Long "

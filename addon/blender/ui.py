@@ -135,7 +135,7 @@ class RENDER_PT_leapray_sampling(_RenderPanel, bpy.types.Panel):
         step.active = settings.volume_sampling != "exact" or settings.hit_test == "uniform"
         step.prop(settings, "step")
         column.prop(settings, "stop_opacity")
-        automatic(column, settings, "branches")
+        column.prop(settings, "branches")
         column.prop(settings, "seed")
 
 

@@ -34,7 +34,7 @@ from .programs import (
     numbers_of,
     operate,
 )
-from .rendering import PASSES, PIXEL_FILTERS, SAMPLING, Record, Scene, branches_for
+from .rendering import PASSES, PIXEL_FILTERS, SAMPLING, Record, Scene
 from .scalar_filters import coarser, smooth, without_islands
 from .scalar_grid import Leaves, ScalarGrid
 from .scene_parts import Camera, Clip, FieldColor, Instance, Light, Lobe, Material, World
@@ -123,7 +123,6 @@ __all__ = [
     "World",
     "__version__",
     "add_counters",
-    "branches_for",
     "build",
     "camera_rays",
     "coarser",

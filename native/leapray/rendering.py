@@ -40,7 +40,7 @@ MEMBERS = {name: name.lower().replace(" ", "_") for name in PASSES}  # of lr_pas
 MEMBERS["Ambient Occlusion"] = "ao"
 USUAL_PASSES = ("Combined", "Depth", "Normal", "Position", "Object Index")
 
-# How a tile is sampled, as of lr_tile; branches 0: few samples split, many choose.
+# How a tile is sampled, as of lr_tile.
 SAMPLING: dict[str, float | str] = {
     "min_samples": 0,
     "noise_threshold": 0.0,
@@ -52,7 +52,7 @@ SAMPLING: dict[str, float | str] = {
     "transmission_bounces": 12,
     "transparent_bounces": 8,
     "volume_bounces": 0,
-    "branches": 0,
+    "branches": 1,
     "ao_distance": 10.0,
     "ambient_distance": 0.0,
     "clamp_direct": 0.0,
@@ -168,7 +168,7 @@ class Scene:
     def __repr__(self) -> str:
         return f"<Scene of {self._told}>"
 
-    def workspace(self, width: int, height: int, branches: int = 4) -> NDArray[np.uint8]:
+    def workspace(self, width: int, height: int, branches: int = 1) -> NDArray[np.uint8]:
         """Working memory (n,) for tiles of up to width x height pixels; one per thread, to be used
         again. branches: as of the tiles. Raises LeapRayError for what are no whole numbers."""
         sides = numbers((width, height, branches), np.int32, "width, height and branches").tolist()
@@ -244,7 +244,6 @@ def _tile(samples: int, sampling: Mapping[str, float | str]) -> _abi.lr_tile:
     _assign(tile, samples=samples)
     values: dict[str, Any] = {**SAMPLING, **sampling}
     tile.filter = choice(PIXEL_FILTERS, values.pop("pixel_filter"), "pixel filter")
-    values["branches"] = values["branches"] or branches_for(samples)
     _assign(tile, **values)
     return tile
 
@@ -259,14 +258,6 @@ def _assign(struct: ctypes.Structure, **values: float) -> None:
 def _field_types(struct: type[ctypes.Structure]) -> dict[str, Any]:
     """The ctypes type of every field."""
     return {name: c_type for name, c_type, *_ in struct._fields_}
-
-
-def branches_for(samples: int) -> int:
-    """How many rays of a sample may be on their way where the user does not say.
-
-    Splitting spares few samples the noise of choosing; many have none to spare.
-    """
-    return max(1, min(4, 16 // max(samples, 1)))
 
 
 def _vector(values: ArrayLike, what: str, shape: tuple[int, ...] = (3,)) -> NDArray[np.float64]:
