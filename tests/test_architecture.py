@@ -72,6 +72,7 @@ LAYERS = {
         "store.disk_cache store.grid_cache store.memory_cache",
         "plan.clips plan.label_solids plan.levels plan.looks plan.other_grids",
         "plan.doubts plan.fields plan.separation",
+        "plan.refinement",
         "plan.plan",
         "pixel_report",
         "film",

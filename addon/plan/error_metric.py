@@ -28,7 +28,6 @@ from leapray.arrays import ONES
 from leapray.voxelization import filter_info, slope
 
 from .. import model
-from ..arrays import unit
 from .probes import Probes, Weights
 
 STEPS = ONES | {"f32": 1 << 24}  # of a sample's type between 0 and 1
@@ -172,6 +171,16 @@ class Errors:
             1.0,
         )
         return max(1, math.floor(math.log2(max(ratios))))
+
+    def sharpening(self, carried: bool) -> int:
+        """How many times the voxel must be halved for edges at least, if nothing else helps them.
+
+        Then blur falls to half, and lists of triangles to a quarter. carried: whether the volume
+        has normals; else finer ones may get some.
+        """
+        blur = (1.0 if carried else CARRIED) * self.blur / CREASE_VOXEL
+        crowded = min(math.sqrt(self.crowd / CROWD), self.voxel / CREASE_VOXEL)
+        return math.ceil(math.log2(max(blur, crowded, 1.0)))
 
     def softness(self) -> float:
         """How many times creases are too coarse to look their best; 1 is good enough."""
@@ -351,11 +360,7 @@ def normal_errors(
     is outside is not judged. off: (n,) what `measure_surface` gave. ids: (n,) of solids that
     share the volume, or None.
     """
-    own = probes.surface_normals
-    if mesh.corner_normals is not None:
-        corners = mesh.corner_normals[probes.surface_triangles].astype(np.float64)
-        smooth = unit(np.einsum("nk,nkc->nc", probes.surface_weights, corners))
-        own = np.where(smooth.any(axis=1)[:, None], smooth, own)
+    own = probes.shading_normals(mesh)
     at = probes.surface + off[:, None] * probes.askew
     found = volume.normals(at, ids, threads=threads)
     side = np.where(np.einsum("nc,nc->n", found, own) < 0, -1.0, 1.0)

@@ -52,6 +52,7 @@ class Work:
     structure: leapray.Structure | None = None
     stuck: str = ""  # why it is no finer, where it should be
     exact: str = "sheets"  # whose cells keep their triangles, see leapray.voxelize
+    asked_all: bool = False  # whether it was tried to keep all of them for want of finer voxels
     own_normals: bool = False  # shading is the mesh's own at any voxel size, smooth or flat
     dtype: str = ""  # of its samples; "": u16, or u8 where that is enough
     history: list[float] = field(default_factory=list)
@@ -314,17 +315,23 @@ class Levels:
     def _attributes(
         self, work: Work, mesh: model.Mesh, voxel_size: float
     ) -> leapray.Attributes | None:
+        kind = work.measure.kind if work.measure else ""
+        facets = work.own_normals and work.exact not in ("all", "every") and kind == "solid"
+        smooth = work.own_normals or self._shows_facets(work, mesh, voxel_size)
+        return self.color_sets.attributes(mesh, work.color_set, smooth, facets)
+
+    def _shows_facets(self, work: Work, mesh: model.Mesh, voxel_size: float) -> bool:
+        """Whether volumes of the work's mesh, or of a solid of it, need its normals from there."""
+        at = self._probes(work)
+        if mesh.corner_normals is None or voxel_size > mesh_colors.widest_voxel(at.largest):
+            return False
         key = "facets", work.digest, work.carries
         widest = self.cache.get(key) if mesh is work.mesh else None
         if widest is None:
-            creased = len(self._probes(work).creases) > 0
-            widest = mesh_colors.facet_voxel(mesh, creased)
+            widest = mesh_colors.facet_voxel(mesh, len(at.creases) > 0)
             if mesh is work.mesh:
                 self.cache.put(key, widest)
-        kind = work.measure.kind if work.measure else ""
-        facets = work.own_normals and work.exact not in ("all", "every") and kind == "solid"
-        smooth = work.own_normals or voxel_size < widest
-        return self.color_sets.attributes(mesh, work.color_set, smooth, facets)
+        return voxel_size < widest
 
     def _kernel(self, mesh: model.Mesh, volume: leapray.Volume) -> tuple[str, float]:
         """The filter that the volume was made with, and its half width; 0: its own."""
@@ -349,6 +356,10 @@ class Levels:
         return drawn or self.cache.put(
             key, probes.draw(work.mesh, self.check_cancelled, self.watch)
         )
+
+    def cells(self, work: Work, voxel_size: float) -> float:
+        """How many cells of that size the surface goes through, about."""
+        return self._probes(work).area / voxel_size**2
 
     def enter(
         self, work: Work, voxel_size: float, room: float, volume_room: float = math.inf
@@ -444,8 +455,11 @@ class Levels:
         narrow = error_metric.measure(volume, *known, gain, measure.normal)
         if not self._enough(work, dataclasses.replace(narrow, turn=0.0)):
             return measure
-        whose = ids[at.surface_triangles] if volume.info.n_objects and ids is not None else None
-        turn = sample_types.turn(volume, at.surface, voxel_size, gain, whose)
+        some = slice(None, None, sample_types.STEP)
+        whose = None
+        if volume.info.n_objects and ids is not None:
+            whose = ids[at.surface_triangles[some]]
+        turn = sample_types.turn(volume, at.surface[some], voxel_size, gain, whose)
         if turn > work.turn:
             return measure
         volume.narrow(gain, watch=self.watch)

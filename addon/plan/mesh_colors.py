@@ -35,6 +35,7 @@ from ..memory import pieces
 LEAN = np.radians(0.5)  # light on a surface that it grazes changes by less than 1 %
 LARGE = 2.0  # voxels: in folds of smaller facets the field's own normals err less
 SHOWS = 0.25  # of the area
+ROUNDED = 1.5  # times as wide may a facet be as f32 says: that is plenty
 
 
 @dataclass(frozen=True)
@@ -192,6 +193,11 @@ def slot_sources(mesh: model.Mesh, color_set: ColorSet) -> NDArray[np.int32] | N
     slots = np.zeros(len(mesh.triangles), np.int64) if mesh.slots is None else mesh.slots
     sources = table[np.minimum(slots, len(table) - 1)]
     return None if (sources == WHITE).all() else sources
+
+
+def widest_voxel(largest: float) -> float:
+    """No voxel size from facet_voxel is above; largest: area of a triangle, about."""
+    return float(np.sqrt(2 * largest) / LARGE) * ROUNDED
 
 
 def facet_voxel(mesh: model.Mesh, creased: bool) -> float:

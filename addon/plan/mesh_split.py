@@ -63,11 +63,14 @@ def solids(mesh: model.Mesh) -> list[model.Mesh]:
 
 def _only(mesh: model.Mesh, chosen: NDArray[np.bool_] | slice) -> model.Mesh:
     """The chosen triangles with the vertices that they use, sharing a volume no more."""
-    used, triangles = np.unique(mesh.triangles[chosen], return_inverse=True)
+    triangles = mesh.triangles[chosen]
+    used = np.zeros(len(mesh.vertices), np.bool_)
+    used[triangles] = True
+    number = np.cumsum(used, dtype=np.int32) - 1
     return dataclasses.replace(
         mesh,
         vertices=mesh.vertices[used],
-        triangles=triangles.reshape(-1, 3).astype(np.int32),
+        triangles=number[triangles],
         slots=None if mesh.slots is None else mesh.slots[chosen],
         solids=None,
         **mesh_colors.only(mesh, chosen),

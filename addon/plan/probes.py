@@ -14,7 +14,7 @@ footprint, the width of a pixel at the probe's depth, brought into object space.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -55,7 +55,21 @@ class Probes:
     crease_triangles: NDArray[np.int64]  # (n,) one of those beside
     crease_normals: NDArray[np.float64]  # (n, 2, 3): of the triangles on either side, unit
     area: float
+    largest: float  # area of a triangle
     crease_length: float
+    _shading: dict[str, Points] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def shading_normals(self, mesh: model.Mesh) -> Points:
+        """(n, 3), unit: the mesh's own at the points of the surface, smooth or flat."""
+        name = mesh.corner_names[0]
+        if mesh.corner_normals is None:
+            return self.surface_normals
+        if name not in self._shading:
+            corners = mesh.corner_normals[self.surface_triangles].astype(np.float64)
+            smooth = unit(np.einsum("nk,nkc->nc", self.surface_weights, corners))
+            known = smooth.any(axis=1)[:, None]
+            self._shading[name] = np.where(known, smooth, self.surface_normals)
+        return self._shading[name]
 
     @cached_property
     def askew(self) -> Points:
@@ -78,7 +92,13 @@ class Probes:
 def _facets(mesh: model.Mesh, chosen, longest: float) -> NDArray[np.float32]:
     """(n, 3): cross products of the sides of chosen triangles, lengths divided by longest."""
     a, b, c = (mesh.vertices[mesh.triangles[chosen, k]] / np.float32(longest) for k in range(3))
-    return np.cross(b - a, c - a)
+    return np.stack(_crossed((b - a).T, (c - a).T), axis=1)
+
+
+def _crossed(first, second) -> tuple[NDArray, NDArray, NDArray]:
+    """The cross products of vectors, coordinate by coordinate, which is faster."""
+    (x, y, z), (u, v, w) = first, second
+    return y * w - z * v, z * u - x * w, x * v - y * u
 
 
 def _areas(
@@ -86,9 +106,14 @@ def _areas(
 ) -> NDArray[np.float64]:
     """(m,) areas of the triangles."""
     areas = np.empty(len(mesh.triangles))
+    places = [np.ascontiguousarray(x) / np.float32(longest) for x in mesh.vertices.T]
     for some in pieces(len(areas)):
         check_cancelled()
-        areas[some] = np.linalg.norm(_facets(mesh, some, longest), axis=1)
+        corners = mesh.triangles[some].astype(np.intp).T
+        a, b, c = ([x.take(corner) for x in places] for corner in corners)
+        sides = ([q - p for p, q in zip(a, end, strict=True)] for end in (b, c))
+        x, y, z = _crossed(*sides)
+        areas[some] = np.sqrt(x * x + y * y + z * z)
     areas *= longest * longest / 2
     return areas
 
@@ -159,7 +184,7 @@ def draw(
     # the unit of what follows: f32 overflows
     longest = float(np.ptp(bounds(vertices), axis=0).max())
     area = _areas(mesh, longest, check_cancelled)
-    whole = float(area.sum())
+    whole, largest = float(area.sum()), float(area.max())
 
     chosen, u = _spread(area, N_SURFACE, random)
     del area
@@ -188,6 +213,7 @@ def draw(
         crease_triangles=first // 3,
         crease_normals=np.stack([normals(first), normals(second)], axis=1),
         area=whole,
+        largest=largest,
         crease_length=crease_length,
     )
 

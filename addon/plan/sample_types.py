@@ -29,6 +29,7 @@ TURN = math.radians(0.15)  # of normals, the mean: diffuse light changes by a qu
 LOBE_SHARE = 1 / 60  # likewise, of the width of a glossy lobe
 STRAIGHT = ("diffuse", "emission", "transparent")  # lobes that do not scatter light
 NONE = -1.0  # less than any
+STEP = 4  # probes of which one is for turns: a mean needs fewer than a quantile
 ROUNDING = 1e-6  # of normals, radians: less is no turn
 PART = 0.5  # of the error: then steps are what it is made of
 

@@ -21,14 +21,20 @@ MOSTLY = 3 / 4  # of the surface cells: from so many on that keep triangles, all
 MOST_FINER = 3  # levels, where cells that keep their triangles would have many,
 SHARE = 1 / 32  # of the memory for that, unless its mesh has many triangles:
 TRIANGLE_NBYTES = 128  # then so much for each
+PER_CELL = 2.0  # triangles as large in all as a cell's side, where its list has error_metric.CROWD
 
 
 class Separation(Levels):
     """The step of a plan for small gaps between volumes: decals, labels, carpets."""
 
-    def clear_rims(self) -> None:
-        """Let solids of smooth glass with creases keep all triangles, if they fit."""
+    def clear_rims(self, most: float = math.inf) -> None:
+        """Let solids of smooth glass with creases keep all triangles, if they fit.
+
+        most: bytes that the triangles of one may take.
+        """
         for work in self.works:
+            if TRIANGLE_NBYTES * len(work.mesh.triangles) > most:
+                continue
             smooth = work.refracts and work.mesh.corner_normals is not None
             own = work.measured.kind == "solid" and work.mesh.solids is None
             if smooth and own and work.exact != "every" and len(self._probes(work).creases):
@@ -88,16 +94,28 @@ class Separation(Levels):
             return "only with automatic triangle cells they keep all their triangles"
         before, stuck = (work.exact, work.own_normals), work.stuck
         work.exact, work.own_normals = "every", True
-        why = self.refused(work, 0, math.inf)
+        room = max(self.budget * SHARE, TRIANGLE_NBYTES * len(work.mesh.triangles))
+        for levels in range(self.less_crowded(work), -1, -1):
+            why = self.refused(work, levels, room if levels else math.inf)
+            if not why:
+                break
         if why:
             work.exact, work.own_normals = before
-        room = max(self.budget * SHARE, TRIANGLE_NBYTES * len(work.mesh.triangles))
-        for _ in range(0 if why or work.fixed or self.settings.resolution else MOST_FINER):
+        for _ in range(levels, 0 if why else self._most_finer(work)):
             crowded = work.measured.crowd > error_metric.CROWD
             if not crowded or self.refused(work, 1, room):
                 break
         work.stuck = stuck
         return why
+
+    def less_crowded(self, work: Work) -> int:
+        """How many levels finer a cell would hold few enough triangles, about, if all are kept."""
+        each = len(work.mesh.triangles) / self.cells(work, work.measured.voxel_size)
+        wanted = math.ceil(math.log2(max(each / PER_CELL, 1.0)) / 2)
+        return min(wanted, self._most_finer(work))
+
+    def _most_finer(self, work: Work) -> int:
+        return 0 if work.fixed or self.settings.resolution else MOST_FINER
 
 
 def _error(work: Work) -> float:

@@ -279,7 +279,7 @@ def test_the_budget_goes_where_it_is_seen():
         width=1920,
         height=1080,
         view=scenes.camera(width=1920, height=1080),
-        memory_mb=24,
+        memory_mb=6,
         pixel_error=0.01,
     )
     near, far = make(scene).volumes

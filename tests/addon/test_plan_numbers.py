@@ -42,9 +42,8 @@ def test_normals_are_off_by_their_angle_whichever_side_they_tell():
     probes = SimpleNamespace(
         surface=np.zeros((n, 3)),
         askew=np.zeros((n, 3)),
-        surface_normals=np.tile([0.0, 0, 1], (n, 1)),
+        shading_normals=lambda mesh: np.tile([0.0, 0, 1], (n, 1)),
     )
     volume = SimpleNamespace(normals=lambda at, ids, threads: found)
-    mesh = SimpleNamespace(corner_normals=None)
-    off = error_metric.normal_errors(volume, mesh, probes, np.zeros(n, np.float32))
+    off = error_metric.normal_errors(volume, None, probes, np.zeros(n, np.float32))
     assert np.abs(off - wanted).max() < 1e-6
