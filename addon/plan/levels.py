@@ -353,9 +353,11 @@ class Levels:
     def _probes(self, work: Work) -> probes.Probes:
         key = "probes", work.digest
         drawn = self.cache.get(key)
-        return drawn or self.cache.put(
-            key, probes.draw(work.mesh, self.check_cancelled, self.watch)
-        )
+        if drawn is None:
+            islands = self.cache.get(("islands", work.digest))
+            self.cache.drop(("islands", work.digest))
+            drawn = probes.draw(work.mesh, self.check_cancelled, self.watch, islands)
+        return self.cache.put(key, drawn)
 
     def cells(self, work: Work, voxel_size: float) -> float:
         """How many cells of that size the surface goes through, about."""

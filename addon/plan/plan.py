@@ -150,7 +150,9 @@ class Planner(Refinement):
         key = "parts", name, mesh_colors.corners_digest(mesh)
         known = self.cache.get(key)
         if known is None:
-            split = mesh_split.split(mesh, self.watch)
+            islands = mesh_split.islands(mesh, self.watch)
+            self.cache.put(("islands", name), islands, islands.nbytes)
+            split = mesh_split.split(mesh, self.watch, one_island=not islands.any())
             several = len(split) > 1
             torn = several and mesh_split.torn(mesh, split, self.watch)
             known = self.cache.put(key, (split if several else [], torn))

@@ -26,6 +26,7 @@ from leapray.arrays import bounds
 from .. import model
 from ..arrays import inverse, unit
 from ..memory import pieces
+from . import mesh_split
 
 N_SURFACE = 8192
 N_EDGE = 2048
@@ -173,8 +174,11 @@ def draw(
     mesh: model.Mesh,
     check_cancelled: Callable[[], None] = lambda: None,
     watch: leapray.Watch | None = None,
+    islands: NDArray[np.int32] | None = None,
 ) -> Probes:
     """Draw the probes of a mesh with finite vertices and at least one triangle that has an area.
+
+    islands: as of mesh_split.islands, where they are known.
 
     check_cancelled is called every few hundred milliseconds per million triangles; it may raise.
     watch stops the calls into the core.
@@ -199,6 +203,9 @@ def draw(
         return unit(_facets(mesh, some // 3, longest).astype(np.float64))
 
     check_cancelled()
+    bodies = mesh.solids  # the number of its solid; or else of its island, small ones share one
+    if bodies is None:
+        bodies = mesh_split.islands(mesh, watch) if islands is None else islands
     edges = creases(mesh, longest, check_cancelled, watch)
     at, crease_points, crease_length = _on_edges(mesh, edges[:, 0], random)
     first, second = edges[at].astype(np.int64).T
@@ -208,7 +215,7 @@ def draw(
         surface_triangles=chosen,
         surface_weights=weights,
         surface_facets=np.sqrt(widths),
-        surface_bodies=_bodies(mesh, watch)[chosen],
+        surface_bodies=bodies[chosen],
         creases=crease_points,
         crease_triangles=first // 3,
         crease_normals=np.stack([normals(first), normals(second)], axis=1),
@@ -216,13 +223,6 @@ def draw(
         largest=largest,
         crease_length=crease_length,
     )
-
-
-def _bodies(mesh: model.Mesh, watch: leapray.Watch | None) -> NDArray[np.int32]:
-    """(n_triangles,): the number of its solid; or else of its island, the small ones share one."""
-    if mesh.solids is not None:
-        return mesh.solids
-    return leapray.mesh_layers(mesh.vertices, mesh.triangles, np.inf, watch=watch)
 
 
 def _on_edges(
