@@ -176,7 +176,7 @@ LR_INLINE lr_ints lr_gather(const void *base, lr_ints at, uint32_t bits)
 
 /* ---- doubles ---------------------------------------------------------------- */
 
-enum { LR_DOUBLE_LANES = 8 };
+enum { LR_DOUBLE_LANES = 8, LR_ALL_DOUBLE_LANES = 0xff };
 
 typedef double lr_doubles __attribute__((vector_size(64)));
 typedef int64_t lr_longs __attribute__((vector_size(64))); /* as a mask: -1 where set, else 0 */
@@ -275,6 +275,44 @@ LR_INLINE lr_longs lr_longs_of(uint32_t bits)
 {
     const lr_longs bit = {1, 2, 4, 8, 16, 32, 64, 128};
     return (((int64_t)bits - (lr_longs){0}) & bit) != 0;
+}
+
+/* Those of `from` that are in bits, one after another; `to` has room for eight. And back: each in
+ * its lane, others 0. */
+LR_INLINE void lr_pack_doubles(double *to, const double *from, uint32_t bits)
+{
+#if LR_VECTORS == 2
+    _mm512_storeu_pd(to, _mm512_maskz_compress_pd((__mmask8)bits, _mm512_loadu_pd(from)));
+#else
+    for (uint32_t left = bits; left != 0; left &= left - 1)
+        *to++ = from[__builtin_ctz(left)];
+#endif
+}
+
+LR_INLINE lr_doubles lr_unpack_doubles(const double *from, uint32_t bits)
+{
+#if LR_VECTORS == 2
+    return (lr_doubles)_mm512_maskz_expand_pd((__mmask8)bits, _mm512_loadu_pd(from));
+#else
+    double all[LR_DOUBLE_LANES] = {0};
+    for (uint32_t left = bits; left != 0; left &= left - 1)
+        all[__builtin_ctz(left)] = *from++;
+    return lr_load_doubles(all);
+#endif
+}
+
+/* Of eight numbers those that `which` tells. */
+LR_INLINE lr_doubles lr_pick_of_eight(const double eight[LR_DOUBLE_LANES], lr_doubles which)
+{
+#if LR_VECTORS == 2
+    return (lr_doubles)_mm512_permutexvar_pd(_mm512_cvtpd_epi64((__m512d)which),
+                                             _mm512_loadu_pd(eight));
+#else
+    double picked[LR_DOUBLE_LANES];
+    for (int l = 0; l < LR_DOUBLE_LANES; l++)
+        picked[l] = eight[(int32_t)which[l]];
+    return lr_load_doubles(picked);
+#endif
 }
 
 /* ---- eight integers beside eight doubles ------------------------------------ */

@@ -58,19 +58,18 @@ LR_INLINE void lr_put_steps(const lr_hits *hits, uint64_t i, uint64_t cells)
         hits->steps[i] = (int32_t)(cells < INT32_MAX ? cells : INT32_MAX);
 }
 
-/* Ray i meets nothing of a visible volume. */
-LR_INLINE void lr_put_dark(const lr_hits *hits, uint64_t i)
+/* Rays first..end-1 meet nothing of a visible volume. */
+LR_INLINE void lr_put_dark(const lr_hits *hits, uint64_t first, uint64_t end)
 {
-    static const double dark[3] = {0.0, 0.0, 0.0};
-    lr_put_miss(hits, i);
-    lr_put_triple(hits->red, hits->green, hits->blue, i, dark);
-    if (hits->transmittance != NULL)
-        hits->transmittance[i] = 1.0;
-    if (hits->value != NULL)
-        hits->value[i] = NAN;
-    if (hits->length != NULL)
-        hits->length[i] = 0.0;
-    lr_put_steps(hits, i, 0);
+    double *const numbers[6] = {hits->red,           hits->green, hits->blue,
+                                hits->transmittance, hits->value, hits->length};
+    const double dark[6] = {0.0, 0.0, 0.0, 1.0, NAN, 0.0};
+    lr_put_misses(hits, first, end);
+    for (int n = 0; n < 6; n++)
+        for (uint64_t i = first; i < end && numbers[n] != NULL; i++)
+            numbers[n][i] = dark[n];
+    for (uint64_t i = first; i < end; i++)
+        lr_put_steps(hits, i, 0);
 }
 
 /* What ray i has seen of one, from t on (infinity: nothing), in so many cells. */

@@ -8,8 +8,8 @@
  * Whoever includes this defines LR_VECTORS, see base/vectors.h.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "base/vectors.h"
-#include "grid/cell_rows.h"
+#include "trace/visible_lanes_impl.h"
+
 #include "trace/cubic_lanes_impl.h"
 #include "trace/emission_absorption.h"
 #include "trace/light_rule.h"
@@ -20,16 +20,6 @@ enum {
     LR_MOST_ROOTS = LR_LIGHT_GROUPS * LR_DOUBLE_LANES
 };
 
-LR_INLINE lr_doubles lr_greater_lanes(lr_doubles a, lr_doubles b)
-{
-    return lr_pick_doubles(a > b, a, b);
-}
-
-LR_INLINE lr_doubles lr_lesser_lanes(lr_doubles a, lr_doubles b)
-{
-    return lr_pick_doubles(a < b, a, b);
-}
-
 LR_INLINE lr_doubles lr_magnitude_lanes(lr_doubles a)
 {
     return lr_absolute_doubles(a);
@@ -39,11 +29,6 @@ LR_INLINE lr_doubles lr_where_lanes(lr_longs m, lr_doubles a, lr_doubles b)
 {
     return lr_pick_doubles(m, a, b);
 }
-
-#define LR_NUMBER        lr_doubles
-#define LR_BITS          lr_unsigned_longs
-#define LR_FORMULA(name) name##_lanes
-#include "trace/lane_exp_impl.h"
 
 #define LR_NUMBER        lr_doubles
 #define LR_FORMULA(name) name##_lanes
@@ -88,14 +73,6 @@ typedef struct lr_light_lanes {
 
 /* ---- cells ----------------------------------------------------------------------------- */
 
-/* The first samples of rows, as numbers. */
-LR_INLINE lr_doubles lr_row_sample(lr_unsigned_longs row, int32_t type)
-{
-    if (type == LR_F32)
-        return lr_doubles_of_floats(row);
-    return lr_doubles_of_unsigned(row & (uint64_t)(type == LR_U8 ? 0xff : 0xffff));
-}
-
 LR_INLINE void lr_fetch_rows(lr_light_lanes *k, const lr_volume *v, size_t size)
 {
     uint64_t row[LR_CELL_ROWS];
@@ -110,17 +87,6 @@ LR_INLINE void lr_fetch_rows(lr_light_lanes *k, const lr_volume *v, size_t size)
         lr_load_rows(v, size, (int32_t)k->c[0][l], (int32_t)k->c[1][l], (int32_t)k->c[2][l], row);
         for (int n = 0; n < LR_CELL_ROWS; n++)
             k->rows[n][l] = row[n];
-    }
-}
-
-LR_INLINE void lr_unpack_corners(const lr_light_lanes *k, int32_t type, lr_doubles s[8])
-{
-    const int bits = type == LR_U8 ? 8 : type == LR_U16 ? 16 : 32;
-    for (int n = 0; n < LR_CELL_ROWS; n++) {
-        lr_unsigned_longs row;
-        memcpy(&row, k->rows[n], sizeof row);
-        s[2 * n] = lr_row_sample(row, type);
-        s[2 * n + 1] = lr_row_sample(row >> bits, type);
     }
 }
 
@@ -195,20 +161,6 @@ LR_INLINE void lr_find_bounds(const lr_doubles s[8], const lr_doubles c[4], lr_d
     *greatest = lr_clamp_doubles(*greatest, low, high);
 }
 
-/* The numbers of the pieces of values. */
-LR_INLINE lr_doubles lr_pieces_of_lanes(const lr_transfer *f, lr_doubles value)
-{
-    lr_doubles piece = {0};
-    if (f->n > LR_FEW_KNOTS) {
-        for (int l = 0; l < LR_DOUBLE_LANES; l++)
-            piece[l] = (double)lr_piece_of(f, value[l]);
-        return piece;
-    }
-    for (uint64_t i = 0; i < f->n; i++)
-        piece = lr_pick_doubles(value >= f->values[i], piece + 1.0, piece);
-    return piece;
-}
-
 /* The ends of the monotone parts of the cubics of m that begin at a. */
 LR_INLINE lr_doubles lr_monotone_end(const lr_doubles c[4], lr_doubles a, lr_longs m)
 {
@@ -247,8 +199,10 @@ LR_INLINE void lr_read_cells(lr_light_lanes *k, const lr_volume *v, int32_t type
         return;
     const lr_longs m = lr_longs_of(k->unread);
     const lr_doubles zero = {0};
+    lr_unsigned_longs row[LR_CELL_ROWS];
     lr_doubles s[8], c[4], low, length;
-    lr_unpack_corners(k, type, s);
+    memcpy(row, k->rows, sizeof row);
+    lr_unpack_rows(row, type, s);
     lr_find_parts(k, m, &low, &length);
     lr_find_cubics(k, low, length, s, c);
     lr_find_pieces(k, v->transfer, m, s, c);

@@ -7,11 +7,13 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "grid/value_gradient.h"
 
+#define LR_NUMBER        lr_doubles
+#define LR_FORMULA(name) name##_lanes
+#include "grid/trilinear_impl.h"
+
+/* The samples of central differences at the corners of cells. */
 typedef struct gradient_lanes {
-    _Alignas(64) double around[LR_AROUND][LANES]; /* those of central differences at corners */
-    double object[3][LANES];                      /* the gradient in object space */
-    double seen[LANES];                           /* the share that the gradient's length lets be */
-    double lit[LANES], highlight[LANES];          /* of diffuse and of specular light */
+    _Alignas(64) double around[LR_AROUND][LR_DOUBLE_LANES];
 } gradient_lanes;
 
 static const int AROUND_STRIDE[3] = {1, 4, 16};
@@ -22,140 +24,122 @@ LR_INLINE int around_corner(int n)
     return 21 + (n & 1) + 4 * (n >> 1 & 1) + 16 * (n >> 2);
 }
 
+LR_INLINE lr_doubles dot(const lr_doubles a[3], const lr_doubles b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+LR_INLINE void to_object(const lr_volume *v, const lr_doubles g[3], lr_doubles out[3])
+{
+    const double *m = v->storage_from_object;
+    for (int i = 0; i < 3; i++)
+        out[i] = m[i] * g[0] + m[4 + i] * g[1] + m[8 + i] * g[2];
+}
+
 /* As lr_values_around: values beside the cell that are none continue the line through it. */
 LR_INLINE void continue_lines(gradient_lanes *g, double outside)
 {
     for (int a = 0; a < 3; a++)
         for (int n = 0; n < 8; n++) {
             const int s = n >> a & 1 ? AROUND_STRIDE[a] : -AROUND_STRIDE[a];
-            const double *const own = g->around[around_corner(n)];
-            const double *const other = g->around[around_corner(n) - s];
-            double *const beside = g->around[around_corner(n) + s];
-            EACH_LANE
-            beside[l] = beside[l] == outside ? own[l] + (own[l] - other[l]) : beside[l];
+            const lr_doubles own = lr_load_doubles(g->around[around_corner(n)]);
+            const lr_doubles other = lr_load_doubles(g->around[around_corner(n) - s]);
+            double *const at = g->around[around_corner(n) + s];
+            const lr_doubles beside = lr_load_doubles(at);
+            lr_store_doubles(at, lr_pick_doubles(beside == outside, own + (own - other), beside));
         }
 }
 
-/* The samples around the cells of lanes that count. */
-LR_INLINE void load_around(gradient_lanes *g, const lr_volume *v, const int32_t c[3][LANES],
-                           const double counts[LANES], int32_t type)
+/* The samples around the cells of packed samples from n on, those of bits. */
+LR_INLINE void load_around(gradient_lanes *g, const lr_volume *v, const int32_t c[3][MOST_SAMPLES],
+                           int n, uint32_t bits, int32_t type)
 {
-    for (int l = 0; l < LANES; l++) {
-        const int32_t cell[3] = {c[0][l], c[1][l], c[2][l]};
-        if (counts[l] != 0.0)
-            lr_cross_around_of(v, type, cell, &g->around[0][l], LANES);
+    for (; bits != 0; bits &= bits - 1) {
+        const int l = __builtin_ctz(bits);
+        const int32_t cell[3] = {c[0][n + l], c[1][n + l], c[2][n + l]};
+        lr_cross_around_of(v, type, cell, &g->around[0][l], LR_DOUBLE_LANES);
     }
     if (v->bounded)
         continue_lines(g, v->outside);
 }
 
-/* Where cells have a corner that is no value, 0. */
-LR_INLINE void find_values(const gradient_lanes *g, const lr_volume *v, double has[LANES])
+/* Twice the central difference along axis a at corner n. */
+LR_INLINE lr_doubles central_difference(const gradient_lanes *g, int n, int a)
 {
-    EACH_LANE
-    has[l] = 1.0;
-    for (int n = 0; n < 8 && v->bounded; n++) {
-        const double *const corner = g->around[around_corner(n)];
-        EACH_LANE
-        has[l] = corner[l] == v->outside ? 0.0 : has[l];
-    }
+    const int at = around_corner(n), s = AROUND_STRIDE[a];
+    return 0.5 * (lr_load_doubles(g->around[at + s]) - lr_load_doubles(g->around[at - s]));
 }
 
-LR_INLINE void central_gradients(gradient_lanes *g, const lr_volume *v, double p[3][LANES])
+LR_INLINE void central_gradients(const gradient_lanes *g, const lr_doubles p[3],
+                                 lr_doubles slope[3])
 {
-    double slope[3][LANES];
     for (int a = 0; a < 3; a++) {
-        const int s = AROUND_STRIDE[a];
-        EACH_LANE
-        {
-            const double at[3] = {p[0][l], p[1][l], p[2][l]};
-            double corner[8];
-            for (int n = 0; n < 8; n++)
-                corner[n] =
-                    0.5 * (g->around[around_corner(n) + s][l] - g->around[around_corner(n) - s][l]);
-            slope[a][l] = lr_trilinear(corner, at);
-        }
-    }
-    EACH_LANE
-    {
-        const double own[3] = {slope[0][l], slope[1][l], slope[2][l]};
-        double object[3];
-        lr_map_gradient(v->storage_from_object, own, object);
-        for (int a = 0; a < 3; a++)
-            g->object[a][l] = object[a];
-    }
-}
-
-/* The gradient of the trilinear field itself. */
-LR_INLINE void analytic_gradients(gradient_lanes *g, const lr_volume *v, double corner[8][LANES],
-                                  double p[3][LANES])
-{
-    EACH_LANE
-    {
-        const double at[3] = {p[0][l], p[1][l], p[2][l]};
-        double s[8], own[3], object[3];
+        lr_doubles corner[8];
         for (int n = 0; n < 8; n++)
-            s[n] = corner[n][l];
-        lr_trilinear_gradient(s, at, own);
-        lr_map_gradient(v->storage_from_object, own, object);
-        for (int a = 0; a < 3; a++)
-            g->object[a][l] = object[a];
+            corner[n] = central_difference(g, n, a);
+        slope[a] = lr_trilinear_lanes(corner, p);
     }
 }
 
-/* As lr_modulation_at, interpolated at the samples. */
-LR_INLINE void modulate(gradient_lanes *g, const lr_volume *v, double p[3][LANES])
+/* As lr_modulation_at, interpolated at the samples; 0 where cells have a corner that is no value.
+ */
+LR_INLINE lr_doubles modulation(const gradient_lanes *g, const lr_volume *v, const lr_doubles p[3])
 {
     const double full = v->transfer->full_gradient;
-    double share[8][LANES], has[LANES];
-    find_values(g, v, has);
+    const lr_doubles zero = {0}, one = lr_all_doubles(1.0);
+    lr_doubles share[8], has = one;
     for (int n = 0; n < 8; n++) {
-        const int at = around_corner(n);
-        EACH_LANE
-        {
-            double own[3], object[3];
-            for (int a = 0; a < 3; a++)
-                own[a] = 0.5 * (g->around[at + AROUND_STRIDE[a]][l] -
-                                g->around[at - AROUND_STRIDE[a]][l]);
-            lr_map_gradient(v->storage_from_object, own, object);
-            const double part = sqrt(lr_dot(object, object)) / full;
-            share[n][l] = part < 1.0 ? part : 1.0;
-        }
+        lr_doubles own[3], object[3];
+        for (int a = 0; a < 3; a++)
+            own[a] = central_difference(g, n, a);
+        to_object(v, own, object);
+        share[n] = lr_lesser_lanes(lr_root_doubles(dot(object, object)) / full, one);
+        if (v->bounded)
+            has = lr_pick_doubles(lr_load_doubles(g->around[around_corner(n)]) == v->outside, zero,
+                                  has);
     }
-    EACH_LANE
-    {
-        const double at[3] = {p[0][l], p[1][l], p[2][l]};
-        double corner[8];
-        for (int n = 0; n < 8; n++)
-            corner[n] = share[n][l];
-        g->seen[l] = has[l] * lr_clamp(lr_trilinear(corner, at), 0.0, 1.0);
-    }
+    return has * lr_clamp_doubles(lr_trilinear_lanes(share, p), zero, one);
 }
 
-/* How normals that face the viewer are lit; without a gradient, not at all. view: towards the
- * viewer, unit; light: towards the light, unit. */
-LR_INLINE void light_normals(gradient_lanes *g, double view[3][LANES], double light[3][LANES],
-                             int32_t power)
+/* Towards the light, unit; 0, 0, 0: at the viewer. */
+static void find_lamp(const lr_phong *phong, double lamp[3])
 {
-    double base[LANES];
-    EACH_LANE
-    {
-        const double n[3] = {g->object[0][l], g->object[1][l], g->object[2][l]};
-        const double v[3] = {view[0][l], view[1][l], view[2][l]};
-        const double to[3] = {light[0][l], light[1][l], light[2][l]};
-        const double square = lr_dot(n, n);
-        const double size = square > 0.0 && square < INFINITY ? sqrt(square) : INFINITY;
-        const double nv = lr_dot(n, v) / size, side = nv < 0.0 ? -1.0 : 1.0;
-        const double nl = side * lr_dot(n, to) / size;
-        const double along = 2.0 * nl * fabs(nv) - lr_dot(to, v); /* of the reflection */
-        g->lit[l] = nl > 0.0 ? nl : 0.0;
-        base[l] = nl > 0.0 && along > 0.0 ? along : 0.0;
-        g->highlight[l] = 1.0;
+    const double *to = phong->light; /* may be so short that its square is 0 */
+    const double most = fmax(fabs(to[0]), fmax(fabs(to[1]), fabs(to[2])));
+    for (int a = 0; a < 3; a++)
+        lamp[a] = most > 0.0 ? to[a] / most : 0.0;
+    const double length = sqrt(lr_dot(lamp, lamp));
+    for (int a = 0; a < 3 && most > 0.0; a++)
+        lamp[a] /= length;
+}
+
+/* How normals that face the viewer are lit, which colours are multiplied by and what is added to
+ * them; without a gradient, by ambient light alone. view: towards the viewer, unit. */
+LR_INLINE void light_normals(const lr_volume *v, const lr_doubles slope[3],
+                             const lr_doubles view[3], const double lamp[3], const lr_phong *phong,
+                             lr_doubles *share, lr_doubles *highlight)
+{
+    const lr_doubles zero = {0}, one = lr_all_doubles(1.0), none = lr_all_doubles(INFINITY);
+    const bool beside = lamp[0] == 0.0 && lamp[1] == 0.0 && lamp[2] == 0.0; /* the viewer */
+    lr_doubles n[3], to[3];
+    for (int a = 0; a < 3; a++)
+        to[a] = beside ? view[a] : lr_all_doubles(lamp[a]);
+    to_object(v, slope, n);
+    const lr_doubles square = dot(n, n);
+    const lr_doubles size =
+        lr_pick_doubles((square > 0.0) & (square < INFINITY), lr_root_doubles(square), none);
+    const lr_doubles nv = dot(n, view) / size, side = lr_pick_doubles(nv < 0.0, -one, one);
+    const lr_doubles nl = side * dot(n, to) / size;
+    *share = phong->ambient + phong->diffuse * lr_pick_doubles(nl > 0.0, nl, zero);
+    *highlight = zero;
+    if (!(phong->specular > 0.0))
+        return;
+    const lr_doubles along =
+        2.0 * nl * lr_absolute_doubles(nv) - dot(to, view); /* of the reflection */
+    lr_doubles base = lr_pick_doubles((nl > 0.0) & (along > 0.0), along, zero), shine = one;
+    for (uint32_t left = (uint32_t)phong->power; left > 0; left >>= 1) {
+        shine *= left & 1 ? base : one;
+        base *= base;
     }
-    for (uint32_t left = (uint32_t)power; left > 0; left >>= 1)
-        EACH_LANE
-        {
-            g->highlight[l] *= left & 1 ? base[l] : 1.0;
-            base[l] *= base[l];
-        }
+    *highlight = phong->specular * shine;
 }

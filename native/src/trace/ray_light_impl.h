@@ -87,7 +87,7 @@ static void next_ray(lr_light_lanes *k, int l, light_job *job)
     const uint32_t bit = 1u << l;
     while (job->next < job->end) {
         const uint64_t i = job->next++;
-        lr_put_dark(job->hits, i);
+        lr_put_dark(job->hits, i, i + 1);
         if (begin_ray(k, l, job, i)) {
             k->busy |= bit;
             k->fresh |= bit;
@@ -152,56 +152,6 @@ LR_INLINE void leave_boxes(lr_light_lanes *k, const lr_volume *v, uint32_t bits)
     k->busy &= ~bits | lr_bits_of_longs(inside);
 }
 
-/* What is around the cells on which lanes stand: whether they are visible, and the cube in which
- * nothing is, that of block + 1 cells that they are in, and so far around it. */
-typedef struct light_view {
-    lr_eight_ints visible, block, reach;
-} light_view;
-
-/* By the masks of bricks; */
-LR_INLINE light_view look_at_masks(const lr_volume *v, const lr_eight_ints c[3],
-                                   const int32_t place[LR_DOUBLE_LANES])
-{
-    const lr_eight_ints all = ~(lr_eight_ints){0};
-    int32_t at[3][LR_DOUBLE_LANES], words[LR_DOUBLE_LANES], word[LR_DOUBLE_LANES];
-    int32_t pair[LR_DOUBLE_LANES], cell[LR_DOUBLE_LANES];
-    for (int a = 0; a < 3; a++)
-        lr_store_eight(at[a], c[a]);
-    for (int l = 0; l < LR_DOUBLE_LANES; l++) {
-        const int32_t x = at[0][l], y = at[1][l], z = at[2][l];
-        const uint32_t entry = lr_entry_at(v, (size_t)place[l]);
-        const uint64_t cells = lr_entry_cells(v, entry, x, y, z);
-        words[l] = lr_entry_words(entry);
-        word[l] = lr_entry_has_word(entry, x, y, z);
-        pair[l] = lr_word_has_pair(cells, x, y, z);
-        cell[l] = lr_cells_have(cells, x, y, z);
-    }
-    const lr_eight_ints has_word = lr_load_eight(word) != 0;
-    const lr_eight_ints has_pair = has_word & (lr_load_eight(pair) != 0);
-    light_view seen = {.visible = has_word & (lr_load_eight(cell) != 0)};
-    seen.block =
-        lr_pick_eight(lr_load_eight(words) == 0, all & (LR_SIDE - 1), all & (LR_SIDE / 2 - 1));
-    seen.block = lr_pick_eight(has_word, all & 1, seen.block) & ~has_pair;
-    return seen;
-}
-
-/* and by distances. */
-LR_INLINE light_view look_at_distances(const lr_empty_cubes *cubes, const lr_light_lanes *k)
-{
-    int32_t brick[LR_DOUBLE_LANES], distance[LR_DOUBLE_LANES];
-    for (int l = 0; l < LR_DOUBLE_LANES; l++)
-        brick[l] = (int32_t)cubes->bricks[k->place[l]];
-    for (int l = 0; l < LR_DOUBLE_LANES; l++) {
-        const uint32_t number = brick[l] < 0 ? 0 : (uint32_t)brick[l]; /* LR_FAR_BRICK: the sign */
-        distance[l] = cubes->near[number][k->cell[l]];
-    }
-    const lr_eight_ints bricks = lr_load_eight(brick), cells = lr_load_eight(distance);
-    const lr_eight_ints far = bricks < 0;
-    light_view seen = {.visible = ~far & (cells == 0), .block = far & (LR_SIDE - 1)};
-    seen.reach = lr_pick_eight(far, ((bricks & 0xff) - 1) * LR_SIDE, cells - 1) & ~seen.visible;
-    return seen;
-}
-
 /* Look at the cells on which lanes stand; those that see something stay. */
 LR_INLINE void look(lr_light_lanes *k, const light_job *job, uint32_t bits)
 {
@@ -209,16 +159,10 @@ LR_INLINE void look(lr_light_lanes *k, const light_job *job, uint32_t bits)
     lr_eight_ints c[3];
     for (int a = 0; a < 3; a++)
         c[a] = lr_eight_ints_of(lr_load_doubles(k->c[a]));
-    const int32_t *size = v->table_size;
-    lr_store_eight(k->place, ((c[2] >> LR_SIDE_BITS) * size[1] + (c[1] >> LR_SIDE_BITS)) * size[0] +
-                                 (c[0] >> LR_SIDE_BITS));
+    const lr_view seen = lr_look(v, job->cubes, c, k->place, k->cell);
     const int last = LR_SIDE - 1;
-    lr_store_eight(k->cell, (c[0] & last) | (c[1] & last) << LR_SIDE_BITS |
-                                (c[2] & last) << 2 * LR_SIDE_BITS);
     const lr_eight_ints apart =
         ((c[0] & last) == last) | ((c[1] & last) == last) | ((c[2] & last) == last);
-    const light_view seen =
-        job->cubes != NULL ? look_at_distances(job->cubes, k) : look_at_masks(v, c, k->place);
     for (int a = 0; a < 3; a++) {
         const lr_doubles lo = lr_all_doubles(v->surface_lo[a]);
         const lr_doubles hi = lr_all_doubles(v->surface_hi[a]);

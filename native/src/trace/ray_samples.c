@@ -6,6 +6,7 @@
 #include "base/cpu.h"
 #include "grid/transfer_function.h"
 
+#define LR_VECTORS     0
 #define LR_SAMPLE_RAYS lr_sample_rays_portable
 
 #include "trace/ray_samples_impl.h"

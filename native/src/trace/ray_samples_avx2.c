@@ -4,6 +4,7 @@
 #include "base/target.h"
 #include "trace/ray_samples.h"
 
+#define LR_VECTORS     1
 #define LR_SAMPLE_RAYS lr_sample_rays_avx2
 
 LR_TARGET_AVX2

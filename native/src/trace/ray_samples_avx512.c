@@ -4,6 +4,7 @@
 #include "base/target.h"
 #include "trace/ray_samples.h"
 
+#define LR_VECTORS     2
 #define LR_SAMPLE_RAYS lr_sample_rays_avx512
 
 LR_TARGET_AVX512

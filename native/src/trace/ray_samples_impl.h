@@ -1,489 +1,484 @@
-/* Rays side by side: plain loops over lanes, which compilers turn into vector instructions. Each
- * lane goes its own way along its own ray, and takes the next ray where that has ended. Whoever
- * includes this defines LR_SAMPLE_RAYS, the function's name, and, for x86, has set its instruction
- * set.
+/* Rays side by side, written once for all instruction sets: whoever includes this defines
+ * LR_VECTORS, LR_SAMPLE_RAYS, the function's name, and, for x86, has set the instruction set.
+ *
+ * Each lane goes its own way along its own ray, and takes the next ray where that has ended. Those
+ * that stand on a visible sample wait until there are enough to fill vectors: their samples are
+ * packed, one after another, and what comes of them goes back to the lanes.
  *
  * Source: Levoy 1988 (samples, classified after interpolation) and 1990 (leaping, and rays that end
  * where they are opaque).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "grid/cell_rows.h"
-#include "grid/surface_cells.h"
-#include "grid/transfer_function.h"
-#include "grid/trilinear.h"
+#include "trace/visible_lanes_impl.h"
+
+#include "trace/enter_lanes_impl.h"
 #include "trace/hit_record.h"
-#include "trace/lane_exp.h"
 #include "trace/light_sum.h"
-#include "trace/ray_samples.h"
 
 enum {
     LANES = 32,
-    LOOKS = 3,   /* for visible samples, before those that were found are taken, */
-    ENOUGH = 24, /* or so many of them */
+    MOST_SAMPLES = LANES + LR_DOUBLE_LANES, /* packed ones, with room for a whole vector behind */
+    LINES = 15                              /* numbers of an lr_transfer_piece that samples take */
 };
-
-#ifdef __clang__
-#define EACH_LANE _Pragma("clang loop vectorize(enable)") for (int l = 0; l < LANES; l++)
-#else
-#define EACH_LANE for (int l = 0; l < LANES; l++)
-#endif
 
 #include "trace/ray_gradients_impl.h"
 
 /* Of the steps to where a ray leaves a box: what rounding can do to their number, at most. */
 static const double STEP_SLACK = 1e-6, STEP_ROUNDING = 0x1p-46;
 
+/* Rays: each member has a number of eight bytes for each lane. */
 typedef struct ray_lanes {
     _Alignas(64) double o[3][LANES];     /* in storage space, as d; */
     double d[3][LANES];                  /* 0 along an axis that is not moved along, */
     double inv[3][LANES];                /* and its reciprocal, or 0, with */
     double never[3][LANES];              /* infinity there, else 0 */
-    double up[3][LANES];                 /* 1 where it moves up, else 0 */
     double step[LANES], per_step[LANES]; /* in t, and its reciprocal */
     double length[LANES];                /* of a step, as extinction counts */
-    double view[3][LANES],
-        lamp[3][LANES];          /* in object space, unit: back along the ray; to the light */
-    double k[LANES], end[LANES]; /* the next sample; the first one that is too far */
-    double p[3][LANES];          /* the sample's place in its cell */
-    int32_t c[3][LANES];         /* that, */
-    int32_t block[LANES];        /* and where it is not visible, nothing is in the cube */
-    int32_t reach[LANES];        /* of block + 1 cells that it is in, and so far around */
-    double visible[LANES];       /* 1: it is visible; 0 */
-    double corner[8][LANES], value[LANES];
-    double from[LANES], extinction[2][LANES], color[3][2][LANES], emission[3][2][LANES];
+    double view[3][LANES];               /* in object space, unit: back along the ray */
+    double k[LANES], end[LANES];         /* the next sample; the first one that is too far */
     double light[3][LANES], transmittance[LANES], begins[LANES]; /* so far */
-    uint64_t looked[LANES], taken[LANES];
+    double looked[LANES], taken[LANES];
     uint64_t ray[LANES];
 } ray_lanes;
 
+/* Where they stand. */
+typedef struct place_lanes {
+    _Alignas(64) double p[3][LANES];   /* the sample's place in its cell */
+    int32_t c[3][LANES];               /* that, */
+    int32_t place[LANES], cell[LANES]; /* of its brick in the table, and in that */
+    uint32_t busy, visible, apart;     /* a bit each: have a ray; stand on a visible sample; */
+} place_lanes;                         /* whose corners lie in several bricks */
+
+/* Samples of lanes, packed, and what comes of them. */
+typedef struct sample_lanes {
+    _Alignas(64) double p[3][MOST_SAMPLES], length[MOST_SAMPLES], view[3][MOST_SAMPLES];
+    uint64_t rows[LR_CELL_ROWS][MOST_SAMPLES];
+    int32_t c[3][MOST_SAMPLES];
+    double opacity[MOST_SAMPLES], color[3][MOST_SAMPLES], emitted[3][MOST_SAMPLES];
+} sample_lanes;
+
+/* What all lanes share. */
+typedef struct sample_job {
+    const lr_volume *v;
+    const lr_empty_cubes *cubes;
+    const lr_rays *rays;
+    const lr_trace_options *options;
+    const lr_hits *hits;
+    lr_counters *counters;
+    uint64_t next, end;                   /* rays that are not set up */
+    ray_lanes ready;                      /* those that are, and meet something: */
+    uint32_t left;                        /* a bit each */
+    double opaque;                        /* transmittance at which rays end */
+    double lamp[3];                       /* to the light, unit; of one at the viewer, 0 */
+    double lines[LINES][LR_DOUBLE_LANES]; /* of the transfer function, if it has so few pieces */
+    bool by_gradient;
+} sample_job;
+
 /* ---- rays ------------------------------------------------------------------------ */
 
-/* A lane without a ray: it stands beside the volume, for ever. */
-static void leave_idle(ray_lanes *k, int l)
+LR_INLINE lr_doubles rounded_up(lr_doubles x)
 {
-    for (int a = 0; a < 3; a++) {
-        k->o[a][l] = -1.0;
-        k->d[a][l] = k->inv[a][l] = k->never[a][l] = k->up[a][l] = 0.0;
-    }
-    k->step[l] = k->per_step[l] = k->transmittance[l] = 1.0;
-    k->k[l] = k->length[l] = 0.0;
-    k->end[l] = INFINITY;
+    return -lr_rounded_down_doubles(-x);
 }
 
-static void set_directions(ray_lanes *k, int l, const double d[3], const lr_phong *phong)
+/* The first n of eight numbers, or others where there are none; other lanes 0. */
+LR_INLINE lr_doubles load_some(const double *from, uint64_t n, double others)
 {
-    double to[3];
-    for (int a = 0; a < 3; a++) {
-        k->view[a][l] = -d[a] / sqrt(lr_dot(d, d));
-        to[a] = k->view[a][l];
-    }
-    const double *light = phong->light; /* may be so short that its square is 0 */
-    const double most = fmax(fabs(light[0]), fmax(fabs(light[1]), fabs(light[2])));
-    for (int a = 0; a < 3 && most > 0.0; a++)
-        to[a] = light[a] / most;
-    for (int a = 0; a < 3; a++)
-        k->lamp[a][l] = to[a] / sqrt(lr_dot(to, to));
+    double some[LR_DOUBLE_LANES] = {0};
+    if (from == NULL)
+        return lr_all_doubles(others);
+    if (n >= LR_DOUBLE_LANES)
+        return lr_load_doubles(from);
+    memcpy(some, from, n * sizeof *some);
+    return lr_load_doubles(some);
 }
 
-/* Let lane l begin ray i; false: that meets nothing. */
-static bool begin_ray(ray_lanes *k, int l, const lr_volume *v, const lr_rays *rays, uint64_t i,
-                      const lr_trace_options *options)
+/* Set up the next n rays, eight at most, in lanes from l on; which of them meet something. */
+static uint32_t set_up_eight(sample_job *job, uint64_t n, int l)
 {
-    lr_ray r;
-    lr_cursor u;
-    const double o[3] = {rays->ox[i], rays->oy[i], rays->oz[i]};
-    const double d[3] = {rays->dx[i], rays->dy[i], rays->dz[i]};
-    const double t_min = rays->t_min != NULL ? rays->t_min[i] : 0.0;
-    int axis;
-    if (!lr_ray_setup(&r, v, o, d, rays->t_max != NULL ? rays->t_max[i] : INFINITY) ||
-        !(t_min <= r.t_max && t_min < INFINITY) ||
-        !lr_enter(&r, LR_REGULAR, &u, v->surface_lo, v->surface_hi, t_min))
-        return false;
-    const double step = options->step / sqrt(lr_dot(r.d, r.d));
+    const lr_rays *rays = job->rays;
+    const lr_volume *v = job->v;
+    const uint64_t i = job->next;
+    const lr_doubles zero = {0},
+                     o[3] = {load_some(rays->ox + i, n, 0.0), load_some(rays->oy + i, n, 0.0),
+                             load_some(rays->oz + i, n, 0.0)};
+    const lr_doubles d[3] = {load_some(rays->dx + i, n, 0.0), load_some(rays->dy + i, n, 0.0),
+                             load_some(rays->dz + i, n, 0.0)};
+    const lr_doubles t_min = load_some(rays->t_min != NULL ? rays->t_min + i : NULL, n, 0.0);
+    const lr_doubles t_max = load_some(rays->t_max != NULL ? rays->t_max + i : NULL, n, INFINITY);
+    const lr_doubles along = lr_root_doubles(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    ray_lanes *k = &job->ready;
+    lr_enter_lanes r;
+    lr_cursor_lanes u;
+    lr_doubles out = lr_all_doubles(INFINITY);
+    lr_set_up_lanes(&r, v, o, d, t_max);
+    lr_longs meets = lr_enter_box_lanes(&r, v->surface_lo, v->surface_hi, t_min, &u);
+    const lr_doubles step =
+        job->options->step / lr_root_doubles(r.d[0] * r.d[0] + r.d[1] * r.d[1] + r.d[2] * r.d[2]);
+    for (int a = 0; a < 3; a++) {
+        const lr_longs moves = r.up[a] | r.down[a];
+        const lr_doubles never = lr_pick_doubles(moves, zero, lr_all_doubles(INFINITY));
+        const lr_doubles far = lr_pick_doubles(r.up[a], lr_all_doubles(v->surface_hi[a] + 1),
+                                               lr_all_doubles(v->surface_lo[a]));
+        out = lr_lesser_lanes((far - r.o[a]) * r.inv[a] + never, out);
+        lr_store_doubles(k->o[a] + l, r.o[a]);
+        lr_store_doubles(k->d[a] + l, lr_pick_doubles(moves, r.d[a], zero));
+        lr_store_doubles(k->inv[a] + l, r.inv[a]);
+        lr_store_doubles(k->never[a] + l, never);
+        lr_store_doubles(k->view[a] + l, -d[a] / along);
+        lr_store_doubles(k->light[a] + l, zero);
+    }
     /* a sample more at both ends, which rounding may take from the box */
-    const double out = lr_exit_t(&r, LR_REGULAR, v->surface_lo, v->surface_hi, &axis) / step;
-    k->k[l] = fmax(ceil(t_min / step), ceil(u.t / step) - 1.0);
-    k->end[l] = fmin(ceil(r.t_max / step), ceil(out) + 1.0);
-    if (!(k->k[l] < k->end[l]) || !(k->end[l] < k->end[l] + 1.0))
-        return false; /* or so far away that steps are lost in rounding */
-    for (int a = 0; a < 3; a++) {
-        k->o[a][l] = r.o[a];
-        k->d[a][l] = r.s[a] != 0 ? r.d[a] : 0.0;
-        k->inv[a][l] = r.inv[a];
-        k->never[a][l] = r.never[a];
-        k->up[a][l] = r.s[a] > 0 ? 1.0 : 0.0;
-        k->light[a][l] = 0.0;
+    const lr_doubles first =
+        lr_greater_lanes(rounded_up(t_min / step), rounded_up(u.t / step) - 1.0);
+    const lr_doubles end = lr_lesser_lanes(rounded_up(t_max / step), rounded_up(out / step) + 1.0);
+    meets &=
+        (first < end) & (end < end + 1.0); /* not so far away that steps are lost in rounding */
+    lr_store_doubles(k->k + l, first);
+    lr_store_doubles(k->end + l, end);
+    lr_store_doubles(k->step + l, step);
+    lr_store_doubles(k->per_step + l, 1.0 / step);
+    lr_store_doubles(k->length + l,
+                     step * (rays->length != NULL ? load_some(rays->length + i, n, 0.0) : along));
+    lr_store_doubles(k->transmittance + l, lr_all_doubles(1.0));
+    lr_store_doubles(k->begins + l, lr_all_doubles(INFINITY));
+    lr_store_doubles(k->looked + l, zero);
+    lr_store_doubles(k->taken + l, zero);
+    for (int n_th = 0; n_th < LR_DOUBLE_LANES; n_th++)
+        k->ray[l + n_th] = i + (uint64_t)n_th;
+    return v->surface_lo[0] > v->surface_hi[0] ? 0 : lr_bits_of_longs(meets);
+}
+
+/* Give lane l the next ray that meets something; false: there is none, and it stands beside the
+ * volume, for ever. */
+static bool next_ray(ray_lanes *k, int l, sample_job *job)
+{
+    while (job->left == 0 && job->next < job->end) {
+        const uint64_t first = job->next;
+        for (int m = 0; m < LANES && job->next < job->end; m += LR_DOUBLE_LANES) {
+            const uint64_t n =
+                job->end - job->next < LR_DOUBLE_LANES ? job->end - job->next : LR_DOUBLE_LANES;
+            job->left |= set_up_eight(job, n, m) << m;
+            job->next += n;
+        }
+        lr_put_dark(job->hits, first, job->next);
     }
-    k->step[l] = step;
-    k->per_step[l] = 1.0 / step;
-    k->length[l] = step * (rays->length != NULL ? rays->length[i] : sqrt(lr_dot(d, d)));
-    if (options->phong != NULL)
-        set_directions(k, l, d, options->phong);
-    k->transmittance[l] = 1.0;
-    k->begins[l] = INFINITY;
-    k->looked[l] = k->taken[l] = 0;
-    k->ray[l] = i;
+    if (job->left == 0) {
+        for (int a = 0; a < 3; a++) {
+            k->o[a][l] = -1.0;
+            k->d[a][l] = k->inv[a][l] = k->never[a][l] = 0.0;
+        }
+        k->step[l] = k->per_step[l] = k->transmittance[l] = 1.0;
+        k->k[l] = 0.0;
+        k->end[l] = INFINITY;
+        return false;
+    }
+    const size_t from = (size_t)__builtin_ctz(job->left) * sizeof(double);
+    for (size_t at = 0; at < sizeof *k; at += LANES * sizeof(double))
+        memcpy((char *)k + at + (size_t)l * sizeof(double), (const char *)&job->ready + at + from,
+               sizeof(double));
+    job->left &= job->left - 1;
     return true;
 }
 
-static void put_ray(const ray_lanes *k, int l, const lr_hits *hits, lr_counters *counters)
+static void put_ray(const ray_lanes *k, int l, const sample_job *job)
 {
     const double light[3] = {k->light[0][l], k->light[1][l], k->light[2][l]};
-    lr_put_light(hits, k->ray[l], k->begins[l], light, k->transmittance[l], k->looked[l], counters);
-    counters->tests += k->taken[l];
-    counters->samples += k->taken[l];
+    lr_put_light(job->hits, k->ray[l], k->begins[l], light, k->transmittance[l],
+                 (uint64_t)k->looked[l], job->counters);
+    job->counters->tests += (uint64_t)k->taken[l];
+    job->counters->samples += (uint64_t)k->taken[l];
 }
 
-/* Give lane l the next ray that meets something; false: there is none. */
-static bool next_ray(ray_lanes *k, int l, const lr_volume *v, const lr_rays *rays, uint64_t *next,
-                     uint64_t end, const lr_trace_options *options, const lr_hits *hits)
+/* Lanes whose ray has ended take others. */
+LR_INLINE void refill(ray_lanes *k, place_lanes *at, sample_job *job)
 {
-    while (*next < end) {
-        const uint64_t i = (*next)++;
-        lr_put_dark(hits, i);
-        if (begin_ray(k, l, v, rays, i, options))
-            return true;
+    uint32_t ended = 0;
+    for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
+        ended |= lr_bits_of_longs((lr_load_doubles(k->k + l) >= lr_load_doubles(k->end + l)) |
+                                  (lr_load_doubles(k->transmittance + l) <= job->opaque))
+                 << l;
+    for (; ended != 0; ended &= ended - 1) {
+        const int l = __builtin_ctz(ended);
+        put_ray(k, l, job);
+        if (!next_ray(k, l, job))
+            at->busy &= ~(1u << l);
     }
-    leave_idle(k, l);
-    return false;
 }
 
 /* ---- where samples lie ------------------------------------------------------------ */
 
-/* The cells of the next samples; those beside the box of visible cells are put next to it. */
-LR_INLINE void find_cells(ray_lanes *k, const lr_volume *v)
-{
-    for (int a = 0; a < 3; a++) {
-        const double low = v->surface_lo[a] - 1, high = v->surface_hi[a] + 1;
-        EACH_LANE
-        {
-            const double q = k->o[a][l] + k->k[l] * k->step[l] * k->d[a][l];
-            const double c = lr_clamp(floor(q), low, high);
-            k->p[a][l] = lr_clamp(q - c, 0.0, 1.0);
-            k->c[a][l] = (int32_t)c;
-        }
-    }
-}
-
-/* Where cells are, and which lie in the box of visible ones and before their ray's end. All lie in
- * the table. */
-LR_INLINE void find_places(const ray_lanes *k, const lr_volume *v, int32_t place[LANES],
-                           int32_t inside[LANES])
-{
-    const int32_t lo[3] = {v->surface_lo[0], v->surface_lo[1], v->surface_lo[2]};
-    const int32_t hi[3] = {v->surface_hi[0], v->surface_hi[1], v->surface_hi[2]};
-    EACH_LANE
-    {
-        const int32_t x = k->c[0][l], y = k->c[1][l], z = k->c[2][l];
-        place[l] = (int32_t)lr_table_of(v, x, y, z);
-        inside[l] = (k->k[l] < k->end[l]) & (x >= lo[0]) & (y >= lo[1]) & (z >= lo[2]) &
-                    (x <= hi[0]) & (y <= hi[1]) & (z <= hi[2]);
-    }
-}
-
-/* Are they visible, and if not, how much around them is not? By the masks of bricks. Beside the box
+/* Look at the cells of the next samples of lanes from l on; those that are not visible go on by
+ * leaving the cube that has nothing. Cells beside the box of visible ones are put next to it, where
  * something in the same brick may be visible. */
-LR_INLINE void look_at_masks(ray_lanes *k, const lr_volume *v)
+LR_INLINE void look(ray_lanes *k, place_lanes *at, const sample_job *job, int l)
 {
-    int32_t place[LANES], inside[LANES];
-    uint32_t entry[LANES];
-    uint64_t cells[LANES];
-    find_places(k, v, place, inside);
-    for (int l = 0; l < LANES; l++)
-        entry[l] = lr_entry_at(v, (size_t)place[l]);
-    for (int l = 0; l < LANES; l++)
-        cells[l] = lr_entry_cells(v, entry[l], k->c[0][l], k->c[1][l], k->c[2][l]);
-    EACH_LANE
-    {
-        const int32_t x = k->c[0][l], y = k->c[1][l], z = k->c[2][l];
-        const int32_t any = lr_entry_has_word(entry[l], x, y, z) & inside[l];
-        const int32_t around = lr_entry_words(entry[l]) == 0 ? LR_SIDE - 1 : LR_SIDE / 2 - 1;
-        k->visible[l] = (double)(lr_cells_have(cells[l], x, y, z) & any);
-        k->block[l] = (inside[l] & ~any) != 0 ? around : 0;
-        k->reach[l] = 0;
-    }
-}
-
-/* Likewise by distances. */
-LR_INLINE void look_at_distances(ray_lanes *k, const lr_volume *v, const lr_empty_cubes *cubes)
-{
-    const uint32_t *const bricks = cubes->bricks;
-    const uint8_t *const near = cubes->near[0];
-    int32_t place[LANES], inside[LANES], cell[LANES], distance[LANES];
-    uint32_t brick[LANES];
-    find_places(k, v, place, inside);
-    EACH_LANE
-    cell[l] = lr_in_brick(k->c[0][l], k->c[1][l], k->c[2][l]);
-    for (int l = 0; l < LANES; l++)
-        brick[l] = bricks[place[l]];
-    for (int l = 0; l < LANES; l++) {
-        const uint32_t number = brick[l] & LR_FAR_BRICK ? 0 : brick[l];
-        distance[l] = near[(size_t)number * LR_CELLS + (size_t)cell[l]];
-    }
-    EACH_LANE
-    {
-        const int32_t far = brick[l] & LR_FAR_BRICK ? 1 : 0;
-        const int32_t bricks_off = ((int32_t)(brick[l] & 0xff) - 1) * LR_SIDE;
-        const int32_t reach = far ? bricks_off : distance[l] - 1;
-        k->visible[l] = (double)(inside[l] & (reach < 0));
-        k->block[l] = (inside[l] & far) != 0 ? LR_SIDE - 1 : 0;
-        k->reach[l] = (inside[l] & (reach > 0)) != 0 ? reach : 0;
-    }
-}
-
-/* Lanes that stand on nothing visible leave the cube that has nothing. */
-LR_INLINE void leap(ray_lanes *k)
-{
-    double out[LANES];
-    EACH_LANE
-    out[l] = INFINITY;
+    const lr_volume *v = job->v;
+    const lr_doubles sample = lr_load_doubles(k->k + l), zero = {0}, one = lr_all_doubles(1.0);
+    const lr_doubles t = sample * lr_load_doubles(k->step + l);
+    lr_eight_ints c[3], inside = ~(lr_eight_ints){0}, apart = {0};
+    lr_doubles out = lr_all_doubles(INFINITY);
     for (int a = 0; a < 3; a++) {
-        EACH_LANE
-        {
-            const int32_t low = (k->c[a][l] & ~k->block[l]) - k->reach[l];
-            const int32_t high = (k->c[a][l] | k->block[l]) + k->reach[l] + 1;
-            const double plane = k->up[a][l] != 0.0 ? (double)high : (double)low;
-            const double t = (plane - k->o[a][l]) * k->inv[a][l] + k->never[a][l];
-            out[l] = t < out[l] ? t : out[l];
-        }
+        const lr_doubles low = lr_all_doubles(v->surface_lo[a] - 1);
+        const lr_doubles high = lr_all_doubles(v->surface_hi[a] + 1);
+        const lr_doubles q = lr_load_doubles(k->o[a] + l) + t * lr_load_doubles(k->d[a] + l);
+        const lr_doubles own = lr_clamp_doubles(lr_rounded_down_doubles(q), low, high);
+        lr_store_doubles(at->p[a] + l, lr_clamp_doubles(q - own, zero, one));
+        c[a] = lr_eight_ints_of(own);
+        lr_store_eight(at->c[a] + l, c[a]);
+        inside &= (c[a] >= v->surface_lo[a]) & (c[a] <= v->surface_hi[a]);
+        apart |= (c[a] & (LR_SIDE - 1)) == LR_SIDE - 1;
     }
-    EACH_LANE
-    {
-        const double steps = out[l] * k->per_step[l], off = fabs(steps) * STEP_ROUNDING;
-        const double first = ceil(steps - (off > STEP_SLACK ? off : STEP_SLACK));
-        const double after = k->k[l] + 1.0;
-        const double next = first > after ? first : after;
-        k->k[l] = k->visible[l] != 0.0 ? k->k[l] : next;
-        k->looked[l]++;
+    lr_view seen = lr_look(v, job->cubes, c, at->place + l, at->cell + l);
+    seen.block &= inside;
+    seen.reach &= inside;
+    for (int a = 0; a < 3; a++) {
+        const lr_doubles inv = lr_load_doubles(k->inv[a] + l);
+        const lr_doubles low = lr_doubles_of((c[a] & ~seen.block) - seen.reach);
+        const lr_doubles high = lr_doubles_of((c[a] | seen.block) + seen.reach + 1);
+        const lr_doubles plane = lr_pick_doubles(inv > zero, high, low);
+        out = lr_lesser_lanes(
+            (plane - lr_load_doubles(k->o[a] + l)) * inv + lr_load_doubles(k->never[a] + l), out);
     }
-}
-
-/* Go on until most lanes stand on visible samples; how many do. */
-LR_INLINE int find_samples(ray_lanes *k, const lr_volume *v, const lr_empty_cubes *cubes)
-{
-    double found = 0.0;
-    for (int look = 0; look < LOOKS && found < ENOUGH; look++) {
-        find_cells(k, v);
-        if (cubes != NULL)
-            look_at_distances(k, v, cubes);
-        else
-            look_at_masks(k, v);
-        leap(k);
-        found = 0.0;
-        for (int l = 0; l < LANES; l++)
-            found += k->visible[l];
-    }
-    return (int)found;
+    const lr_doubles steps = out * lr_load_doubles(k->per_step + l);
+    const lr_doubles off = lr_absolute_doubles(steps) * STEP_ROUNDING;
+    const lr_doubles first = rounded_up(steps - lr_greater_lanes(off, lr_all_doubles(STEP_SLACK)));
+    const lr_longs visible = lr_longs_of_ints(seen.visible & inside);
+    lr_store_doubles(k->k + l,
+                     lr_pick_doubles(visible, sample, lr_greater_lanes(first, sample + 1.0)));
+    lr_store_doubles(k->looked + l, lr_load_doubles(k->looked + l) + 1.0);
+    at->visible |= lr_bits_of_longs(visible) << l;
+    at->apart |= lr_bits_of_eight(apart) << l;
 }
 
 /* ---- samples ------------------------------------------------------------------------ */
 
-/* The corners of the cells of visible samples. */
-LR_INLINE void load_corners(ray_lanes *k, const lr_volume *v, int32_t type, size_t size)
+/* The rows of corners of the cells of lanes. */
+LR_INLINE void fetch_rows(sample_lanes *s, const place_lanes *at, uint32_t lanes,
+                          const lr_volume *v, size_t size)
 {
-    uint64_t rows[LR_CELL_ROWS][LANES];
-    for (int l = 0; l < LANES; l++) {
-        uint64_t row[LR_CELL_ROWS] = {0};
-        if (k->visible[l] != 0.0)
-            lr_load_rows(v, size, k->c[0][l], k->c[1][l], k->c[2][l], row);
+    uint64_t row[LR_CELL_ROWS];
+    for (uint32_t left = lanes & ~at->apart; left != 0; left &= left - 1) {
+        const int l = __builtin_ctz(left);
+        const int to = __builtin_popcount(lanes & ((1u << l) - 1));
+        lr_load_rows_of(v, size, (size_t)at->place[l], at->cell[l], row);
         for (int n = 0; n < LR_CELL_ROWS; n++)
-            rows[n][l] = row[n];
+            s->rows[n][to] = row[n];
     }
-    for (int n = 0; n < LR_CELL_ROWS; n++)
-        EACH_LANE
-    lr_unpack_row(rows[n][l], type, &k->corner[2 * n][l], &k->corner[2 * n + 1][l]);
+    for (uint32_t left = lanes & at->apart; left != 0; left &= left - 1) {
+        const int l = __builtin_ctz(left);
+        const int to = __builtin_popcount(lanes & ((1u << l) - 1));
+        lr_load_rows(v, size, at->c[0][l], at->c[1][l], at->c[2][l], row);
+        for (int n = 0; n < LR_CELL_ROWS; n++)
+            s->rows[n][to] = row[n];
+    }
 }
 
-/* The field at the samples; never beyond the corners', between which a cell's values are told
+/* Pack the samples of lanes. */
+LR_INLINE void pack_samples(sample_lanes *s, const ray_lanes *k, const place_lanes *at,
+                            uint32_t lanes, const sample_job *job)
+{
+    for (int l = 0, n = 0; l < LANES; l += LR_DOUBLE_LANES) {
+        const uint32_t bits = lanes >> l & 0xff;
+        lr_pack_doubles(s->length + n, k->length + l, bits);
+        for (int a = 0; a < 3; a++)
+            lr_pack_doubles(s->p[a] + n, at->p[a] + l, bits);
+        for (int a = 0; a < 3 && job->options->phong != NULL; a++)
+            lr_pack_doubles(s->view[a] + n, k->view[a] + l, bits);
+        n += __builtin_popcount(bits);
+    }
+    if (!job->by_gradient)
+        return;
+    int n = 0;
+    for (uint32_t left = lanes; left != 0; left &= left - 1, n++)
+        for (int a = 0; a < 3; a++)
+            s->c[a][n] = at->c[a][__builtin_ctz(left)];
+}
+
+/* The field at samples; never beyond the corners', between which a cell's values are told
  * visible. */
-LR_INLINE void interpolate(ray_lanes *k)
+LR_INLINE lr_doubles interpolate(const lr_doubles corner[8], const lr_doubles p[3])
 {
-    EACH_LANE
-    {
-        double s[8];
-        double low = k->corner[0][l], high = low;
-        for (int b = 0; b < 8; b++) {
-            s[b] = k->corner[b][l];
-            low = s[b] < low ? s[b] : low;
-            high = s[b] > high ? s[b] : high;
-        }
-        const double p[3] = {k->p[0][l], k->p[1][l], k->p[2][l]};
-        k->value[l] = lr_clamp(lr_trilinear(s, p), low, high);
+    lr_doubles low = corner[0], high = low;
+    for (int b = 1; b < 8; b++) {
+        low = lr_lesser_lanes(corner[b], low);
+        high = lr_greater_lanes(corner[b], high);
     }
+    return lr_clamp_doubles(lr_trilinear_lanes(corner, p), low, high);
 }
 
-LR_INLINE void find_pieces(const ray_lanes *k, const lr_transfer *f, double piece[LANES])
+/* The lines of the pieces in which values lie: the members of an lr_transfer_piece. */
+LR_INLINE void load_lines(const sample_job *job, lr_doubles value, lr_doubles line[LINES])
 {
-    if (f->n > LR_FEW_KNOTS) {
-        for (int l = 0; l < LANES; l++)
-            piece[l] = (double)lr_piece_of(f, k->value[l]);
+    const lr_transfer *f = job->v->transfer;
+    const lr_doubles piece = lr_pieces_of_lanes(f, value);
+    const int n_lines = f->emits ? LINES : LINES - 6;
+    double own[LR_DOUBLE_LANES], lines[LINES][LR_DOUBLE_LANES];
+    if (f->n < LR_DOUBLE_LANES) {
+        for (int n = 0; n < n_lines; n++)
+            line[n] = lr_pick_of_eight(job->lines[n], piece);
         return;
     }
-    EACH_LANE
-    piece[l] = 0.0;
-    for (uint64_t i = 0; i < f->n; i++) {
-        const double knot = f->values[i];
-        EACH_LANE
-        piece[l] += k->value[l] >= knot ? 1.0 : 0.0;
+    lr_store_doubles(own, piece);
+    for (int l = 0; l < LR_DOUBLE_LANES; l++) {
+        const double *from = &f->pieces[(int32_t)own[l]].from;
+        for (int n = 0; n < n_lines; n++)
+            lines[n][l] = from[n];
     }
+    for (int n = 0; n < n_lines; n++)
+        line[n] = lr_load_doubles(lines[n]);
 }
 
-/* The lines of the pieces in which values lie. */
-LR_INLINE void load_lines(ray_lanes *k, const lr_transfer *f)
+/* Eight packed samples from n on, of which `count` are some: the opacity, colours and emission of
+ * each. */
+LR_INLINE void shade(sample_lanes *s, gradient_lanes *g, const sample_job *job, int n, int count,
+                     int32_t type)
 {
-    double piece[LANES];
-    find_pieces(k, f, piece);
-    for (int l = 0; l < LANES; l++) {
-        const lr_transfer_piece *p = &f->pieces[(int32_t)piece[l]];
-        k->from[l] = p->from;
-        for (int i = 0; i < 2; i++) {
-            k->extinction[i][l] = p->extinction[i];
+    const lr_transfer *f = job->v->transfer;
+    const lr_phong *phong = job->options->phong;
+    const lr_doubles zero = {0};
+    lr_unsigned_longs row[LR_CELL_ROWS];
+    lr_doubles corner[8], p[3], line[LINES], length = lr_load_doubles(s->length + n);
+    for (int i = 0; i < LR_CELL_ROWS; i++)
+        memcpy(&row[i], s->rows[i] + n, sizeof *row);
+    for (int a = 0; a < 3; a++)
+        p[a] = lr_load_doubles(s->p[a] + n);
+    lr_unpack_rows(row, type, corner);
+    const lr_doubles value = interpolate(corner, p);
+    load_lines(job, value, line);
+    const lr_doubles from = value - line[0], extinction = line[1] + line[2] * from;
+    lr_doubles share = lr_all_doubles(1.0), highlight = zero;
+    if (job->by_gradient) {
+        const bool central = phong != NULL && job->options->normal == LR_NORMAL_CENTRAL;
+        const uint32_t live = count < LR_DOUBLE_LANES ? (1u << count) - 1 : LR_ALL_DOUBLE_LANES;
+        lr_doubles slope[3];
+        if (central || f->full_gradient > 0.0)
+            load_around(g, job->v, s->c, n,
+                        f->emits ? live : live & lr_bits_of_longs(extinction > zero), type);
+        if (f->full_gradient > 0.0)
+            length *= modulation(g, job->v, p);
+        if (phong != NULL) {
+            if (central)
+                central_gradients(g, p, slope);
+            else
+                lr_trilinear_gradient_lanes(corner, p, slope);
+            lr_doubles view[3];
             for (int a = 0; a < 3; a++)
-                k->color[a][i][l] = p->color[a][i];
-            for (int a = 0; a < 3 && f->emits; a++)
-                k->emission[a][i][l] = p->emission[a][i];
+                view[a] = lr_load_doubles(s->view[a] + n);
+            light_normals(job->v, slope, view, job->lamp, phong, &share, &highlight);
         }
+    }
+    const lr_doubles after =
+        lr_lane_exp_lanes(-length * lr_pick_doubles(extinction > zero, extinction, zero));
+    lr_store_doubles(s->opacity + n, 1.0 - after);
+    for (int a = 0; a < 3; a++) {
+        lr_doubles color = line[3 + 2 * a] + line[4 + 2 * a] * from;
+        if (phong != NULL)
+            color = color * share + highlight;
+        lr_store_doubles(s->color[a] + n, color);
+        if (f->emits)
+            lr_store_doubles(s->emitted[a] + n,
+                             length * (line[9 + 2 * a] + line[10 + 2 * a] * from));
     }
 }
 
-/* What gradients do to samples that absorb or emit: modulate them, and light them. */
-LR_INLINE void find_gradients(ray_lanes *k, gradient_lanes *g, const lr_volume *v,
-                              const lr_trace_options *options, int32_t type)
+/* Add the samples of lanes to their rays, which go on. */
+LR_INLINE void add_samples(ray_lanes *k, const sample_lanes *s, uint32_t lanes, bool emits)
 {
-    const lr_transfer *f = v->transfer;
-    const bool central = options->phong != NULL && options->normal == LR_NORMAL_CENTRAL;
-    double counts[LANES];
-    EACH_LANE
-    {
-        const double from = k->value[l] - k->from[l];
-        const double line = k->extinction[0][l] + k->extinction[1][l] * from;
-        counts[l] = line > 0.0 || f->emits ? k->visible[l] : 0.0;
-    }
-    if (central || f->full_gradient > 0.0)
-        load_around(g, v, k->c, counts, type);
-    if (f->full_gradient > 0.0)
-        modulate(g, v, k->p);
-    if (options->phong == NULL)
-        return;
-    if (central)
-        central_gradients(g, v, k->p);
-    else
-        analytic_gradients(g, v, k->corner, k->p);
-    light_normals(g, k->view, k->lamp, options->phong->power);
-}
-
-/* Colours of samples, as they are lit. */
-LR_INLINE void find_colors(const ray_lanes *k, const gradient_lanes *g, const lr_phong *phong,
-                           const double from[LANES], double color[3][LANES])
-{
-    for (int a = 0; a < 3; a++)
-        EACH_LANE
-    color[a][l] = k->color[a][0][l] + k->color[a][1][l] * from[l];
-    if (phong == NULL)
-        return;
-    for (int a = 0; a < 3; a++)
-        EACH_LANE
-        {
-            const double share = phong->ambient + phong->diffuse * g->lit[l];
-            color[a][l] = color[a][l] * share + phong->specular * g->highlight[l];
+    for (int l = 0, n = 0; l < LANES; l += LR_DOUBLE_LANES) {
+        const uint32_t bits = lanes >> l & 0xff;
+        const lr_doubles opacity = lr_unpack_doubles(s->opacity + n, bits);
+        const lr_doubles one =
+            lr_pick_doubles(lr_longs_of(bits), lr_all_doubles(1.0), (lr_doubles){0});
+        lr_doubles transmittance = lr_load_doubles(k->transmittance + l), light[3];
+        for (int a = 0; a < 3; a++) {
+            const lr_doubles color = lr_unpack_doubles(s->color[a] + n, bits);
+            light[a] = lr_load_doubles(k->light[a] + l) + transmittance * (opacity * color);
+            if (emits)
+                light[a] += transmittance * lr_unpack_doubles(s->emitted[a] + n, bits);
+            lr_store_doubles(k->light[a] + l, light[a]);
         }
-}
-
-LR_INLINE void add_samples(ray_lanes *k, const gradient_lanes *g, const lr_transfer *f,
-                           const lr_phong *phong)
-{
-    double opacity[LANES], from[LANES], length[LANES], color[3][LANES];
-    EACH_LANE
-    length[l] = f->full_gradient > 0.0 ? k->length[l] * g->seen[l] : k->length[l];
-    EACH_LANE
-    {
-        from[l] = k->value[l] - k->from[l];
-        const double line = k->extinction[0][l] + k->extinction[1][l] * from[l];
-        const double after = lr_lane_exp(-length[l] * (line > 0.0 ? line : 0.0));
-        opacity[l] = k->visible[l] != 0.0 ? 1.0 - after : 0.0;
-    }
-    find_colors(k, g, phong, from, color);
-    for (int a = 0; a < 3; a++)
-        EACH_LANE
-    k->light[a][l] += k->transmittance[l] * (opacity[l] * color[a][l]);
-    for (int a = 0; a < 3 && f->emits; a++)
-        EACH_LANE
-        {
-            const double shines = k->emission[a][0][l] + k->emission[a][1][l] * from[l];
-            const double light = k->transmittance[l] * (length[l] * shines);
-            k->light[a][l] += k->visible[l] != 0.0 ? light : 0.0;
-        }
-    EACH_LANE
-    {
-        k->transmittance[l] *= 1.0 - opacity[l];
-        const double seen =
-            1.0 - k->transmittance[l] + k->light[0][l] + k->light[1][l] + k->light[2][l];
-        const double t = seen > 0.0 ? k->k[l] * k->step[l] : INFINITY;
-        k->begins[l] = t < k->begins[l] ? t : k->begins[l];
-        k->k[l] += k->visible[l];
-        k->taken[l] += k->visible[l] != 0.0;
+        transmittance *= 1.0 - opacity;
+        lr_store_doubles(k->transmittance + l, transmittance);
+        const lr_doubles sample = lr_load_doubles(k->k + l),
+                         begins = lr_load_doubles(k->begins + l);
+        const lr_doubles seen = 1.0 - transmittance + light[0] + light[1] + light[2];
+        const lr_doubles t = sample * lr_load_doubles(k->step + l);
+        lr_store_doubles(k->begins + l, lr_pick_doubles((seen > 0.0) & (t < begins), t, begins));
+        lr_store_doubles(k->k + l, sample + one);
+        lr_store_doubles(k->taken + l, lr_load_doubles(k->taken + l) + one);
+        n += __builtin_popcount(bits);
     }
 }
 
 /* ---- all of it ------------------------------------------------------------------------ */
 
-/* Has any lane reached its ray's end? */
-LR_INLINE bool some_have_ended(const ray_lanes *k, double opaque)
+/* Of lanes that wait those that fill vectors, or all where nobody else could join them. */
+LR_INLINE uint32_t enough_of(uint32_t waiting, uint32_t busy)
 {
-    double ended = 0.0;
-    for (int l = 0; l < LANES; l++)
-        ended += k->k[l] >= k->end[l] || k->transmittance[l] <= opaque ? 1.0 : 0.0;
-    return ended > 0.0;
+    uint32_t taken = waiting;
+    for (int n = waiting == busy ? 0 : __builtin_popcount(waiting) % LR_DOUBLE_LANES; n > 0; n--)
+        taken &= ~(0x80000000u >> __builtin_clz(taken));
+    return taken;
 }
 
-LR_INLINE void sample_rays(const lr_volume *v, const lr_empty_cubes *cubes, const lr_rays *rays,
-                           uint64_t first, uint64_t end, const lr_trace_options *options,
-                           const lr_hits *hits, lr_counters *counters, int32_t type, size_t size)
+LR_INLINE void sample_rays(sample_job *job, int32_t type, size_t size)
 {
     ray_lanes k;
+    place_lanes at;
+    sample_lanes s;
     gradient_lanes g;
-    uint64_t next = first;
-    const bool by_gradient = options->phong != NULL || v->transfer->full_gradient > 0.0;
-    const double opaque = fmax(1.0 - options->stop_opacity, LR_OPAQUE);
-    int busy = 0;
-    memset(&k, 0, sizeof k);
-    if (by_gradient)
+    memset(&at, 0, sizeof at);
+    memset(&s, 0, sizeof s);
+    if (job->by_gradient)
         memset(&g, 0, sizeof g);
     for (int l = 0; l < LANES; l++)
-        busy += next_ray(&k, l, v, rays, &next, end, options, hits);
-    while (busy > 0) {
-        if (find_samples(&k, v, cubes) > 0) {
-            load_corners(&k, v, type, size);
-            interpolate(&k);
-            load_lines(&k, v->transfer);
-            if (by_gradient)
-                find_gradients(&k, &g, v, options, type);
-            add_samples(&k, &g, v->transfer, options->phong);
+        if (next_ray(&k, l, job))
+            at.busy |= 1u << l;
+    while (at.busy != 0) {
+        at.visible = at.apart = 0;
+        for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
+            look(&k, &at, job, l);
+        const uint32_t taken = enough_of(at.visible, at.busy);
+        if (taken != 0) {
+            fetch_rows(&s, &at, taken, job->v, size);
+            pack_samples(&s, &k, &at, taken, job);
+            const int count = __builtin_popcount(taken);
+            for (int n = 0; n < count; n += LR_DOUBLE_LANES)
+                shade(&s, &g, job, n, count - n, type);
+            add_samples(&k, &s, taken, job->v->transfer->emits);
         }
-        if (!some_have_ended(&k, opaque))
-            continue;
-        for (int l = 0; l < LANES; l++) {
-            if (!(k.k[l] >= k.end[l] || k.transmittance[l] <= opaque))
-                continue;
-            put_ray(&k, l, hits, counters);
-            busy -= !next_ray(&k, l, v, rays, &next, end, options, hits);
-        }
+        refill(&k, &at, job);
     }
-    counters->rays += end - first;
 }
 
 void LR_SAMPLE_RAYS(const lr_volume *v, const lr_empty_cubes *cubes, const lr_rays *rays,
                     uint64_t first, uint64_t end, const lr_trace_options *options,
                     const lr_hits *hits, lr_counters *counters)
 {
+    const lr_transfer *f = v->transfer;
+    sample_job job = {.v = v,
+                      .cubes = cubes,
+                      .rays = rays,
+                      .options = options,
+                      .hits = hits,
+                      .counters = counters,
+                      .next = first,
+                      .end = end};
+    job.by_gradient = options->phong != NULL || f->full_gradient > 0.0;
+    job.opaque = fmax(1.0 - options->stop_opacity, LR_OPAQUE);
+    if (options->phong != NULL)
+        find_lamp(options->phong, job.lamp);
+    for (uint64_t i = 0; i <= f->n && f->n < LR_DOUBLE_LANES; i++)
+        for (int n = 0; n < LINES; n++)
+            job.lines[n][i] = (&f->pieces[i].from)[n];
+    counters->rays += end - first;
     switch (v->desc.sample_type) {
 #define LR_SAMPLE_TYPE(id, name, stored, one, step)                                                \
     case id:                                                                                       \
-        sample_rays(v, cubes, rays, first, end, options, hits, counters, id, sizeof(stored));      \
+        sample_rays(&job, id, sizeof(stored));                                                     \
         return;
 #include "grid/sample_types.def"
 #undef LR_SAMPLE_TYPE
     }
 }
-
-#undef EACH_LANE
