@@ -159,6 +159,7 @@ LR_INLINE void look(lr_light_lanes *k, const light_job *job, uint32_t bits)
     lr_eight_ints c[3];
     for (int a = 0; a < 3; a++)
         c[a] = lr_eight_ints_of(lr_load_doubles(k->c[a]));
+    lr_find_places(v, c, k->place, k->cell);
     const lr_view seen = lr_look(v, job->cubes, c, k->place, k->cell);
     const int last = LR_SIDE - 1;
     const lr_eight_ints apart =

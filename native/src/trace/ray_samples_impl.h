@@ -208,16 +208,13 @@ LR_INLINE void refill(ray_lanes *k, place_lanes *at, sample_job *job)
 
 /* ---- where samples lie ------------------------------------------------------------ */
 
-/* Look at the cells of the next samples of lanes from l on; those that are not visible go on by
- * leaving the cube that has nothing. Cells beside the box of visible ones are put next to it, where
- * something in the same brick may be visible. */
-LR_INLINE void look(ray_lanes *k, place_lanes *at, const sample_job *job, int l)
+/* The cells of the next samples of lanes from l on; those beside the box of visible cells are put
+ * next to it. */
+LR_INLINE void find_cells(const ray_lanes *k, place_lanes *at, const lr_volume *v, int l)
 {
-    const lr_volume *v = job->v;
-    const lr_doubles sample = lr_load_doubles(k->k + l), zero = {0}, one = lr_all_doubles(1.0);
-    const lr_doubles t = sample * lr_load_doubles(k->step + l);
-    lr_eight_ints c[3], inside = ~(lr_eight_ints){0}, apart = {0};
-    lr_doubles out = lr_all_doubles(INFINITY);
+    const lr_doubles zero = {0}, one = lr_all_doubles(1.0);
+    const lr_doubles t = lr_load_doubles(k->k + l) * lr_load_doubles(k->step + l);
+    lr_eight_ints c[3], apart = {0};
     for (int a = 0; a < 3; a++) {
         const lr_doubles low = lr_all_doubles(v->surface_lo[a] - 1);
         const lr_doubles high = lr_all_doubles(v->surface_hi[a] + 1);
@@ -226,29 +223,48 @@ LR_INLINE void look(ray_lanes *k, place_lanes *at, const sample_job *job, int l)
         lr_store_doubles(at->p[a] + l, lr_clamp_doubles(q - own, zero, one));
         c[a] = lr_eight_ints_of(own);
         lr_store_eight(at->c[a] + l, c[a]);
-        inside &= (c[a] >= v->surface_lo[a]) & (c[a] <= v->surface_hi[a]);
         apart |= (c[a] & (LR_SIDE - 1)) == LR_SIDE - 1;
     }
-    lr_view seen = lr_look(v, job->cubes, c, at->place + l, at->cell + l);
-    seen.block &= inside;
-    seen.reach &= inside;
+    lr_find_places(v, c, at->place + l, at->cell + l);
+    at->apart |= lr_bits_of_eight(apart) << l;
+}
+
+/* Look at them; beside the box, something in the same brick may be visible. */
+LR_INLINE void look(place_lanes *at, lr_view *seen, const sample_job *job, int l)
+{
+    const lr_volume *v = job->v;
+    lr_eight_ints c[3], inside = ~(lr_eight_ints){0};
     for (int a = 0; a < 3; a++) {
-        const lr_doubles inv = lr_load_doubles(k->inv[a] + l);
-        const lr_doubles low = lr_doubles_of((c[a] & ~seen.block) - seen.reach);
-        const lr_doubles high = lr_doubles_of((c[a] | seen.block) + seen.reach + 1);
+        c[a] = lr_load_eight(at->c[a] + l);
+        inside &= (c[a] >= v->surface_lo[a]) & (c[a] <= v->surface_hi[a]);
+    }
+    *seen = lr_look(v, job->cubes, c, at->place + l, at->cell + l);
+    seen->visible &= inside;
+    seen->block &= inside;
+    seen->reach &= inside;
+}
+
+/* Lanes from l on that stand on nothing visible leave the cube that has nothing. */
+LR_INLINE void leap(ray_lanes *k, place_lanes *at, const lr_view *seen, int l)
+{
+    const lr_doubles sample = lr_load_doubles(k->k + l), zero = {0};
+    const lr_longs visible = lr_longs_of_ints(seen->visible);
+    lr_doubles out = lr_all_doubles(INFINITY);
+    for (int a = 0; a < 3; a++) {
+        const lr_eight_ints c = lr_load_eight(at->c[a] + l);
+        const lr_doubles inv = lr_load_doubles(k->inv[a] + l), o = lr_load_doubles(k->o[a] + l);
+        const lr_doubles low = lr_doubles_of((c & ~seen->block) - seen->reach);
+        const lr_doubles high = lr_doubles_of((c | seen->block) + seen->reach + 1);
         const lr_doubles plane = lr_pick_doubles(inv > zero, high, low);
-        out = lr_lesser_lanes(
-            (plane - lr_load_doubles(k->o[a] + l)) * inv + lr_load_doubles(k->never[a] + l), out);
+        out = lr_lesser_lanes((plane - o) * inv + lr_load_doubles(k->never[a] + l), out);
     }
     const lr_doubles steps = out * lr_load_doubles(k->per_step + l);
     const lr_doubles off = lr_absolute_doubles(steps) * STEP_ROUNDING;
     const lr_doubles first = rounded_up(steps - lr_greater_lanes(off, lr_all_doubles(STEP_SLACK)));
-    const lr_longs visible = lr_longs_of_ints(seen.visible & inside);
     lr_store_doubles(k->k + l,
                      lr_pick_doubles(visible, sample, lr_greater_lanes(first, sample + 1.0)));
     lr_store_doubles(k->looked + l, lr_load_doubles(k->looked + l) + 1.0);
     at->visible |= lr_bits_of_longs(visible) << l;
-    at->apart |= lr_bits_of_eight(apart) << l;
 }
 
 /* ---- samples ------------------------------------------------------------------------ */
@@ -428,6 +444,7 @@ LR_INLINE void sample_rays(sample_job *job, int32_t type, size_t size)
     place_lanes at;
     sample_lanes s;
     gradient_lanes g;
+    lr_view seen[LANES / LR_DOUBLE_LANES];
     memset(&at, 0, sizeof at);
     memset(&s, 0, sizeof s);
     if (job->by_gradient)
@@ -438,7 +455,11 @@ LR_INLINE void sample_rays(sample_job *job, int32_t type, size_t size)
     while (at.busy != 0) {
         at.visible = at.apart = 0;
         for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
-            look(&k, &at, job, l);
+            find_cells(&k, &at, job->v, l);
+        for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
+            look(&at, &seen[l / LR_DOUBLE_LANES], job, l);
+        for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
+            leap(&k, &at, &seen[l / LR_DOUBLE_LANES], l);
         const uint32_t taken = enough_of(at.visible, at.busy);
         if (taken != 0) {
             fetch_rows(&s, &at, taken, job->v, size);
