@@ -121,14 +121,19 @@ def matrix(values: ArrayLike | None, name: str):
     return (ctypes.c_double * 16)(*array.ravel())
 
 
-def columns(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    """(n, 3) vectors as three contiguous rows (3, n). Raises LeapRayError."""
+def vectors(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """(n, 3) vectors; one of shape (3,) is (1, 3). Raises LeapRayError."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 1 and array.size == 3:
         array = array[None]
     if array.ndim != 2 or array.shape[1] != 3:
         raise LeapRayError(f"{name} must have the shape (n, 3); it is {array.shape}")
-    return np.ascontiguousarray(array.T)
+    return array
+
+
+def columns(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """(n, 3) vectors as three contiguous rows (3, n). Raises LeapRayError."""
+    return np.ascontiguousarray(vectors(values, name).T)
 
 
 def per_ray(value: ArrayLike | None, n: int, name: str) -> NDArray[np.float64] | None:

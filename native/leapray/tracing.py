@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
 from ._lib import LeapRayError, Watch, call, check, lib
-from .arrays import NORMALS, choice, columns, members, numbers, per_ray, pointer, record
+from .arrays import NORMALS, choice, columns, members, numbers, per_ray, pointer, record, vectors
 from .options import Entry, all_choices, choice_numbers, find, read_entry
 from .threads import check_threads, cores, run_parts, run_steps
 from .volume import Volume
@@ -29,10 +29,10 @@ ROOTS = members(_abi.lr_root)
 SAMPLINGS = members(_abi.lr_sampling)
 METRICS = members(_abi.lr_metric)
 SUMS = {  # what modes add up along rays, and how many numbers that is
-    "volume": {"color": 3, "transmittance": 1},
-    "maximum": {"value": 1},
-    "minimum": {"value": 1},
-    "mean": {"value": 1, "length": 1},
+    "volume": {"color": (3,), "transmittance": ()},
+    "maximum": {"value": ()},
+    "minimum": {"value": ()},
+    "mean": {"value": (), "length": ()},
 }
 MEMBERS = {"color": ("red", "green", "blue")}  # of lr_hits
 
@@ -298,10 +298,10 @@ def trace(
     Stopped when watch was told to stop.
     """
     check_threads(threads)
-    o, d = columns(origins, "origins"), columns(directions, "directions")
-    if o.shape != d.shape:
-        raise LeapRayError(f"there are {o.shape[1]} origins but {d.shape[1]} directions")
-    n = o.shape[1]
+    origins, directions = vectors(origins, "origins"), vectors(directions, "directions")
+    n = len(origins)
+    if n != len(directions):
+        raise LeapRayError(f"there are {n} origins but {len(directions)} directions")
     chosen = trace_options(
         mode=mode,
         hit_test=hit_test,
@@ -316,30 +316,42 @@ def trace(
     low, high = per_ray(t_min, n, "t_min"), per_ray(t_max, n, "t_max")
     starts, stops = None if start is None else _starts(start, n), per_ray(stop, n, "stop")
     surface = n if mode in MODES else 0  # rays that end at one
-    t, cell = np.empty(n), np.empty((3, surface), np.int32)
-    normals, field = np.empty((3, surface)), np.empty((3, surface))
+    t, cell = np.empty(n), np.empty((surface, 3), np.int32)
+    normals, field = np.empty((surface, 3)), np.empty((surface, 3))
     ids = np.empty(surface, np.int32)
     steps = np.empty(n if count else 0, np.int32)
-    sums = {name: np.empty((rows, n)) for name, rows in SUMS.get(mode, {}).items()}
+    sums = {name: np.empty((n, *shape)) for name, shape in SUMS.get(mode, {}).items()}
     watch = watch or Watch()
 
     def part(first: int, last: int) -> _abi.lr_counters:
+        apart = []  # vectors and their coordinates, which the core takes one by one
+
         def at(array, c_type=ctypes.c_double):
             return None if array is None else pointer(array[first:last], c_type)
 
-        rays = _abi.lr_rays(*map(at, o), *map(at, d), at(low), at(high), at(starts, _abi.lr_start))
-        rays.stop = at(stops)
+        def each(array, c_type=ctypes.c_double):
+            rows = np.empty((3, last - first), array.dtype)
+            apart.append((array, rows))
+            return [pointer(row, c_type) for row in rows]
+
+        o, d = (
+            columns(origins[first:last], "origins"),
+            columns(directions[first:last], "directions"),
+        )
+        rays = _abi.lr_rays(*map(pointer, o), *map(pointer, d), at(low), at(high))
+        rays.start, rays.stop = at(starts, _abi.lr_start), at(stops)
         hits = _abi.lr_hits(t=at(t))
         if surface:
-            integers = [at(row, ctypes.c_int32) for row in cell]
+            integers = each(cell, ctypes.c_int32)
             hits = _abi.lr_hits(
-                at(t), *integers, *map(at, normals), *map(at, field), at(ids, ctypes.c_int32)
+                at(t), *integers, *each(normals), *each(field), at(ids, ctypes.c_int32)
             )
         if count:
             hits.steps = at(steps, ctypes.c_int32)
-        for name, rows in sums.items():
-            for member, row in zip(MEMBERS.get(name, (name,)), rows, strict=True):
-                setattr(hits, member, at(row))
+        for name, array in sums.items():
+            one_each = [at(array)] if array.ndim == 1 else each(array)
+            for member, values in zip(MEMBERS.get(name, (name,)), one_each, strict=True):
+                setattr(hits, member, values)
         counters = _abi.lr_counters()
         call(
             lib.lr_trace,
@@ -351,22 +363,15 @@ def trace(
             ctypes.byref(counters) if count else None,
             watch=watch,
         )
+        for array, rows in apart:
+            array[first:last] = rows.T
         return counters
 
-    totals = [part(0, n)] if threads == 1 else run_parts(part, n, PART, threads, watch)
-    return Hits(
-        t,
-        np.ascontiguousarray(cell.T),
-        np.ascontiguousarray(normals.T),
-        np.ascontiguousarray(field.T),
-        ids,
-        add_counters(totals) if count else {},
-        steps,
-        **{
-            k: np.ascontiguousarray(rows.T) if len(rows) > 1 else rows[0]
-            for k, rows in sums.items()
-        },
-    )
+    if threads == 1:
+        totals = [part(first, min(first + PART, n)) for first in range(0, max(n, 1), PART)]
+    else:
+        totals = run_parts(part, n, PART, threads, watch)
+    return Hits(t, cell, normals, field, ids, add_counters(totals) if count else {}, steps, **sums)
 
 
 def add_counters(parts: list[_abi.lr_counters]) -> dict[str, int]:

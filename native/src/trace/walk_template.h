@@ -203,7 +203,7 @@ lr_status LR_JOIN(lr_, LR_NAME,
     const lr_empty_cubes *cubes = NULL;
 #endif
     const uint64_t poll =
-        along && !sampled && !lighted ? 64 : 1024; /* rays between looks at the stop word */
+        along && !sampled && !lighted ? 64 : sampled ? 8192 : 1024; /* rays between looks at the stop word */
     lr_counters sum = {0};
     for (uint64_t first = 0; first < n; first += poll) {
         if (lr_stopped(watch))
