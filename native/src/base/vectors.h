@@ -371,17 +371,3 @@ LR_INLINE lr_eight_ints lr_load_eight(const int32_t *from)
     memcpy(&x, from, sizeof x);
     return x;
 }
-
-/* Numbers of an array, of 32 bits each. */
-LR_INLINE lr_eight_ints lr_gather_eight(const void *from, lr_eight_ints at)
-{
-#if LR_VECTORS > 0
-    return (lr_eight_ints)_mm256_i32gather_epi32(from, (__m256i)at, 4);
-#else
-    int32_t index[LR_DOUBLE_LANES], found[LR_DOUBLE_LANES];
-    lr_store_eight(index, at);
-    for (int l = 0; l < LR_DOUBLE_LANES; l++)
-        memcpy(&found[l], (const char *)from + (size_t)index[l] * sizeof *found, sizeof *found);
-    return lr_load_eight(found);
-#endif
-}

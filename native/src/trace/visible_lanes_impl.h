@@ -84,17 +84,21 @@ LR_INLINE lr_view lr_look_at_masks(const lr_volume *v, const lr_eight_ints c[3],
     return seen;
 }
 
-/* and by distances, four of which are fetched at once. */
-LR_INLINE lr_view lr_look_at_distances(const lr_empty_cubes *cubes, lr_eight_ints place,
-                                       lr_eight_ints cell)
+/* and by distances. */
+LR_INLINE lr_view lr_look_at_distances(const lr_empty_cubes *cubes,
+                                       const int32_t place[LR_DOUBLE_LANES],
+                                       const int32_t cell[LR_DOUBLE_LANES])
 {
-    const lr_eight_ints bricks = lr_gather_eight(cubes->bricks, place);
-    const lr_eight_ints far = bricks < 0; /* LR_FAR_BRICK: the sign */
-    const lr_eight_ints four =
-        lr_gather_eight(cubes->near, (bricks & ~far) * (LR_CELLS / 4) + (cell >> 2));
-    const lr_eight_ints distance = four >> ((cell & 3) << 3) & 0xff;
-    lr_view seen = {.visible = ~far & (distance == 0), .block = far & (LR_SIDE - 1)};
-    seen.reach = lr_pick_eight(far, ((bricks & 0xff) - 1) * LR_SIDE, distance - 1) & ~seen.visible;
+    int32_t brick[LR_DOUBLE_LANES], distance[LR_DOUBLE_LANES];
+    for (int l = 0; l < LR_DOUBLE_LANES; l++) {
+        brick[l] = (int32_t)cubes->bricks[place[l]];
+        const uint32_t number = brick[l] < 0 ? 0 : (uint32_t)brick[l]; /* LR_FAR_BRICK: the sign */
+        distance[l] = cubes->near[number][cell[l]];
+    }
+    const lr_eight_ints bricks = lr_load_eight(brick), cells = lr_load_eight(distance);
+    const lr_eight_ints far = bricks < 0;
+    lr_view seen = {.visible = ~far & (cells == 0), .block = far & (LR_SIDE - 1)};
+    seen.reach = lr_pick_eight(far, ((bricks & 0xff) - 1) * LR_SIDE, cells - 1) & ~seen.visible;
     return seen;
 }
 
@@ -115,6 +119,5 @@ LR_INLINE void lr_find_places(const lr_volume *v, const lr_eight_ints c[3],
 LR_INLINE lr_view lr_look(const lr_volume *v, const lr_empty_cubes *cubes, const lr_eight_ints c[3],
                           const int32_t place[LR_DOUBLE_LANES], const int32_t cell[LR_DOUBLE_LANES])
 {
-    return cubes != NULL ? lr_look_at_distances(cubes, lr_load_eight(place), lr_load_eight(cell))
-                         : lr_look_at_masks(v, c, place);
+    return cubes != NULL ? lr_look_at_distances(cubes, place, cell) : lr_look_at_masks(v, c, place);
 }
