@@ -21,46 +21,23 @@ LR_INLINE void lr_load_rows_of(const lr_volume *v, size_t size, size_t place, in
     }
 }
 
-/* Row n of a cell's corners is at (., n & 1, n >> 1): its corners 2 n and 2 n + 1. size: bytes of a
- * sample, a constant. */
-LR_INLINE void lr_load_rows(const lr_volume *v, size_t size, int32_t x, int32_t y, int32_t z,
+/* Those of any cell; row n is at (., n & 1, n >> 1): its corners 2 n and 2 n + 1. size: bytes of a
+ * sample, a constant. wide: rows lie in two bricks, too. */
+LR_INLINE void lr_load_rows(const lr_volume *v, size_t size, size_t place, int32_t cell, bool wide,
                             uint64_t row[LR_CELL_ROWS])
 {
-    const int corner = lr_in_brick(x, y, z);
-    const bool apart = lr_along(corner, 0) == LR_SIDE - 1;
-    if (!apart && lr_along(corner, 1) < LR_SIDE - 1 && lr_along(corner, 2) < LR_SIDE - 1) {
-        lr_load_rows_of(v, size, lr_table_of(v, x, y, z), corner, row);
-        return;
-    }
+    const size_t along = (size_t)v->table_size[0], up = along * (size_t)v->table_size[1];
     for (int n = 0; n < LR_CELL_ROWS; n++) {
+        const int y = lr_along(cell, 1) + (n & 1), z = lr_along(cell, 2) + (n >> 1);
+        const size_t own = place + (y == LR_SIDE ? along : 0) + (z == LR_SIDE ? up : 0);
+        const size_t first = (size_t)lr_in_brick(0, y, z), x = (size_t)lr_along(cell, 0);
+        const size_t at = (size_t)(lr_entry_at(v, own) >> 8) * LR_CELLS + first;
         row[n] = 0;
-        const int32_t yn = y + (n & 1), zn = z + (n >> 1);
-        const unsigned char *at = v->samples + lr_sample_at(v, x, yn, zn) * size;
-        if (apart) {
-            memcpy(&row[n], at, size);
-            at = v->samples + lr_sample_at(v, x + 1, yn, zn) * size;
-            memcpy((unsigned char *)&row[n] + size, at, size);
-        } else {
-            memcpy(&row[n], at, 2 * size);
+        memcpy(&row[n], v->samples + (at + x) * size, (wide ? 1 : 2) * size);
+        if (wide) {
+            const size_t other = (size_t)(lr_entry_at(v, own + 1) >> 8) * LR_CELLS + first;
+            memcpy((unsigned char *)&row[n] + size, v->samples + other * size, size);
         }
-    }
-}
-
-/* The samples of a row as numbers. */
-LR_INLINE void lr_unpack_row(uint64_t row, int32_t type, double *first, double *second)
-{
-    const int bits = type == LR_U8 ? 8 : type == LR_U16 ? 16 : 32;
-    const uint32_t low = (uint32_t)(row & (((uint64_t)1 << bits) - 1));
-    const uint32_t high = (uint32_t)(row >> bits);
-    if (type == LR_F32) {
-        float a, b;
-        memcpy(&a, &low, sizeof a);
-        memcpy(&b, &high, sizeof b);
-        *first = a;
-        *second = b;
-    } else { /* no more than 16 bits */
-        *first = (double)(int32_t)low;
-        *second = (double)(int32_t)high;
     }
 }
 

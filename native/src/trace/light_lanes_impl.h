@@ -84,7 +84,8 @@ LR_INLINE void lr_fetch_rows(lr_light_lanes *k, const lr_volume *v, size_t size)
     }
     for (uint32_t left = k->unread & k->apart; left != 0; left &= left - 1) {
         const int l = __builtin_ctz(left);
-        lr_load_rows(v, size, (int32_t)k->c[0][l], (int32_t)k->c[1][l], (int32_t)k->c[2][l], row);
+        lr_load_rows(v, size, (size_t)k->place[l], k->cell[l],
+                     lr_along(k->cell[l], 0) == LR_SIDE - 1, row);
         for (int n = 0; n < LR_CELL_ROWS; n++)
             k->rows[n][l] = row[n];
     }

@@ -128,14 +128,14 @@ LR_INLINE void light_normals(const lr_volume *v, const lr_doubles slope[3],
     const lr_doubles square = dot(n, n);
     const lr_doubles size =
         lr_pick_doubles((square > 0.0) & (square < INFINITY), lr_root_doubles(square), none);
-    const lr_doubles nv = dot(n, view) / size, side = lr_pick_doubles(nv < 0.0, -one, one);
+    const lr_doubles faces = dot(n, view), side = lr_pick_doubles(faces < 0.0, -one, one);
     const lr_doubles nl = side * dot(n, to) / size;
     *share = phong->ambient + phong->diffuse * lr_pick_doubles(nl > 0.0, nl, zero);
     *highlight = zero;
     if (!(phong->specular > 0.0))
         return;
-    const lr_doubles along =
-        2.0 * nl * lr_absolute_doubles(nv) - dot(to, view); /* of the reflection */
+    const lr_doubles nv = lr_absolute_doubles(faces / size);
+    const lr_doubles along = 2.0 * nl * nv - dot(to, view); /* of the reflection */
     lr_doubles base = lr_pick_doubles((nl > 0.0) & (along > 0.0), along, zero), shine = one;
     for (uint32_t left = (uint32_t)phong->power; left > 0; left >>= 1) {
         shine *= left & 1 ? base : one;

@@ -37,7 +37,8 @@ typedef struct ray_lanes {
     double view[3][LANES];               /* in object space, unit: back along the ray */
     double k[LANES], end[LANES];         /* the next sample; the first one that is too far */
     double light[3][LANES], transmittance[LANES], begins[LANES]; /* so far */
-    double looked[LANES], taken[LANES];
+    double taken[LANES];
+    uint64_t since[LANES]; /* rounds before it */
     uint64_t ray[LANES];
 } ray_lanes;
 
@@ -46,8 +47,8 @@ typedef struct place_lanes {
     _Alignas(64) double p[3][LANES];   /* the sample's place in its cell */
     int32_t c[3][LANES];               /* that, */
     int32_t place[LANES], cell[LANES]; /* of its brick in the table, and in that */
-    uint32_t busy, visible, apart;     /* a bit each: have a ray; stand on a visible sample; */
-} place_lanes;                         /* whose corners lie in several bricks */
+    uint32_t busy, visible;            /* a bit each: have a ray; stand on a visible sample */
+} place_lanes;
 
 /* Samples of lanes, packed, and what comes of them. */
 typedef struct sample_lanes {
@@ -65,13 +66,14 @@ typedef struct sample_job {
     const lr_trace_options *options;
     const lr_hits *hits;
     lr_counters *counters;
+    uint64_t rounds;
     uint64_t next, end;                   /* rays that are not set up */
     ray_lanes ready;                      /* those that are, and meet something: */
     uint32_t left;                        /* a bit each */
     double opaque;                        /* transmittance at which rays end */
     double lamp[3];                       /* to the light, unit; of one at the viewer, 0 */
     double lines[LINES][LR_DOUBLE_LANES]; /* of the transfer function, if it has so few pieces */
-    bool by_gradient;
+    bool central, around; /* normals by central differences; samples around cells are needed */
 } sample_job;
 
 /* ---- rays ------------------------------------------------------------------------ */
@@ -142,7 +144,6 @@ static uint32_t set_up_eight(sample_job *job, uint64_t n, int l)
                      step * (rays->length != NULL ? load_some(rays->length + i, n, 0.0) : along));
     lr_store_doubles(k->transmittance + l, lr_all_doubles(1.0));
     lr_store_doubles(k->begins + l, lr_all_doubles(INFINITY));
-    lr_store_doubles(k->looked + l, zero);
     lr_store_doubles(k->taken + l, zero);
     for (int n_th = 0; n_th < LR_DOUBLE_LANES; n_th++)
         k->ray[l + n_th] = i + (uint64_t)n_th;
@@ -177,6 +178,7 @@ static bool next_ray(ray_lanes *k, int l, sample_job *job)
     for (size_t at = 0; at < sizeof *k; at += LANES * sizeof(double))
         memcpy((char *)k + at + (size_t)l * sizeof(double), (const char *)&job->ready + at + from,
                sizeof(double));
+    k->since[l] = job->rounds;
     job->left &= job->left - 1;
     return true;
 }
@@ -185,7 +187,7 @@ static void put_ray(const ray_lanes *k, int l, const sample_job *job)
 {
     const double light[3] = {k->light[0][l], k->light[1][l], k->light[2][l]};
     lr_put_light(job->hits, k->ray[l], k->begins[l], light, k->transmittance[l],
-                 (uint64_t)k->looked[l], job->counters);
+                 job->rounds - k->since[l], job->counters);
     job->counters->tests += (uint64_t)k->taken[l];
     job->counters->samples += (uint64_t)k->taken[l];
 }
@@ -212,21 +214,18 @@ LR_INLINE void refill(ray_lanes *k, place_lanes *at, sample_job *job)
  * next to it. */
 LR_INLINE void find_cells(const ray_lanes *k, place_lanes *at, const lr_volume *v, int l)
 {
-    const lr_doubles zero = {0}, one = lr_all_doubles(1.0);
     const lr_doubles t = lr_load_doubles(k->k + l) * lr_load_doubles(k->step + l);
-    lr_eight_ints c[3], apart = {0};
+    lr_eight_ints c[3];
     for (int a = 0; a < 3; a++) {
         const lr_doubles low = lr_all_doubles(v->surface_lo[a] - 1);
         const lr_doubles high = lr_all_doubles(v->surface_hi[a] + 1);
         const lr_doubles q = lr_load_doubles(k->o[a] + l) + t * lr_load_doubles(k->d[a] + l);
         const lr_doubles own = lr_clamp_doubles(lr_rounded_down_doubles(q), low, high);
-        lr_store_doubles(at->p[a] + l, lr_clamp_doubles(q - own, zero, one));
+        lr_store_doubles(at->p[a] + l, q - own);
         c[a] = lr_eight_ints_of(own);
         lr_store_eight(at->c[a] + l, c[a]);
-        apart |= (c[a] & (LR_SIDE - 1)) == LR_SIDE - 1;
     }
     lr_find_places(v, c, at->place + l, at->cell + l);
-    at->apart |= lr_bits_of_eight(apart) << l;
 }
 
 /* Look at them; beside the box, something in the same brick may be visible. */
@@ -263,7 +262,6 @@ LR_INLINE void leap(ray_lanes *k, place_lanes *at, const lr_view *seen, int l)
     const lr_doubles first = rounded_up(steps - lr_greater_lanes(off, lr_all_doubles(STEP_SLACK)));
     lr_store_doubles(k->k + l,
                      lr_pick_doubles(visible, sample, lr_greater_lanes(first, sample + 1.0)));
-    lr_store_doubles(k->looked + l, lr_load_doubles(k->looked + l) + 1.0);
     at->visible |= lr_bits_of_longs(visible) << l;
 }
 
@@ -273,20 +271,26 @@ LR_INLINE void leap(ray_lanes *k, place_lanes *at, const lr_view *seen, int l)
 LR_INLINE void fetch_rows(sample_lanes *s, const place_lanes *at, uint32_t lanes,
                           const lr_volume *v, size_t size)
 {
-    uint64_t row[LR_CELL_ROWS];
-    for (uint32_t left = lanes & ~at->apart; left != 0; left &= left - 1) {
-        const int l = __builtin_ctz(left);
-        const int to = __builtin_popcount(lanes & ((1u << l) - 1));
-        lr_load_rows_of(v, size, (size_t)at->place[l], at->cell[l], row);
-        for (int n = 0; n < LR_CELL_ROWS; n++)
-            s->rows[n][to] = row[n];
+    uint32_t apart = 0, wide = 0; /* corners in several bricks, along x */
+    for (int l = 0; l < LANES; l += LR_DOUBLE_LANES) {
+        const lr_eight_ints c = lr_load_eight(at->cell + l), last = c & c >> 1 & c >> 2;
+        apart |= lr_bits_of_eight((last & lr_in_brick(1, 1, 1)) != 0) << l;
+        wide |= lr_bits_of_eight((last & 1) != 0) << l;
     }
-    for (uint32_t left = lanes & at->apart; left != 0; left &= left - 1) {
-        const int l = __builtin_ctz(left);
-        const int to = __builtin_popcount(lanes & ((1u << l) - 1));
-        lr_load_rows(v, size, at->c[0][l], at->c[1][l], at->c[2][l], row);
-        for (int n = 0; n < LR_CELL_ROWS; n++)
-            s->rows[n][to] = row[n];
+    const uint32_t kinds[3] = {lanes & ~apart, lanes & apart & ~wide, lanes & wide};
+    LR_UNROLLED for (int kind = 0; kind < 3; kind++)
+    {
+        for (uint32_t left = kinds[kind]; left != 0; left &= left - 1) {
+            const int l = __builtin_ctz(left);
+            const int to = __builtin_popcount(lanes & ((1u << l) - 1));
+            uint64_t row[LR_CELL_ROWS];
+            if (kind == 0)
+                lr_load_rows_of(v, size, (size_t)at->place[l], at->cell[l], row);
+            else
+                lr_load_rows(v, size, (size_t)at->place[l], at->cell[l], kind == 2, row);
+            for (int n = 0; n < LR_CELL_ROWS; n++)
+                s->rows[n][to] = row[n];
+        }
     }
 }
 
@@ -303,7 +307,7 @@ LR_INLINE void pack_samples(sample_lanes *s, const ray_lanes *k, const place_lan
             lr_pack_doubles(s->view[a] + n, k->view[a] + l, bits);
         n += __builtin_popcount(bits);
     }
-    if (!job->by_gradient)
+    if (!job->around)
         return;
     int n = 0;
     for (uint32_t left = lanes; left != 0; left &= left - 1, n++)
@@ -358,31 +362,28 @@ LR_INLINE void shade(sample_lanes *s, gradient_lanes *g, const sample_job *job, 
     for (int i = 0; i < LR_CELL_ROWS; i++)
         memcpy(&row[i], s->rows[i] + n, sizeof *row);
     for (int a = 0; a < 3; a++)
-        p[a] = lr_load_doubles(s->p[a] + n);
+        p[a] = lr_clamp_doubles(lr_load_doubles(s->p[a] + n), zero, lr_all_doubles(1.0));
     lr_unpack_rows(row, type, corner);
     const lr_doubles value = interpolate(corner, p);
     load_lines(job, value, line);
     const lr_doubles from = value - line[0], extinction = line[1] + line[2] * from;
     lr_doubles share = lr_all_doubles(1.0), highlight = zero;
-    if (job->by_gradient) {
-        const bool central = phong != NULL && job->options->normal == LR_NORMAL_CENTRAL;
+    if (job->around) {
         const uint32_t live = count < LR_DOUBLE_LANES ? (1u << count) - 1 : LR_ALL_DOUBLE_LANES;
-        lr_doubles slope[3];
-        if (central || f->full_gradient > 0.0)
-            load_around(g, job->v, s->c, n,
-                        f->emits ? live : live & lr_bits_of_longs(extinction > zero), type);
-        if (f->full_gradient > 0.0)
-            length *= modulation(g, job->v, p);
-        if (phong != NULL) {
-            if (central)
-                central_gradients(g, p, slope);
-            else
-                lr_trilinear_gradient_lanes(corner, p, slope);
-            lr_doubles view[3];
-            for (int a = 0; a < 3; a++)
-                view[a] = lr_load_doubles(s->view[a] + n);
-            light_normals(job->v, slope, view, job->lamp, phong, &share, &highlight);
-        }
+        load_around(g, job->v, s->c, n,
+                    f->emits ? live : live & lr_bits_of_longs(extinction > zero), type);
+    }
+    if (f->full_gradient > 0.0)
+        length *= modulation(g, job->v, p);
+    if (phong != NULL) {
+        lr_doubles slope[3], view[3];
+        for (int a = 0; a < 3; a++)
+            view[a] = lr_load_doubles(s->view[a] + n);
+        if (job->central)
+            central_gradients(g, p, slope);
+        else
+            lr_trilinear_gradient_lanes(corner, p, slope);
+        light_normals(job->v, slope, view, job->lamp, phong, &share, &highlight);
     }
     const lr_doubles after =
         lr_lane_exp_lanes(-length * lr_pick_doubles(extinction > zero, extinction, zero));
@@ -418,9 +419,12 @@ LR_INLINE void add_samples(ray_lanes *k, const sample_lanes *s, uint32_t lanes, 
         lr_store_doubles(k->transmittance + l, transmittance);
         const lr_doubles sample = lr_load_doubles(k->k + l),
                          begins = lr_load_doubles(k->begins + l);
-        const lr_doubles seen = 1.0 - transmittance + light[0] + light[1] + light[2];
-        const lr_doubles t = sample * lr_load_doubles(k->step + l);
-        lr_store_doubles(k->begins + l, lr_pick_doubles((seen > 0.0) & (t < begins), t, begins));
+        const lr_longs none = begins == INFINITY;
+        if (lr_any(none)) {
+            const lr_doubles seen = 1.0 - transmittance + light[0] + light[1] + light[2];
+            const lr_doubles t = sample * lr_load_doubles(k->step + l);
+            lr_store_doubles(k->begins + l, lr_pick_doubles(none & (seen > 0.0), t, begins));
+        }
         lr_store_doubles(k->k + l, sample + one);
         lr_store_doubles(k->taken + l, lr_load_doubles(k->taken + l) + one);
         n += __builtin_popcount(bits);
@@ -447,13 +451,14 @@ LR_INLINE void sample_rays(sample_job *job, int32_t type, size_t size)
     lr_view seen[LANES / LR_DOUBLE_LANES];
     memset(&at, 0, sizeof at);
     memset(&s, 0, sizeof s);
-    if (job->by_gradient)
+    if (job->around)
         memset(&g, 0, sizeof g);
     for (int l = 0; l < LANES; l++)
         if (next_ray(&k, l, job))
             at.busy |= 1u << l;
     while (at.busy != 0) {
-        at.visible = at.apart = 0;
+        job->rounds++;
+        at.visible = 0;
         for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
             find_cells(&k, &at, job->v, l);
         for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
@@ -486,7 +491,8 @@ void LR_SAMPLE_RAYS(const lr_volume *v, const lr_empty_cubes *cubes, const lr_ra
                       .counters = counters,
                       .next = first,
                       .end = end};
-    job.by_gradient = options->phong != NULL || f->full_gradient > 0.0;
+    job.central = options->phong != NULL && options->normal == LR_NORMAL_CENTRAL;
+    job.around = job.central || f->full_gradient > 0.0;
     job.opaque = fmax(1.0 - options->stop_opacity, LR_OPAQUE);
     if (options->phong != NULL)
         find_lamp(options->phong, job.lamp);
