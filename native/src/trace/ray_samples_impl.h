@@ -433,11 +433,13 @@ LR_INLINE void add_samples(ray_lanes *k, const sample_lanes *s, uint32_t lanes, 
 
 /* ---- all of it ------------------------------------------------------------------------ */
 
-/* Of lanes that wait those that fill vectors, or all where nobody else could join them. */
+/* Of lanes that wait those that fill vectors, the last one by half; or all where nobody else could
+ * join them. */
 LR_INLINE uint32_t enough_of(uint32_t waiting, uint32_t busy)
 {
+    const int beyond = __builtin_popcount(waiting) % LR_DOUBLE_LANES;
     uint32_t taken = waiting;
-    for (int n = waiting == busy ? 0 : __builtin_popcount(waiting) % LR_DOUBLE_LANES; n > 0; n--)
+    for (int n = waiting == busy || 2 * beyond >= LR_DOUBLE_LANES ? 0 : beyond; n > 0; n--)
         taken &= ~(0x80000000u >> __builtin_clz(taken));
     return taken;
 }
