@@ -160,7 +160,11 @@ LR_INLINE void look(lr_light_lanes *k, const light_job *job, uint32_t bits)
     for (int a = 0; a < 3; a++)
         c[a] = lr_eight_ints_of(lr_load_doubles(k->c[a]));
     lr_find_places(v, c, k->place, k->cell);
-    const lr_view seen = lr_look(v, job->cubes, c, k->place, k->cell);
+    int32_t brick[LR_DOUBLE_LANES], distance[LR_DOUBLE_LANES];
+    if (job->cubes != NULL)
+        lr_fetch_distances(job->cubes, k->place, k->cell, brick, distance);
+    const lr_view seen = job->cubes != NULL ? lr_look_at_distances(brick, distance)
+                                            : lr_look_at_masks(v, c, k->place);
     const int last = LR_SIDE - 1;
     const lr_eight_ints apart =
         ((c[0] & last) == last) | ((c[1] & last) == last) | ((c[2] & last) == last);

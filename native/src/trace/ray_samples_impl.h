@@ -44,10 +44,11 @@ typedef struct ray_lanes {
 
 /* Where they stand. */
 typedef struct place_lanes {
-    _Alignas(64) double p[3][LANES];   /* the sample's place in its cell */
-    int32_t c[3][LANES];               /* that, */
-    int32_t place[LANES], cell[LANES]; /* of its brick in the table, and in that */
-    uint32_t busy, visible;            /* a bit each: have a ray; stand on a visible sample */
+    _Alignas(64) double p[3][LANES];       /* the sample's place in its cell */
+    int32_t c[3][LANES];                   /* that, */
+    int32_t place[LANES], cell[LANES];     /* of its brick in the table, and in that */
+    int32_t brick[LANES], distance[LANES]; /* see lr_fetch_distances */
+    uint32_t busy, visible;                /* a bit each: have a ray; stand on a visible sample */
 } place_lanes;
 
 /* Samples of lanes, packed, and what comes of them. */
@@ -228,32 +229,26 @@ LR_INLINE void find_cells(const ray_lanes *k, place_lanes *at, const lr_volume *
     lr_find_places(v, c, at->place + l, at->cell + l);
 }
 
-/* Look at them; beside the box, something in the same brick may be visible. */
-LR_INLINE void look(place_lanes *at, lr_view *seen, const sample_job *job, int l)
+/* Look at them; those that are not visible go on by leaving the cube that has nothing. Beside the
+ * box, something in the same brick may be visible. */
+LR_INLINE void leap(ray_lanes *k, place_lanes *at, const sample_job *job, int l)
 {
     const lr_volume *v = job->v;
+    const lr_doubles sample = lr_load_doubles(k->k + l), zero = {0};
     lr_eight_ints c[3], inside = ~(lr_eight_ints){0};
+    lr_doubles out = lr_all_doubles(INFINITY);
     for (int a = 0; a < 3; a++) {
         c[a] = lr_load_eight(at->c[a] + l);
         inside &= (c[a] >= v->surface_lo[a]) & (c[a] <= v->surface_hi[a]);
     }
-    *seen = lr_look(v, job->cubes, c, at->place + l, at->cell + l);
-    seen->visible &= inside;
-    seen->block &= inside;
-    seen->reach &= inside;
-}
-
-/* Lanes from l on that stand on nothing visible leave the cube that has nothing. */
-LR_INLINE void leap(ray_lanes *k, place_lanes *at, const lr_view *seen, int l)
-{
-    const lr_doubles sample = lr_load_doubles(k->k + l), zero = {0};
-    const lr_longs visible = lr_longs_of_ints(seen->visible);
-    lr_doubles out = lr_all_doubles(INFINITY);
+    const lr_view seen = job->cubes != NULL ? lr_look_at_distances(at->brick + l, at->distance + l)
+                                            : lr_look_at_masks(v, c, at->place + l);
+    const lr_longs visible = lr_longs_of_ints(seen.visible & inside);
+    const lr_eight_ints block = seen.block & inside, reach = seen.reach & inside;
     for (int a = 0; a < 3; a++) {
-        const lr_eight_ints c = lr_load_eight(at->c[a] + l);
         const lr_doubles inv = lr_load_doubles(k->inv[a] + l), o = lr_load_doubles(k->o[a] + l);
-        const lr_doubles low = lr_doubles_of((c & ~seen->block) - seen->reach);
-        const lr_doubles high = lr_doubles_of((c | seen->block) + seen->reach + 1);
+        const lr_doubles low = lr_doubles_of((c[a] & ~block) - reach);
+        const lr_doubles high = lr_doubles_of((c[a] | block) + reach + 1);
         const lr_doubles plane = lr_pick_doubles(inv > zero, high, low);
         out = lr_lesser_lanes((plane - o) * inv + lr_load_doubles(k->never[a] + l), out);
     }
@@ -450,7 +445,6 @@ LR_INLINE void sample_rays(sample_job *job, int32_t type, size_t size)
     place_lanes at;
     sample_lanes s;
     gradient_lanes g;
-    lr_view seen[LANES / LR_DOUBLE_LANES];
     memset(&at, 0, sizeof at);
     memset(&s, 0, sizeof s);
     if (job->around)
@@ -463,10 +457,11 @@ LR_INLINE void sample_rays(sample_job *job, int32_t type, size_t size)
         at.visible = 0;
         for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
             find_cells(&k, &at, job->v, l);
+        for (int l = 0; l < LANES && job->cubes != NULL; l += LR_DOUBLE_LANES)
+            lr_fetch_distances(job->cubes, at.place + l, at.cell + l, at.brick + l,
+                               at.distance + l);
         for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
-            look(&at, &seen[l / LR_DOUBLE_LANES], job, l);
-        for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
-            leap(&k, &at, &seen[l / LR_DOUBLE_LANES], l);
+            leap(&k, &at, job, l);
         const uint32_t taken = enough_of(at.visible, at.busy);
         if (taken != 0) {
             fetch_rows(&s, &at, taken, job->v, size);

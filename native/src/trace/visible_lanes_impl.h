@@ -84,22 +84,25 @@ LR_INLINE lr_view lr_look_at_masks(const lr_volume *v, const lr_eight_ints c[3],
     return seen;
 }
 
-/* and by distances. */
-LR_INLINE lr_view lr_look_at_distances(const lr_empty_cubes *cubes,
-                                       const int32_t place[LR_DOUBLE_LANES],
-                                       const int32_t cell[LR_DOUBLE_LANES])
+/* and by distances, of cells and of their bricks, that were fetched: */
+LR_INLINE lr_view lr_look_at_distances(const int32_t brick[LR_DOUBLE_LANES],
+                                       const int32_t distance[LR_DOUBLE_LANES])
 {
-    int32_t brick[LR_DOUBLE_LANES], distance[LR_DOUBLE_LANES];
-    for (int l = 0; l < LR_DOUBLE_LANES; l++) {
-        brick[l] = (int32_t)cubes->bricks[place[l]];
-        const uint32_t number = brick[l] < 0 ? 0 : (uint32_t)brick[l]; /* LR_FAR_BRICK: the sign */
-        distance[l] = cubes->near[number][cell[l]];
-    }
     const lr_eight_ints bricks = lr_load_eight(brick), cells = lr_load_eight(distance);
-    const lr_eight_ints far = bricks < 0;
+    const lr_eight_ints far = bricks < 0; /* LR_FAR_BRICK: the sign */
     lr_view seen = {.visible = ~far & (cells == 0), .block = far & (LR_SIDE - 1)};
     seen.reach = lr_pick_eight(far, ((bricks & 0xff) - 1) * LR_SIDE, cells - 1) & ~seen.visible;
     return seen;
+}
+
+LR_INLINE void lr_fetch_distances(const lr_empty_cubes *cubes, const int32_t place[LR_DOUBLE_LANES],
+                                  const int32_t cell[LR_DOUBLE_LANES],
+                                  int32_t brick[LR_DOUBLE_LANES], int32_t distance[LR_DOUBLE_LANES])
+{
+    for (int l = 0; l < LR_DOUBLE_LANES; l++) {
+        brick[l] = (int32_t)cubes->bricks[place[l]];
+        distance[l] = cubes->near[brick[l] < 0 ? 0 : brick[l]][cell[l]];
+    }
 }
 
 /* Where cells, which lie in the table, are: the places of their bricks there, and their numbers in
@@ -113,11 +116,4 @@ LR_INLINE void lr_find_places(const lr_volume *v, const lr_eight_ints c[3],
                               (c[0] >> LR_SIDE_BITS));
     lr_store_eight(cell, (c[0] & last) | (c[1] & last) << LR_SIDE_BITS |
                              (c[2] & last) << 2 * LR_SIDE_BITS);
-}
-
-/* By distances where there are some. */
-LR_INLINE lr_view lr_look(const lr_volume *v, const lr_empty_cubes *cubes, const lr_eight_ints c[3],
-                          const int32_t place[LR_DOUBLE_LANES], const int32_t cell[LR_DOUBLE_LANES])
-{
-    return cubes != NULL ? lr_look_at_distances(cubes, place, cell) : lr_look_at_masks(v, c, place);
 }
