@@ -302,15 +302,14 @@ LR_INLINE lr_doubles lr_unpack_doubles(const double *from, uint32_t bits)
 }
 
 /* Of eight numbers those that `which` tells. */
-LR_INLINE lr_doubles lr_pick_of_eight(const double eight[LR_DOUBLE_LANES], lr_doubles which)
+LR_INLINE lr_doubles lr_pick_of_eight(const double eight[LR_DOUBLE_LANES], lr_longs which)
 {
 #if LR_VECTORS == 2
-    return (lr_doubles)_mm512_permutexvar_pd(_mm512_cvtpd_epi64((__m512d)which),
-                                             _mm512_loadu_pd(eight));
+    return (lr_doubles)_mm512_permutexvar_pd((__m512i)which, _mm512_loadu_pd(eight));
 #else
     double picked[LR_DOUBLE_LANES];
     for (int l = 0; l < LR_DOUBLE_LANES; l++)
-        picked[l] = eight[(int32_t)which[l]];
+        picked[l] = eight[which[l]];
     return lr_load_doubles(picked);
 #endif
 }

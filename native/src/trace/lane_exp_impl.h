@@ -7,11 +7,17 @@
 /* Its series up to x^degree, a constant of 13 at most. */
 LR_INLINE LR_NUMBER LR_FORMULA(lr_exp_series)(LR_NUMBER x, int degree)
 {
-    LR_NUMBER sum = lr_inverse_factorial[degree] * x + lr_inverse_factorial[degree - 1];
-    LR_UNROLLED for (int n = degree - 2; n >= 0; n--)
+    const LR_NUMBER square = x * x;
+    LR_NUMBER sum = {0}, other = {0};
+    LR_UNROLLED for (int n = degree; n >= 0; n -= 2)
     {
-        sum = sum * x + lr_inverse_factorial[n];
+        sum = n == degree ? sum + lr_inverse_factorial[n] : sum * square + lr_inverse_factorial[n];
     }
+    LR_UNROLLED for (int n = degree - 1; n >= 0; n -= 2)
+    {
+        other = n == degree - 1 ? other + lr_inverse_factorial[n] : other * square + lr_inverse_factorial[n];
+    }
+    sum = degree % 2 == 1 ? sum * x + other : other * x + sum;
     return sum;
 }
 

@@ -178,17 +178,23 @@ LR_INLINE lr_doubles lr_monotone_end(const lr_doubles c[4], lr_doubles a, lr_lon
     return end;
 }
 
+LR_INLINE lr_doubles lr_numbers_of_pieces(const lr_transfer *f, lr_doubles value)
+{
+    return lr_doubles_of_unsigned((lr_unsigned_longs)lr_pieces_of_lanes(f, value));
+}
+
 /* Which piece sees the beginning of each cubic, and do several see it? */
 LR_INLINE void lr_find_pieces(lr_light_lanes *k, const lr_transfer *f, lr_longs m,
                               const lr_doubles s[8], const lr_doubles c[4])
 {
     lr_doubles least, greatest;
     lr_find_bounds(s, c, &least, &greatest);
-    const lr_doubles first = lr_pieces_of_lanes(f, least), last = lr_pieces_of_lanes(f, greatest);
+    const lr_doubles first = lr_numbers_of_pieces(f, least),
+                     last = lr_numbers_of_pieces(f, greatest);
     const uint32_t several = lr_bits_of_longs(m & (first != last));
     lr_doubles piece = first;
     if (several != 0)
-        piece = lr_clamp_doubles(lr_pieces_of_lanes(f, c[0]), first, last);
+        piece = lr_clamp_doubles(lr_numbers_of_pieces(f, c[0]), first, last);
     k->several = (k->several & ~k->unread) | several;
     lr_store_doubles(k->piece, lr_pick_doubles(m, piece, lr_load_doubles(k->piece)));
 }

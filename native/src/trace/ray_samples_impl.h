@@ -326,20 +326,17 @@ LR_INLINE lr_doubles interpolate(const lr_doubles corner[8], const lr_doubles p[
 LR_INLINE void load_lines(const sample_job *job, lr_doubles value, lr_doubles line[LINES])
 {
     const lr_transfer *f = job->v->transfer;
-    const lr_doubles piece = lr_pieces_of_lanes(f, value);
+    const lr_longs piece = lr_pieces_of_lanes(f, value);
     const int n_lines = f->emits ? LINES : LINES - 6;
-    double own[LR_DOUBLE_LANES], lines[LINES][LR_DOUBLE_LANES];
+    double lines[LINES][LR_DOUBLE_LANES];
     if (f->n < LR_DOUBLE_LANES) {
         for (int n = 0; n < n_lines; n++)
             line[n] = lr_pick_of_eight(job->lines[n], piece);
         return;
     }
-    lr_store_doubles(own, piece);
-    for (int l = 0; l < LR_DOUBLE_LANES; l++) {
-        const double *from = &f->pieces[(int32_t)own[l]].from;
+    for (int l = 0; l < LR_DOUBLE_LANES; l++)
         for (int n = 0; n < n_lines; n++)
-            lines[n][l] = from[n];
-    }
+            lines[n][l] = ((const double *)&f->pieces[piece[l]])[n];
     for (int n = 0; n < n_lines; n++)
         line[n] = lr_load_doubles(lines[n]);
 }
@@ -495,7 +492,7 @@ void LR_SAMPLE_RAYS(const lr_volume *v, const lr_empty_cubes *cubes, const lr_ra
         find_lamp(options->phong, job.lamp);
     for (uint64_t i = 0; i <= f->n && f->n < LR_DOUBLE_LANES; i++)
         for (int n = 0; n < LINES; n++)
-            job.lines[n][i] = (&f->pieces[i].from)[n];
+            job.lines[n][i] = ((const double *)&f->pieces[i])[n];
     counters->rays += end - first;
     switch (v->desc.sample_type) {
 #define LR_SAMPLE_TYPE(id, name, stored, one, step)                                                \

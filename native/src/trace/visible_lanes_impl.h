@@ -38,16 +38,13 @@ LR_INLINE void lr_unpack_rows(const lr_unsigned_longs row[LR_CELL_ROWS], int32_t
 }
 
 /* The numbers of the pieces of values. */
-LR_INLINE lr_doubles lr_pieces_of_lanes(const lr_transfer *f, lr_doubles value)
+LR_INLINE lr_longs lr_pieces_of_lanes(const lr_transfer *f, lr_doubles value)
 {
-    lr_doubles piece = {0};
-    if (f->n > LR_FEW_KNOTS) {
-        for (int l = 0; l < LR_DOUBLE_LANES; l++)
-            piece[l] = (double)lr_piece_of(f, value[l]);
-        return piece;
-    }
-    for (uint64_t i = 0; i < f->n; i++)
-        piece = lr_pick_doubles(value >= f->values[i], piece + 1.0, piece);
+    lr_longs piece = {0};
+    for (int l = 0; l < LR_DOUBLE_LANES && f->n > LR_FEW_KNOTS; l++)
+        piece[l] = (int64_t)lr_piece_of(f, value[l]);
+    for (uint64_t i = 0; i < f->n && f->n <= LR_FEW_KNOTS; i++)
+        piece -= value >= f->values[i];
     return piece;
 }
 
