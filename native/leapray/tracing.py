@@ -28,7 +28,8 @@ HIT_TESTS = members(_abi.lr_hit_test)
 ROOTS = members(_abi.lr_root)
 SAMPLINGS = members(_abi.lr_sampling)
 METRICS = members(_abi.lr_metric)
-SUMS = {  # what modes add up along rays, and how many numbers that is
+# what modes add up along rays, and the shape of it
+SUMS: dict[str, dict[str, tuple[int, ...]]] = {
     "volume": {"color": (3,), "transmittance": ()},
     "maximum": {"value": ()},
     "minimum": {"value": ()},

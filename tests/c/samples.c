@@ -24,5 +24,5 @@ LR_API void samples_run(int32_t simd, const lr_volume *volume, uint64_t n, const
     const lr_trace_options options = {
         .normal = normal, .step = step, .stop_opacity = stop_opacity, .phong = phong};
     lr_counters counters = {0};
-    run(volume, NULL, &of, 0, n, &options, &hits, &counters);
+    run(volume, NULL, &of, 0, n, &options, &hits, &counters, NULL);
 }

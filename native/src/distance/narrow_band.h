@@ -38,4 +38,10 @@ typedef void lr_near_fill(const lr_volume *v, const int32_t b[3], uint32_t numbe
 lr_status lr_near_each(const lr_volume *v, const uint32_t *index, lr_near_fill *fill, void *context,
                        const lr_watch *watch, lr_error *error);
 
+/* Chessboard distances to what is visible, where a structure has them. */
+typedef struct lr_empty_cubes {
+    const uint32_t *bricks;          /* index into near, or LR_FAR_BRICK | distance in bricks */
+    const uint8_t (*near)[LR_CELLS]; /* distance in cells, 0 where one is visible */
+} lr_empty_cubes;
+
 #endif

@@ -4,21 +4,18 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 
-/* Its series up to x^degree, a constant of 13 at most. */
+/* Its series up to x^degree, a constant of 13 at most: of even and of odd powers, side by side. */
 LR_INLINE LR_NUMBER LR_FORMULA(lr_exp_series)(LR_NUMBER x, int degree)
 {
     const LR_NUMBER square = x * x;
-    LR_NUMBER sum = {0}, other = {0};
-    LR_UNROLLED for (int n = degree; n >= 0; n -= 2)
+    LR_NUMBER sum[2];
+    sum[degree % 2] = (LR_NUMBER){0} + lr_inverse_factorial[degree];
+    sum[1 - degree % 2] = (LR_NUMBER){0} + lr_inverse_factorial[degree - 1];
+    LR_UNROLLED for (int n = degree - 2; n >= 0; n--)
     {
-        sum = n == degree ? sum + lr_inverse_factorial[n] : sum * square + lr_inverse_factorial[n];
+        sum[n % 2] = sum[n % 2] * square + lr_inverse_factorial[n];
     }
-    LR_UNROLLED for (int n = degree - 1; n >= 0; n -= 2)
-    {
-        other = n == degree - 1 ? other + lr_inverse_factorial[n] : other * square + lr_inverse_factorial[n];
-    }
-    sum = degree % 2 == 1 ? sum * x + other : other * x + sum;
-    return sum;
+    return sum[0] + sum[1] * x;
 }
 
 /* exp(x) for x <= 0, to 1e-14 of it; below -700 it is that of -700. */

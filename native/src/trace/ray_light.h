@@ -14,10 +14,7 @@
 /* cubes: NULL, or leaps go by these, which changes no bit. Rays first..end-1 through a regular
  * volume with a transfer function that nothing modulates; all instruction sets give the same bits.
  * Where watch says stop, rays are left as they are. */
-typedef void lr_light_rays_of(const lr_volume *volume, const lr_empty_cubes *cubes,
-                              const lr_rays *rays, uint64_t first, uint64_t end,
-                              const lr_trace_options *options, const lr_hits *hits,
-                              lr_counters *counters, const lr_watch *watch);
+typedef lr_sample_rays_of lr_light_rays_of;
 
 extern lr_light_rays_of lr_light_rays_portable, lr_light_rays_avx2, lr_light_rays_avx512;
 

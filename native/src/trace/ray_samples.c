@@ -19,7 +19,7 @@ bool lr_samples_rays(const lr_volume *v, const lr_trace_options *options)
 
 void lr_sample_rays(const lr_volume *v, const lr_empty_cubes *cubes, const lr_rays *rays,
                     uint64_t first, uint64_t end, const lr_trace_options *options,
-                    const lr_hits *hits, lr_counters *counters)
+                    const lr_hits *hits, lr_counters *counters, const lr_watch *watch)
 {
     lr_sample_rays_of *run = lr_sample_rays_portable;
 #ifdef LR_X86
@@ -28,5 +28,5 @@ void lr_sample_rays(const lr_volume *v, const lr_empty_cubes *cubes, const lr_ra
     else if (v->transfer->simd == LR_SIMD_AVX2)
         run = lr_sample_rays_avx2;
 #endif
-    run(v, cubes, rays, first, end, options, hits, counters);
+    run(v, cubes, rays, first, end, options, hits, counters, watch);
 }

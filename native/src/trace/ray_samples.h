@@ -12,18 +12,13 @@
 #include "distance/narrow_band.h"
 #include "trace/ray.h"
 
-/* Chessboard distances to what is visible, where a structure has them: see narrow_band.h. */
-typedef struct lr_empty_cubes {
-    const uint32_t *bricks;          /* index into near, or LR_FAR_BRICK | distance in bricks */
-    const uint8_t (*near)[LR_CELLS]; /* distance in cells, 0 where one is visible */
-} lr_empty_cubes;
-
 /* cubes: NULL, or leaps go by these, which changes no bit. Rays first..end-1 through a regular
- * volume with a transfer function; all instruction sets give the same bits. */
+ * volume with a transfer function; all instruction sets give the same bits. Looks at the stop word
+ * on the way. */
 typedef void lr_sample_rays_of(const lr_volume *volume, const lr_empty_cubes *cubes,
                                const lr_rays *rays, uint64_t first, uint64_t end,
                                const lr_trace_options *options, const lr_hits *hits,
-                               lr_counters *counters);
+                               lr_counters *counters, const lr_watch *watch);
 
 extern lr_sample_rays_of lr_sample_rays_portable, lr_sample_rays_avx2, lr_sample_rays_avx512;
 

@@ -67,6 +67,7 @@ typedef struct sample_job {
     const lr_trace_options *options;
     const lr_hits *hits;
     lr_counters *counters;
+    const lr_watch *watch;
     uint64_t rounds;
     uint64_t next, end;                   /* rays that are not set up */
     ray_lanes ready;                      /* those that are, and meet something: */
@@ -449,7 +450,7 @@ LR_INLINE void sample_rays(sample_job *job, int32_t type, size_t size)
     for (int l = 0; l < LANES; l++)
         if (next_ray(&k, l, job))
             at.busy |= 1u << l;
-    while (at.busy != 0) {
+    while (at.busy != 0 && !lr_stopped(job->watch)) {
         job->rounds++;
         at.visible = 0;
         for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
@@ -474,7 +475,7 @@ LR_INLINE void sample_rays(sample_job *job, int32_t type, size_t size)
 
 void LR_SAMPLE_RAYS(const lr_volume *v, const lr_empty_cubes *cubes, const lr_rays *rays,
                     uint64_t first, uint64_t end, const lr_trace_options *options,
-                    const lr_hits *hits, lr_counters *counters)
+                    const lr_hits *hits, lr_counters *counters, const lr_watch *watch)
 {
     const lr_transfer *f = v->transfer;
     sample_job job = {.v = v,
@@ -483,6 +484,7 @@ void LR_SAMPLE_RAYS(const lr_volume *v, const lr_empty_cubes *cubes, const lr_ra
                       .options = options,
                       .hits = hits,
                       .counters = counters,
+                      .watch = watch,
                       .next = first,
                       .end = end};
     job.central = options->phong != NULL && options->normal == LR_NORMAL_CENTRAL;

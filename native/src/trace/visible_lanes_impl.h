@@ -5,10 +5,10 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "base/vectors.h"
+#include "distance/narrow_band.h"
 #include "grid/cell_rows.h"
 #include "grid/transfer_function.h"
 #include "trace/lane_exp.h"
-#include "trace/ray_samples.h"
 
 LR_INLINE lr_doubles lr_greater_lanes(lr_doubles a, lr_doubles b)
 {

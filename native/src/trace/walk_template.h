@@ -202,8 +202,10 @@ lr_status LR_JOIN(lr_, LR_NAME,
 #else
     const lr_empty_cubes *cubes = NULL;
 #endif
-    const uint64_t poll =
-        along && !sampled && !lighted ? 64 : sampled ? 8192 : 1024; /* rays between looks at the stop word */
+    const uint64_t poll = /* rays between looks at the stop word, which rays in lanes do, too */
+        sampled || lighted ? 8192
+        : along            ? 64
+                           : 1024;
     lr_counters sum = {0};
     for (uint64_t first = 0; first < n; first += poll) {
         if (lr_stopped(watch))
@@ -212,14 +214,10 @@ lr_status LR_JOIN(lr_, LR_NAME,
         uint64_t last = n - first < poll ? n : first + poll;
         lr_counters *counted = counters != NULL || hits->steps != NULL ? &sum : NULL;
         sum.pairs += last - first;
-        if (sampled) {
+        if (sampled || lighted) {
             sum.in_lanes += last - first;
-            lr_sample_rays(volume, cubes, rays, first, last, options, hits, &sum);
-            continue;
-        }
-        if (lighted) {
-            sum.in_lanes += last - first;
-            lr_light_rays(volume, cubes, rays, first, last, options, hits, &sum, watch);
+            (sampled ? lr_sample_rays : lr_light_rays)(volume, cubes, rays, first, last, options,
+                                                       hits, &sum, watch);
             if (lr_stopped(watch)) /* in the midst of these, maybe */
                 return lr_fail_stopped(error);
             continue;
