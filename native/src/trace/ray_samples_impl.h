@@ -16,7 +16,7 @@
 #include "trace/light_sum.h"
 
 enum {
-    LANES = 32,
+    LANES = 64,
     MOST_SAMPLES = LANES + LR_DOUBLE_LANES, /* packed ones, with room for a whole vector behind */
     LINES = 15                              /* numbers of an lr_transfer_piece that samples take */
 };
@@ -48,7 +48,7 @@ typedef struct place_lanes {
     int32_t c[3][LANES];                   /* that, */
     int32_t place[LANES], cell[LANES];     /* of its brick in the table, and in that */
     int32_t brick[LANES], distance[LANES]; /* see lr_fetch_distances */
-    uint32_t busy, visible;                /* a bit each: have a ray; stand on a visible sample */
+    uint64_t busy, visible;                /* a bit each: have a ray; stand on a visible sample */
 } place_lanes;
 
 /* Samples of lanes, packed, and what comes of them. */
@@ -71,7 +71,7 @@ typedef struct sample_job {
     uint64_t rounds;
     uint64_t next, end;                   /* rays that are not set up */
     ray_lanes ready;                      /* those that are, and meet something: */
-    uint32_t left;                        /* a bit each */
+    uint64_t left;                        /* a bit each */
     double opaque;                        /* transmittance at which rays end */
     double lamp[3];                       /* to the light, unit; of one at the viewer, 0 */
     double lines[LINES][LR_DOUBLE_LANES]; /* of the transfer function, if it has so few pieces */
@@ -161,7 +161,7 @@ static bool next_ray(ray_lanes *k, int l, sample_job *job)
         for (int m = 0; m < LANES && job->next < job->end; m += LR_DOUBLE_LANES) {
             const uint64_t n =
                 job->end - job->next < LR_DOUBLE_LANES ? job->end - job->next : LR_DOUBLE_LANES;
-            job->left |= set_up_eight(job, n, m) << m;
+            job->left |= (uint64_t)set_up_eight(job, n, m) << m;
             job->next += n;
         }
         lr_put_dark(job->hits, first, job->next);
@@ -176,7 +176,7 @@ static bool next_ray(ray_lanes *k, int l, sample_job *job)
         k->end[l] = INFINITY;
         return false;
     }
-    const size_t from = (size_t)__builtin_ctz(job->left) * sizeof(double);
+    const size_t from = (size_t)__builtin_ctzll(job->left) * sizeof(double);
     for (size_t at = 0; at < sizeof *k; at += LANES * sizeof(double))
         memcpy((char *)k + at + (size_t)l * sizeof(double), (const char *)&job->ready + at + from,
                sizeof(double));
@@ -197,16 +197,17 @@ static void put_ray(const ray_lanes *k, int l, const sample_job *job)
 /* Lanes whose ray has ended take others. */
 LR_INLINE void refill(ray_lanes *k, place_lanes *at, sample_job *job)
 {
-    uint32_t ended = 0;
+    uint64_t ended = 0;
     for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
-        ended |= lr_bits_of_longs((lr_load_doubles(k->k + l) >= lr_load_doubles(k->end + l)) |
-                                  (lr_load_doubles(k->transmittance + l) <= job->opaque))
-                 << l;
+        ended |=
+            (uint64_t)(lr_bits_of_longs((lr_load_doubles(k->k + l) >= lr_load_doubles(k->end + l)) |
+                                        (lr_load_doubles(k->transmittance + l) <= job->opaque)))
+            << l;
     for (; ended != 0; ended &= ended - 1) {
-        const int l = __builtin_ctz(ended);
+        const int l = __builtin_ctzll(ended);
         put_ray(k, l, job);
         if (!next_ray(k, l, job))
-            at->busy &= ~(1u << l);
+            at->busy &= ~((uint64_t)1 << l);
     }
 }
 
@@ -258,27 +259,27 @@ LR_INLINE void leap(ray_lanes *k, place_lanes *at, const sample_job *job, int l)
     const lr_doubles first = rounded_up(steps - lr_greater_lanes(off, lr_all_doubles(STEP_SLACK)));
     lr_store_doubles(k->k + l,
                      lr_pick_doubles(visible, sample, lr_greater_lanes(first, sample + 1.0)));
-    at->visible |= lr_bits_of_longs(visible) << l;
+    at->visible |= (uint64_t)lr_bits_of_longs(visible) << l;
 }
 
 /* ---- samples ------------------------------------------------------------------------ */
 
 /* The rows of corners of the cells of lanes. */
-LR_INLINE void fetch_rows(sample_lanes *s, const place_lanes *at, uint32_t lanes,
+LR_INLINE void fetch_rows(sample_lanes *s, const place_lanes *at, uint64_t lanes,
                           const lr_volume *v, size_t size)
 {
-    uint32_t apart = 0, wide = 0; /* corners in several bricks, along x */
+    uint64_t apart = 0, wide = 0; /* corners in several bricks, along x */
     for (int l = 0; l < LANES; l += LR_DOUBLE_LANES) {
         const lr_eight_ints c = lr_load_eight(at->cell + l), last = c & c >> 1 & c >> 2;
-        apart |= lr_bits_of_eight((last & lr_in_brick(1, 1, 1)) != 0) << l;
-        wide |= lr_bits_of_eight((last & 1) != 0) << l;
+        apart |= (uint64_t)lr_bits_of_eight((last & lr_in_brick(1, 1, 1)) != 0) << l;
+        wide |= (uint64_t)lr_bits_of_eight((last & 1) != 0) << l;
     }
-    const uint32_t kinds[3] = {lanes & ~apart, lanes & apart & ~wide, lanes & wide};
+    const uint64_t kinds[3] = {lanes & ~apart, lanes & apart & ~wide, lanes & wide};
     LR_UNROLLED for (int kind = 0; kind < 3; kind++)
     {
-        for (uint32_t left = kinds[kind]; left != 0; left &= left - 1) {
-            const int l = __builtin_ctz(left);
-            const int to = __builtin_popcount(lanes & ((1u << l) - 1));
+        for (uint64_t left = kinds[kind]; left != 0; left &= left - 1) {
+            const int l = __builtin_ctzll(left);
+            const int to = __builtin_popcountll(lanes & (((uint64_t)1 << l) - 1));
             uint64_t row[LR_CELL_ROWS];
             if (kind == 0)
                 lr_load_rows_of(v, size, (size_t)at->place[l], at->cell[l], row);
@@ -292,10 +293,10 @@ LR_INLINE void fetch_rows(sample_lanes *s, const place_lanes *at, uint32_t lanes
 
 /* Pack the samples of lanes. */
 LR_INLINE void pack_samples(sample_lanes *s, const ray_lanes *k, const place_lanes *at,
-                            uint32_t lanes, const sample_job *job)
+                            uint64_t lanes, const sample_job *job)
 {
     for (int l = 0, n = 0; l < LANES; l += LR_DOUBLE_LANES) {
-        const uint32_t bits = lanes >> l & 0xff;
+        const uint32_t bits = (uint32_t)(lanes >> l & 0xff);
         lr_pack_doubles(s->length + n, k->length + l, bits);
         for (int a = 0; a < 3; a++)
             lr_pack_doubles(s->p[a] + n, at->p[a] + l, bits);
@@ -306,9 +307,9 @@ LR_INLINE void pack_samples(sample_lanes *s, const ray_lanes *k, const place_lan
     if (!job->around)
         return;
     int n = 0;
-    for (uint32_t left = lanes; left != 0; left &= left - 1, n++)
+    for (uint64_t left = lanes; left != 0; left &= left - 1, n++)
         for (int a = 0; a < 3; a++)
-            s->c[a][n] = at->c[a][__builtin_ctz(left)];
+            s->c[a][n] = at->c[a][__builtin_ctzll(left)];
 }
 
 /* The field at samples; never beyond the corners', between which a cell's values are told
@@ -393,10 +394,10 @@ LR_INLINE void shade(sample_lanes *s, gradient_lanes *g, const sample_job *job, 
 }
 
 /* Add the samples of lanes to their rays, which go on. */
-LR_INLINE void add_samples(ray_lanes *k, const sample_lanes *s, uint32_t lanes, bool emits)
+LR_INLINE void add_samples(ray_lanes *k, const sample_lanes *s, uint64_t lanes, bool emits)
 {
     for (int l = 0, n = 0; l < LANES; l += LR_DOUBLE_LANES) {
-        const uint32_t bits = lanes >> l & 0xff;
+        const uint32_t bits = (uint32_t)(lanes >> l & 0xff);
         const lr_doubles opacity = lr_unpack_doubles(s->opacity + n, bits);
         const lr_doubles one =
             lr_pick_doubles(lr_longs_of(bits), lr_all_doubles(1.0), (lr_doubles){0});
@@ -428,12 +429,12 @@ LR_INLINE void add_samples(ray_lanes *k, const sample_lanes *s, uint32_t lanes, 
 
 /* Of lanes that wait those that fill vectors, the last one by half; or all where nobody else could
  * join them. */
-LR_INLINE uint32_t enough_of(uint32_t waiting, uint32_t busy)
+LR_INLINE uint64_t enough_of(uint64_t waiting, uint64_t busy)
 {
-    const int beyond = __builtin_popcount(waiting) % LR_DOUBLE_LANES;
-    uint32_t taken = waiting;
+    const int beyond = __builtin_popcountll(waiting) % LR_DOUBLE_LANES;
+    uint64_t taken = waiting;
     for (int n = waiting == busy || 2 * beyond >= LR_DOUBLE_LANES ? 0 : beyond; n > 0; n--)
-        taken &= ~(0x80000000u >> __builtin_clz(taken));
+        taken &= ~(0x8000000000000000u >> __builtin_clzll(taken));
     return taken;
 }
 
@@ -449,7 +450,7 @@ LR_INLINE void sample_rays(sample_job *job, int32_t type, size_t size)
         memset(&g, 0, sizeof g);
     for (int l = 0; l < LANES; l++)
         if (next_ray(&k, l, job))
-            at.busy |= 1u << l;
+            at.busy |= (uint64_t)1 << l;
     while (at.busy != 0 && !lr_stopped(job->watch)) {
         job->rounds++;
         at.visible = 0;
@@ -460,11 +461,11 @@ LR_INLINE void sample_rays(sample_job *job, int32_t type, size_t size)
                                at.distance + l);
         for (int l = 0; l < LANES; l += LR_DOUBLE_LANES)
             leap(&k, &at, job, l);
-        const uint32_t taken = enough_of(at.visible, at.busy);
+        const uint64_t taken = enough_of(at.visible, at.busy);
         if (taken != 0) {
             fetch_rows(&s, &at, taken, job->v, size);
             pack_samples(&s, &k, &at, taken, job);
-            const int count = __builtin_popcount(taken);
+            const int count = __builtin_popcountll(taken);
             for (int n = 0; n < count; n += LR_DOUBLE_LANES)
                 shade(&s, &g, job, n, count - n, type);
             add_samples(&k, &s, taken, job->v->transfer->emits);
