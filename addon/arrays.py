@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Iterable
 
@@ -12,10 +13,28 @@ from numpy.typing import NDArray
 LUMINANCE = (0.2126729, 0.7151522, 0.0721750)  # Rec. 709
 
 
+def lengths(vectors: NDArray) -> NDArray:
+    """(...,): of (..., 3), as numpy's norm, which takes longer for so short rows."""
+    x, y, z = (vectors[..., axis] for axis in range(3))
+    return np.sqrt(x * x + y * y + z * z)
+
+
+def crossed(first: Iterable[NDArray], second: Iterable[NDArray]) -> tuple[NDArray, ...]:
+    """The cross products of vectors, x, y, z each in an array, which numpy's takes longer for."""
+    (x, y, z), (u, v, w) = first, second
+    return y * w - z * v, z * u - x * w, x * v - y * u
+
+
 def unit(vectors: NDArray) -> NDArray:
     """(..., 3), of length 1; those of length 0 stay so."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+    long = lengths(vectors)[..., None]
+    return vectors / np.where(long > 0, long, 1)
+
+
+def blend(weights: NDArray[np.float64], corners: NDArray) -> NDArray[np.float64]:
+    """(n, c): what corners (n, k, c) have, by their weights (n, k)."""
+    parts = (weights[:, k, None] * corners[:, k] for k in range(corners.shape[1]))
+    return functools.reduce(np.add, parts)
 
 
 def inverse(linear: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -55,6 +55,11 @@ class Mesh:
         return bounds(corners).astype(np.float64)
 
     @cached_property
+    def contents(self) -> str:
+        """A name for all that it holds but for its corners'."""
+        return digest((self.vertices, self.triangles, self.slots, self.solids))
+
+    @cached_property
     def corner_names(self) -> tuple[str, ...]:
         """What is told of the contents of corners' normals, colours and places; "": none."""
         carried = self.corner_normals, self.corner_colors, self.corner_uvs

@@ -71,7 +71,7 @@ LAYERS = {
         "tiles store.volume_files",
         "plan.error_metric plan.field_filters plan.proximity plan.sample_types",
         "store.disk_cache store.grid_cache store.memory_cache",
-        "plan.clips plan.label_solids plan.levels plan.looks plan.other_grids",
+        "plan.ahead plan.clips plan.label_solids plan.levels plan.looks plan.other_grids",
         "plan.doubts plan.fields plan.separation",
         "plan.refinement",
         "plan.plan",

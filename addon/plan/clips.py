@@ -81,7 +81,7 @@ def solid(
     mesh = clip.mesh
     assert mesh is not None
     flat = mesh.corner_normals is None
-    key = "clip", objects.digest(mesh), flat, traverser
+    key = "clip", mesh.contents, flat, traverser
     structure = cache.get(key)
     if structure is None:
         if wrong := objects.wrong_with_mesh(mesh):

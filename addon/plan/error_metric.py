@@ -16,6 +16,7 @@ that turns within two pixels looks sharp.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,6 +29,7 @@ from leapray.arrays import ONES
 from leapray.voxelization import filter_info, slope
 
 from .. import model
+from ..arrays import lengths
 from .probes import Probes, Weights
 
 STEPS = ONES | {"f32": 1 << 24}  # of a sample's type between 0 and 1
@@ -38,6 +40,7 @@ INSIDE = (0.25, 0.5, 1.0, 2.0)  # voxels behind a point that is not lost, f reac
 
 QUANTILE = 0.99  # of the pixels keep the error
 FEW = 4  # times as many probes as their share of the weights hold that quantile, mostly
+MANY, SAMPLE, ABOUT = 2048, 256, 0.15  # values; so many of them tell another quantile about
 MARGIN = 1.25  # what is measured at probes predicts that quantile within 20 %
 LOST_SHARE = 0.03  # of the pixels: wedges are always lost at their very edge
 MOSTLY = 0.5  # of a body's pixels: a wire beside a ball has too few for the quantile
@@ -51,6 +54,7 @@ CARRIED = 0.5  # of such a voxel counts if the volume has normals, which turn wi
 SHARP_VOXEL = 1.0  # footprints, likewise: facets of a dozen pixels look flat
 NORMAL_ERROR = math.radians(2.0)  # the quantile; light at 45 degrees changes by 3.5 %
 ROUGHNESS = 3.0  # times that, RMS: what is finer than a pixel keeps its mean light within 0.5 %
+NORMAL_STEP = 4  # probes of which one is for normals, while the rest asks for finer voxels anyway
 COLOR_STEP = 4  # probes of which one is for colours: a mean needs fewer than a quantile, and looks
 # at textures take long
 COLOR_ERROR = 0.01  # of the square root of light, the mean: black and white checks need 0.4 pixel
@@ -66,7 +70,8 @@ class Measure:
     turn: float  # of normals by it, the mean in radians
     surface: NDArray[np.float32]
     lost: NDArray[np.bool_]
-    normal: NDArray[np.float32]  # radians between the shading normals of hits and the mesh's
+    normal: NDArray[np.float32]  # radians between the shading normals of hits and the mesh's; of
+    # a level that is too coarse for other reasons at every NORMAL_STEP-th probe
     crease: NDArray[np.float32]
     sharp: NDArray[np.bool_]  # creases in triangle cells
     exact_share: float  # of the surface cells
@@ -94,9 +99,15 @@ class Measure:
         color = self.color is None or (self.color.ndim == 2 and len(self.color) == n_color)
         return (
             color
-            and self.surface.shape == self.lost.shape == self.normal.shape == (n,)
+            and self.surface.shape == self.lost.shape == (n,)
+            and self.normal.shape in ((n,), (len(probes.surface[::NORMAL_STEP]),))
             and self.crease.shape == self.sharp.shape == (n_creases,)
         )
+
+    @property
+    def normals_known(self) -> bool:
+        """Whether normals were measured at all probes."""
+        return self.normal.shape == self.surface.shape
 
     @cached_property
     def typical(self) -> float:
@@ -136,8 +147,11 @@ class Errors:
 
     def enough(self, pixel_error: float) -> bool:
         """Whether everything is as good as asked for."""
-        own = self.of_surface(pixel_error), self.of_normals(), self.of_color(), self.of_edges()
-        return max(own) <= 1
+        return self.of_normals() <= 1 and self.enough_but_normals(pixel_error)
+
+    def enough_but_normals(self, pixel_error: float) -> bool:
+        """Whether everything else is."""
+        return max(self.of_surface(pixel_error), self.of_color(), self.of_edges()) <= 1
 
     def of_normals(self) -> float:
         """Relative to the tolerance of shading normals; at most 1 is good enough."""
@@ -219,8 +233,8 @@ def measure(
     color: what mesh_colors.color_errors measured there. slope_across: occupancy per voxel across
     a plane, before gain; None: that of the ramp. Where several solids share the volume, each is
     compared with its own field, by the slots of the mesh. gain above 0: as `volume.narrow(gain)`
-    would leave it; then normal is what was measured before. The structure's bytes are the
-    caller's to add.
+    would leave it; then normal is what was measured before, else normals are measured at every
+    NORMAL_STEP-th probe. The structure's bytes are the caller's to add.
     """
     info, made = volume.info, volume.mesh_info
     sheet = info.kind == "sheet"
@@ -233,7 +247,7 @@ def measure(
     at = voxel_size, slope_across
     surface, lost = measure_surface(volume, probes.surface, normals, *at, own, gain)
     if normal is None:
-        normal = normal_errors(volume, mesh, probes, surface, own, threads)
+        normal = normal_errors(volume, mesh, probes, surface, own, threads, NORMAL_STEP)
     crease, _ = measure_surface(volume, probes.creases, None, *at, beside, gain)
     dtype = "u8" if gain else info.dtype
     why = ""
@@ -250,7 +264,7 @@ def measure(
         turn=TURN_OF_U8 if dtype == "u8" else 0.0,
         surface=surface,
         lost=lost,
-        normal=np.where(lost, np.float32(0), normal),
+        normal=np.where(lost[:: len(lost) // len(normal)], np.float32(0), normal),
         crease=crease,
         sharp=volume.exact_at(probes.creases),
         exact_share=info.n_triangle_cells / max(info.n_surface_cells, 1),
@@ -289,7 +303,7 @@ def measure_surface(
     value, gradient = volume.sample(points, ids, gain)
     threshold = volume.info.threshold
     most = SATURATED * voxel_size
-    steep = np.linalg.norm(gradient, axis=1)
+    steep = lengths(gradient)
     least = LEAST_SLOPE * (slope_across or _slope_across(volume)) / voxel_size
     error = np.minimum(np.abs(value - threshold) / np.maximum(steep, least), most)
     exact = volume.exact_at(points)
@@ -304,8 +318,28 @@ def measure_surface(
     return error.astype(np.float32), lost
 
 
-def seen(measure: Measure, weights: Weights) -> Errors:
-    """The measured errors as a view shows them."""
+def with_normals(
+    measure: Measure,
+    volume: leapray.Volume,
+    mesh: model.Mesh,
+    probes: Probes,
+    threads: int = 1,
+) -> Measure:
+    """The same with normals that are measured at all probes."""
+    ids = None
+    if volume.info.n_objects:
+        assert mesh.slots is not None
+        ids = mesh.slots[probes.surface_triangles]
+    normal = normal_errors(volume, mesh, probes, measure.surface, ids, threads)
+    return dataclasses.replace(measure, normal=np.where(measure.lost, np.float32(0), normal))
+
+
+def seen(measure: Measure, weights: Weights, pixel_error: float) -> Errors:
+    """The measured errors as a view shows them.
+
+    Normals count at all probes only where nothing else is above its tolerance, so that it does
+    not matter what another view has measured.
+    """
     m, w = measure, weights
     pixels = w.surface_pixels / w.surface_pixels.sum()
     found = ~m.lost
@@ -316,11 +350,11 @@ def seen(measure: Measure, weights: Weights) -> Errors:
         surface = quantile(m.surface[found] / shown[0], *shown[1:])
         steps = quantile(m.step / shown[0], *shown[1:])
     lost, body = _worst_body(m, w, pixels)
-    return Errors(
+    errors = Errors(
         surface=MARGIN * surface,
         steps=MARGIN * min(steps, surface),
         lost=max(float(pixels[m.lost].sum()), lost),
-        normal=normal_seen(m, w),
+        normal=0.0,
         voxel=float((m.voxel_size / w.surface_footprint * pixels).sum()),
         crease=mean(m.crease / w.outline_footprint, 1 / w.outline_footprint),
         blur=mean(np.where(m.sharp, 0, turn) / w.crease_footprint, 1 / w.crease_footprint),
@@ -328,6 +362,8 @@ def seen(measure: Measure, weights: Weights) -> Errors:
         crowd=m.crowd,
         body=body,
     )
+    step = 1 if m.normals_known and errors.enough_but_normals(pixel_error) else NORMAL_STEP
+    return dataclasses.replace(errors, normal=normal_seen(m, w, step))
 
 
 def _worst_body(measure: Measure, weights: Weights, pixels: NDArray) -> tuple[float, float]:
@@ -352,32 +388,36 @@ def normal_errors(
     off: NDArray[np.float32],
     ids: NDArray[np.uint16] | None = None,
     threads: int = 1,
+    step: int = 1,
 ) -> NDArray[np.float32]:
     """Radians (n,) between the shading normals that hits have at the probes and the mesh's own.
 
     Rays that aim at a probe hit the field's surface beside it, as far as that is off and they
     are askew; beside an edge that may be another face's. Not above a quarter turn: which side
     is outside is not judged. off: (n,) what `measure_surface` gave. ids: (n,) of solids that
-    share the volume, or None.
+    share the volume, or None. step: at every so manieth probe.
     """
-    own = probes.shading_normals(mesh)
-    at = probes.surface + off[:, None] * probes.askew
-    found = volume.normals(at, ids, threads=threads)
+    some = slice(None, None, step)
+    own = probes.shading_normals(mesh)[some]
+    at = probes.surface[some] + off[some, None] * probes.askew[some]
+    found = volume.normals(at, None if ids is None else ids[some], threads=threads)
     side = np.where(np.einsum("nc,nc->n", found, own) < 0, -1.0, 1.0)
-    chord = np.linalg.norm(found - side[:, None] * own, axis=1)
+    chord = lengths(found - side[:, None] * own)
     return np.nan_to_num(2 * np.arcsin(np.minimum(chord / 2, 1.0))).astype(np.float32)
 
 
-def normal_seen(measure: Measure, weights: Weights) -> float:
-    """The error of shading normals as pixels show it, radians.
+def normal_seen(measure: Measure, weights: Weights, step: int) -> float:
+    """The error of shading normals as pixels show it, at every so manieth probe, radians.
 
     A pixel that holds several voxels or triangles averages what they are off, but for what
     roughness takes from the mean light.
     """
-    m, pixels = measure, weights.surface_pixels
-    width = np.minimum(m.voxel_size / weights.surface_footprint, weights.surface_facets)
-    shown = m.normal * np.minimum(width, 1.0)
-    rough = math.sqrt(mean(np.square(m.normal, dtype=np.float64), pixels)) / ROUGHNESS
+    some = slice(None, None, step)
+    normal = measure.normal[some] if measure.normals_known else measure.normal
+    pixels, footprint = weights.surface_pixels[some], weights.surface_footprint[some]
+    width = np.minimum(measure.voxel_size / footprint, weights.surface_facets[some])
+    shown = normal * np.minimum(width, 1.0)
+    rough = math.sqrt(mean(np.square(normal, dtype=np.float64), pixels)) / ROUGHNESS
     return max(quantile(shown, pixels, QUANTILE), rough)
 
 
@@ -402,7 +442,8 @@ def color_seen(measure: Measure, weights: Weights) -> float:
 def quantile(values: NDArray, weights: NDArray, q: float) -> float:
     """The least value that the fraction q of the weights does not exceed.
 
-    A high quantile is looked for among the largest values, as few as may hold it.
+    A high quantile is looked for among the largest values, as few as may hold it; another one
+    between two values that some probes take for its neighbours.
     """
     n_top = int(FEW * (1 - q) * len(values))
     if 0 < n_top < len(values) / FEW:
@@ -413,6 +454,15 @@ def quantile(values: NDArray, weights: NDArray, q: float) -> float:
         if below < q * total:
             cumulative = below + np.cumsum(weights[top])
             return float(values[top[min(np.searchsorted(cumulative, q * total), n_top - 1)]])
+    elif len(values) > MANY:
+        some = slice(None, None, len(values) // SAMPLE)
+        low, high = (quantile(values[some], weights[some], at) for at in (q - ABOUT, q + ABOUT))
+        inside = np.flatnonzero((values >= low) & (values <= high))
+        below, total = weights[values < low].sum(), weights.sum()
+        if below < q * total <= below + weights[inside].sum():
+            order = inside[np.argsort(values[inside])]
+            at = np.searchsorted(below + np.cumsum(weights[order]), q * total)
+            return float(values[order[min(at, len(order) - 1)]])
     order = np.argsort(values)
     cumulative = np.cumsum(weights[order])
     return float(

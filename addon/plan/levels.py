@@ -17,7 +17,7 @@ from leapray.voxelization import filter_info, slope
 
 from .. import model
 from ..store import disk_cache, memory_cache
-from . import error_metric, fastest, mesh_colors, objects, probes, sample_types
+from . import error_metric, fastest, mesh_colors, probes, sample_types
 from .mesh_split import solids
 
 FINER = 6  # levels beyond the one asked for on which a volume may still be at hand
@@ -39,6 +39,7 @@ class Work:
     shown: NDArray[np.bool_]  # (n,) whether the camera sees them
     with_ids: bool
     color_set: mesh_colors.ColorSet = field(default_factory=mesh_colors.ColorSet)
+    one_island: bool = False  # whether the mesh is known to be that
     carries: str = ""  # a digest of what the colour set takes from the mesh; "": nothing
     turn: float = sample_types.TURN  # of normals, that its materials do not show
     refracts: bool = False  # some material of it,
@@ -271,7 +272,7 @@ class Levels:
         kernel: str,
     ) -> leapray.Volume:
         """One that shares the volume, kept for the next time as long as nothing else needs room."""
-        digests = objects.digest(mesh), mesh_colors.digest(mesh, work.color_set)
+        digests = mesh.contents, mesh_colors.digest(mesh, work.color_set)
         s, own = self.settings, mesh.modelling
         key = "solid", *digests, voxel_size, work.with_ids, dtype, kernel, s.half_width
         part = self.cache.get((*key, own.kind))
@@ -351,13 +352,15 @@ class Levels:
         work.structure, work.keys = None, []
 
     def _probes(self, work: Work) -> probes.Probes:
-        key = "probes", work.digest
-        drawn = self.cache.get(key)
-        if drawn is None:
-            islands = self.cache.get(("islands", work.digest))
-            self.cache.drop(("islands", work.digest))
-            drawn = probes.draw(work.mesh, self.check_cancelled, self.watch, islands)
-        return self.cache.put(key, drawn)
+        key = self.probes_key(work.digest)
+        return self.cache.get(key) or self.cache.put(key, self.draw(work.mesh, work.one_island))
+
+    @staticmethod
+    def probes_key(digest: str) -> tuple:
+        return "probes", digest
+
+    def draw(self, mesh: model.Mesh, one_island: bool) -> probes.Probes:
+        return probes.draw(mesh, self.check_cancelled, self.watch, one_island)
 
     def cells(self, work: Work, voxel_size: float) -> float:
         """How many cells of that size the surface goes through, about."""
@@ -408,16 +411,27 @@ class Levels:
         if work.weights is None:
             work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)
         for known, errors in work.seen:  # also of what had other bytes, which nobody sees
-            if known.surface is measure.surface:
+            if known.surface is measure.surface and known.normal is measure.normal:
                 return errors
-        errors = error_metric.seen(measure, work.weights)
+        errors = error_metric.seen(measure, work.weights, self.settings.pixel_error)
         work.seen.append((measure, errors))
         return errors
 
     def _known(self, work: Work, voxel_size: float) -> error_metric.Measure | None:
-        """What was measured on a level; where u8 and u16 were, u8 if that is enough."""
+        """What was measured on a level; where u8 and u16 were, u8 if that is enough.
+
+        None as well where normals would have to be measured at more probes, and no finer volume
+        is at hand that will be taken anyway.
+        """
         keys = (self._key(work, "measure", voxel_size, t) for t in self._types(work))
-        known = [m for key in keys if (m := self.cache.get(key) or self._kept(work, key))]
+        found = [m for key in keys if (m := self.cache.get(key) or self._kept(work, key))]
+        known = [
+            m
+            for m in found
+            if m.normals_known
+            or not self._needs_normals(work, m)
+            or self._at_hand(work, self._finer(work, voxel_size))
+        ]
         for measure in known:
             if self._enough(work, measure):
                 return measure
@@ -441,6 +455,11 @@ class Levels:
         enough = self._seen(work, measure).enough(self.settings.pixel_error)
         return enough and measure.turn <= work.turn
 
+    def _needs_normals(self, work: Work, measure: error_metric.Measure) -> bool:
+        """Whether its normals may be all that is wrong with it, or nobody makes it finer."""
+        final = work.fixed or self.settings.resolution > 0
+        return final or self._seen(work, measure).enough_but_normals(self.settings.pixel_error)
+
     def _settle(
         self, work: Work, volume: leapray.Volume, voxel_size: float, fresh: bool
     ) -> error_metric.Measure:
@@ -451,6 +470,8 @@ class Levels:
         color = self._color_errors(work, volume)
         known = work.mesh, at, voxel_size, color, rise
         measure = error_metric.measure(volume, *known, threads=self.threads)
+        if self._needs_normals(work, measure):
+            measure = error_metric.with_normals(measure, volume, work.mesh, at, self.threads)
         if not fresh or work.dtype or not self._enough(work, measure):
             return measure
         gain = sample_types.gain(kernel, width)
@@ -513,20 +534,31 @@ class Levels:
 
     def take_finer(self, work: Work) -> bool:
         """Take an earlier frame's volume that is finer than asked for, where there is room."""
-        room = self.budget - self.held() + work.measured.nbytes
-        size, types = work.measured.voxel_size, self._types(work)
-        levels = [(size, work.measured.dtype)]
-        levels += [(size / 2**n, dtype) for n in range(1, FINER) for dtype in types]
+        size = work.measured.voxel_size
+        level = self._at_hand(work, [(size, work.measured.dtype), *self._finer(work, size)])
+        if level is None:
+            return False
+        measure, _, structure = (
+            self.cache.get(self._key(work, what, *level)) for what in ("measure", *KEPT)
+        )
+        work.measure, work.structure = measure, structure
+        work.errors = self._seen(work, measure)
+        return True
+
+    def _finer(self, work: Work, voxel_size: float) -> list[tuple[float, str]]:
+        """Levels beyond, on which its volume may still be at hand."""
+        types = self._types(work)
+        return [(voxel_size / 2**n, dtype) for n in range(1, FINER) for dtype in types]
+
+    def _at_hand(self, work: Work, levels: list[tuple[float, str]]) -> tuple[float, str] | None:
+        """The first of the levels whose volume is in the cache, and fits in the work's place."""
+        room = self.budget - self.held() + (work.measure.nbytes if work.measure else 0)
         for level in levels:
             measure = self.cache.peek(self._key(work, "measure", *level))
             structure = self.cache.peek(self._key(work, "structure", *level))
             if measure is not None and structure is not None and measure.nbytes <= room:
-                for what in ("measure", *KEPT):
-                    self.cache.get(self._key(work, what, *level))  # is used
-                work.measure, work.structure = measure, structure
-                work.errors = self._seen(work, measure)
-                return True
-        return False
+                return level
+        return None
 
     def keep_on_disk(self) -> None:
         """Put the volumes into the folder, where there is one."""

@@ -208,7 +208,7 @@ def facet_voxel(mesh: model.Mesh, creased: bool) -> float:
     counts = np.ones(len(twice), bool)
     for some in pieces(len(twice)):
         facets = facet_normals(mesh, some)[:, 0]
-        twice[some] = np.linalg.norm(facets, axis=1)
+        twice[some] = arrays.lengths(facets)
         if not creased:
             cosine = np.einsum("mka,ma->mk", mesh.corner_normals[some], unit(facets))
             counts[some] = cosine.min(axis=1) < np.cos(LEAN)
@@ -222,7 +222,8 @@ def facet_normals(mesh: model.Mesh, some: slice = slice(None)) -> NDArray[np.flo
     """(m, 3, 3): at each corner the facet's normal, twice as long as the facet's area."""
     corners = mesh.triangles[some]
     a, b, c = (mesh.vertices[corners[:, k]].astype(np.float64) for k in range(3))
-    return np.broadcast_to(np.cross(b - a, c - a)[:, None], (len(a), 3, 3))
+    normals = np.stack(arrays.crossed((b - a).T, (c - a).T), axis=1)
+    return np.broadcast_to(normals[:, None], (len(a), 3, 3))
 
 
 # ---- attributes of corners when a mesh changes ---------------------------------

@@ -32,16 +32,12 @@ def islands(mesh: model.Mesh, watch: leapray.Watch | None = None) -> NDArray[np.
     return leapray.mesh_layers(mesh.vertices, mesh.triangles, np.inf, watch=watch)
 
 
-def split(
-    mesh: model.Mesh, watch: leapray.Watch | None = None, one_island: bool = False
-) -> list[model.Mesh]:
+def split(mesh: model.Mesh, watch: leapray.Watch | None = None) -> list[model.Mesh]:
     """The mesh itself, or meshes of its layers, of the same triangles in the same order.
 
-    mesh: finite, with at least one triangle. one_island: it is known to be just that. Raises
-    Stopped where watch says so, LeapRayError where no triangle has an area.
+    mesh: finite, with at least one triangle. Raises Stopped where watch says so,
+    LeapRayError where no triangle has an area.
     """
-    if one_island:
-        return [mesh]
     near = NEAR * float(np.ptp(bounds(mesh.vertices), axis=0).max())
     layer = leapray.mesh_layers(mesh.vertices, mesh.triangles, near, watch=watch)
     layer = np.minimum(layer, MOST_LAYERS - 1)

@@ -15,7 +15,7 @@ import leapray
 from leapray.rendering import VISIBILITIES
 from leapray.scalar_grid import LEAF, Leaves, ScalarGrid
 
-from .. import arrays, model
+from .. import model
 from . import mesh_colors
 
 FARTHEST = 1e18  # coordinates beyond leave no digits for areas; Blender's infinity is 3.4e38
@@ -23,11 +23,6 @@ FARTHEST = 1e18  # coordinates beyond leave no digits for areas; Blender's infin
 
 class SceneError(leapray.LeapRayError):
     """The scene cannot be modelled; the sentence says why."""
-
-
-def digest(mesh: model.Mesh) -> str:
-    """A name for the mesh's contents."""
-    return arrays.digest((mesh.vertices, mesh.triangles, mesh.slots, mesh.solids))
 
 
 def told_of(instance: model.Placed) -> dict[str, Any]:

@@ -19,7 +19,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +41,7 @@ from . import (
     objects,
     sample_types,
 )
+from .ahead import Ahead, Entries
 from .levels import MB, Work
 from .objects import SceneError
 from .planned import Plan
@@ -48,6 +51,7 @@ COARSEST = 16  # voxels along the longest side at the start, but for meshes with
 FEW_TRIANGLES = 1024  # of a mesh: it is kept as it is
 MOST_CROWD = 64  # triangles in a cell, about: to sort them takes longer than finer voxels,
 FINEST_START = 512  # of which they get so many at most
+AHEAD_SHARE = 1 / 16  # of the memory, for the scratch of a mesh that is looked at ahead
 FIELDS_SHARE = 0.2  # of the progress, where there are meshes, too
 PADDING = 4  # samples that voxelize adds on every side for the ramp and for gradients
 
@@ -85,39 +89,58 @@ class Planner(Refinement):
         by_mesh: dict[tuple[int, mesh_colors.ColorSet], list[model.Instance]] = {}
         for instance in instances:
             by_mesh.setdefault(self._mesh_and_colors(instance), []).append(instance)
-        for done, ((index, color_set), users) in enumerate(by_mesh.items()):
-            self.check_cancelled()
-            matrices = np.array([u.world_from_object for u in users], np.float64)
-            shown = np.array([u.visible_camera for u in users])
-            several = any(len(u.materials) > 1 for u in users)
-            used = {m for user in users for m in user.materials}
-            self._check_room(self.scene.meshes[index], users[0].name)
-            try:
-                split, torn = self._split(self.scene.meshes[index])
-            except leapray.Stopped:
-                raise
-            except leapray.LeapRayError as error:
-                self.warnings.append(f"{users[0].name!r} is skipped: {error}.")
-                continue
-            if torn:
-                self.warnings.append(
-                    f"{users[0].name!r} is closed, but taken for sheets, since faces disagree in "
-                    "winding or meet three at an edge; the object's settings can say otherwise."
-                )
-            for part, (name, mesh) in enumerate(split):
-                ids = several and mesh.slots is not None
-                work = Work(index, part, users[0].name, mesh, name, matrices, shown, ids, color_set)
-                work.carries = mesh_colors.digest(mesh, color_set)
-                work.dtype = self._asked_type(mesh)
-                work.turn = sample_types.permitted_turn(self.scene.materials[m] for m in used)
-                work.refracts = any(self.scene.materials[m].refracts for m in used)
-                work.fills = any(self.scene.materials[m].fills for m in used)
-                work.exact = "sheets" if self.settings.exact == "auto" else self.settings.exact
-                if self.may_choose_cells(work) and len(work.mesh.triangles) <= FEW_TRIANGLES:
-                    work.exact, work.own_normals = "every", True
-                self._start_one(work)
-            self.advance(0.3 * (done + 1) / len(by_mesh))
+        with Ahead(self.cache) as ahead:
+            self._prepare(ahead, dict.fromkeys(index for index, _ in by_mesh))
+            for done, ((index, color_set), users) in enumerate(by_mesh.items()):
+                self.check_cancelled()
+                ahead.take(index)
+                self._start_mesh(index, color_set, users)
+                self.advance(0.3 * (done + 1) / len(by_mesh))
         self.warnings += self.color_sets.warnings
+
+    def _prepare(self, ahead: Ahead, indices: Iterable[int]) -> None:
+        """Let small meshes be split and their probes be drawn while the first are voxelized."""
+        made: set[tuple] = set()
+        room = AHEAD_SHARE * (self.budget - self.held())
+        for index in indices if self.threads != 1 else ():
+            mesh = self.scene.meshes[index]
+            if mesh_scratch_nbytes(len(mesh.vertices), len(mesh.triangles)) <= room:
+                ahead.begin(index, partial(self._prepared, mesh, made))
+
+    def _start_mesh(
+        self, index: int, color_set: mesh_colors.ColorSet, users: list[model.Instance]
+    ) -> None:
+        """Put the parts of a mesh there, which its users share."""
+        matrices = np.array([u.world_from_object for u in users], np.float64)
+        shown = np.array([u.visible_camera for u in users])
+        several = any(len(u.materials) > 1 for u in users)
+        used = {m for user in users for m in user.materials}
+        self._check_room(self.scene.meshes[index], users[0].name)
+        try:
+            split, torn, one_island = self._split(self.scene.meshes[index])
+        except leapray.Stopped:
+            raise
+        except leapray.LeapRayError as error:
+            self.warnings.append(f"{users[0].name!r} is skipped: {error}.")
+            return
+        if torn:
+            self.warnings.append(
+                f"{users[0].name!r} is closed, but taken for sheets, since faces disagree in "
+                "winding or meet three at an edge; the object's settings can say otherwise."
+            )
+        for part, (name, mesh) in enumerate(split):
+            ids = several and mesh.slots is not None
+            work = Work(index, part, users[0].name, mesh, name, matrices, shown, ids, color_set)
+            work.one_island = one_island
+            work.carries = mesh_colors.digest(mesh, color_set)
+            work.dtype = self._asked_type(mesh)
+            work.turn = sample_types.permitted_turn(self.scene.materials[m] for m in used)
+            work.refracts = any(self.scene.materials[m].refracts for m in used)
+            work.fills = any(self.scene.materials[m].fills for m in used)
+            work.exact = "sheets" if self.settings.exact == "auto" else self.settings.exact
+            if self.may_choose_cells(work) and len(work.mesh.triangles) <= FEW_TRIANGLES:
+                work.exact, work.own_normals = "every", True
+            self._start_one(work)
 
     def _check_room(self, mesh: model.Mesh, name: str) -> None:
         """Refuse a mesh that cannot even be looked at within the budget, before it is."""
@@ -139,26 +162,53 @@ class Planner(Refinement):
             self._colored[key] = instance.mesh, self.color_sets.color_set(mesh, instance.materials)
         return self._colored[key]
 
-    def _split(self, mesh: model.Mesh) -> tuple[list[tuple[str, model.Mesh]], bool]:
+    def _split(self, mesh: model.Mesh) -> tuple[list[tuple[str, model.Mesh]], bool, bool]:
         """The parts of the mesh that get volumes of their own, and names of their contents.
 
-        Then whether a closed mesh was taken apart into open ones that nobody asked for.
+        Then whether a closed mesh was taken apart into open ones that nobody asked for, and
+        whether it is known to be one island.
         """
-        name = objects.digest(mesh)
-        if self.settings.layout == "scene" or mesh.modelling.kind == "solid":
-            return [(name, mesh)], False
-        key = "parts", name, mesh_colors.corners_digest(mesh)
-        known = self.cache.get(key)
-        if known is None:
-            islands = mesh_split.islands(mesh, self.watch)
-            self.cache.put(("islands", name), islands, islands.nbytes)
-            split = mesh_split.split(mesh, self.watch, one_island=not islands.any())
-            several = len(split) > 1
-            torn = several and mesh_split.torn(mesh, split, self.watch)
-            known = self.cache.put(key, (split if several else [], torn))
-        split, torn = known
-        named = [(f"{name}/{k}", part) for k, part in enumerate(split)]
-        return named or [(name, mesh)], torn and mesh.modelling.kind == "auto"
+        if self._is_whole(mesh):
+            return _named(mesh, []), False, False
+        key = _parts_key(mesh)
+        split, torn, one = self.cache.get(key) or self.cache.put(key, self._made_split(mesh))
+        return _named(mesh, split), torn and mesh.modelling.kind == "auto", one
+
+    def _is_whole(self, mesh: model.Mesh) -> bool:
+        """Whether it gets one volume, whatever its parts."""
+        return self.settings.layout == "scene" or mesh.modelling.kind == "solid"
+
+    def _made_split(self, mesh: model.Mesh) -> tuple[list[model.Mesh], bool, bool]:
+        """The parts, if they are several, whether that tears the mesh, whether it is one island."""
+        if not mesh_split.islands(mesh, self.watch).any():
+            return [], False, True
+        split = mesh_split.split(mesh, self.watch)
+        several = len(split) > 1
+        torn = several and mesh_split.torn(mesh, split, self.watch)
+        return split if several else [], torn, False
+
+    def _prepared(self, mesh: model.Mesh, made: set[tuple]) -> Entries:
+        """What the cache will be asked for first of the mesh, but for the keys that were made."""
+        entries: Entries = []
+
+        def ask(key: tuple, make: Callable[[], Any]) -> Any:
+            known = self.cache.peek(key)
+            if known is None and key not in made:
+                known = make()
+                entries.append((key, known))
+                made.add(key)
+            return known
+
+        parts: list[model.Mesh] = []
+        one_island = False
+        if not self._is_whole(mesh):
+            known = ask(_parts_key(mesh), partial(self._made_split, mesh))
+            if known is None:  # another mesh has the same contents
+                return entries
+            parts, _, one_island = known
+        for name, part in _named(mesh, parts):
+            ask(self.probes_key(name), partial(self.draw, part, one_island))
+        return entries
 
     def _asked_type(self, mesh: model.Mesh) -> str:
         """Of the samples; "": what the errors ask for, u16 where the resolution is fixed."""
@@ -321,6 +371,17 @@ class Planner(Refinement):
         return f"{work.name!r} has {what}: {work.stuck}."
 
 
+def _parts_key(mesh: model.Mesh) -> tuple:
+    return "parts", mesh.contents, mesh_colors.corners_digest(mesh)
+
+
+def _named(mesh: model.Mesh, parts: list[model.Mesh]) -> list[tuple[str, model.Mesh]]:
+    """The parts, or the mesh where there are none, and names of their contents."""
+    return [(f"{mesh.contents}/{k}", part) for k, part in enumerate(parts)] or [
+        (mesh.contents, mesh)
+    ]
+
+
 def fixed_size(mesh: model.Mesh, n: int) -> float:
     """The voxel size at which the mesh's volume has n samples, or a few less, on its longest side.
 
@@ -404,7 +465,7 @@ def _kinds(
         if instance.mesh in known:
             continue
         mesh = scene.meshes[instance.mesh]
-        key = "kind", objects.digest(mesh), mesh.modelling.kind
+        key = "kind", mesh.contents, mesh.modelling.kind
         kind = cache.get(key) or on_disk.record(key, objects.Kind)
         try:
             if kind is None:

@@ -24,7 +24,7 @@ import leapray
 from leapray.arrays import bounds
 
 from .. import model
-from ..arrays import inverse, unit
+from ..arrays import blend, crossed, inverse, lengths, unit
 from ..memory import pieces
 from . import mesh_split
 
@@ -66,8 +66,7 @@ class Probes:
         if mesh.corner_normals is None:
             return self.surface_normals
         if name not in self._shading:
-            corners = mesh.corner_normals[self.surface_triangles].astype(np.float64)
-            smooth = unit(np.einsum("nk,nkc->nc", self.surface_weights, corners))
+            smooth = unit(blend(self.surface_weights, mesh.corner_normals[self.surface_triangles]))
             known = smooth.any(axis=1)[:, None]
             self._shading[name] = np.where(known, smooth, self.surface_normals)
         return self._shading[name]
@@ -83,23 +82,17 @@ class Probes:
         n = np.arange(1, len(normals) + 1)
         square, turn = np.modf(n * 0.7548776662466927)[0], n * (0.5698402909980532 * 2 * np.pi)
         square *= NOT_GRAZING
-        length = np.sqrt(square / (1 - square))
+        tangent = np.sqrt(square / (1 - square))
         least = np.eye(3)[np.abs(normals).argmin(axis=1)]
         first = unit(np.cross(normals, least))
         second = np.cross(normals, first)
-        return length[:, None] * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second)
+        return tangent[:, None] * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second)
 
 
 def _facets(mesh: model.Mesh, chosen, longest: float) -> NDArray[np.float32]:
     """(n, 3): cross products of the sides of chosen triangles, lengths divided by longest."""
     a, b, c = (mesh.vertices[mesh.triangles[chosen, k]] / np.float32(longest) for k in range(3))
-    return np.stack(_crossed((b - a).T, (c - a).T), axis=1)
-
-
-def _crossed(first, second) -> tuple[NDArray, NDArray, NDArray]:
-    """The cross products of vectors, coordinate by coordinate, which is faster."""
-    (x, y, z), (u, v, w) = first, second
-    return y * w - z * v, z * u - x * w, x * v - y * u
+    return np.stack(crossed((b - a).T, (c - a).T), axis=1)
 
 
 def _areas(
@@ -113,7 +106,7 @@ def _areas(
         corners = mesh.triangles[some].astype(np.intp).T
         a, b, c = ([x.take(corner) for x in places] for corner in corners)
         sides = ([q - p for p, q in zip(a, end, strict=True)] for end in (b, c))
-        x, y, z = _crossed(*sides)
+        x, y, z = crossed(*sides)
         areas[some] = np.sqrt(x * x + y * y + z * z)
     areas *= longest * longest / 2
     return areas
@@ -174,11 +167,11 @@ def draw(
     mesh: model.Mesh,
     check_cancelled: Callable[[], None] = lambda: None,
     watch: leapray.Watch | None = None,
-    islands: NDArray[np.int32] | None = None,
+    one_island: bool = False,
 ) -> Probes:
     """Draw the probes of a mesh with finite vertices and at least one triangle that has an area.
 
-    islands: as of mesh_split.islands, where they are known.
+    one_island: the mesh is known to be just that.
 
     check_cancelled is called every few hundred milliseconds per million triangles; it may raise.
     watch stops the calls into the core.
@@ -194,9 +187,9 @@ def draw(
     del area
     u, v = np.sqrt(u), random.random(N_SURFACE)
     weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
-    surface = np.einsum("nk,nkc->nc", weights, vertices[triangles[chosen]])
+    surface = blend(weights, vertices[triangles[chosen]])
     facets = _facets(mesh, chosen, longest)
-    widths = np.linalg.norm(facets, axis=1).astype(np.float64) * (longest * longest / 2)
+    widths = lengths(facets).astype(np.float64) * (longest * longest / 2)
 
     def normals(some: NDArray[np.int64]) -> Points:
         """Of some triangles, given by any of their half-edges."""
@@ -205,7 +198,8 @@ def draw(
     check_cancelled()
     bodies = mesh.solids  # the number of its solid; or else of its island, small ones share one
     if bodies is None:
-        bodies = mesh_split.islands(mesh, watch) if islands is None else islands
+        one = np.zeros(len(triangles), np.int32)
+        bodies = one if one_island else mesh_split.islands(mesh, watch)
     edges = creases(mesh, longest, check_cancelled, watch)
     at, crease_points, crease_length = _on_edges(mesh, edges[:, 0], random)
     first, second = edges[at].astype(np.int64).T
