@@ -218,6 +218,8 @@ def a_scene():
     grid = leapray.ScalarGrid("fog", np.ones((3, 3, 3), np.float32), np.eye(4))
     fog = leapray.build(leapray.visible_volume(grid, look, threads=1), threads=1)
     instances.append(leapray.Instance(fog, np.eye(4), anisotropy=0.5))
+    leaf = leapray.build(voxelize(LEAF, 0.5, kind="sheet", exact="every", dtype="u8"))
+    instances += [leapray.Instance(leaf, np.eye(4))] * 6  # overlapping trees
     material = leapray.Material([leapray.Lobe("diffuse", (1, 1, 1))])
     scene = leapray.Scene(view, instances, lights, [material], [0], world, False, [1])
     scene.render_tile(0, 0, 4, 4, samples=1)

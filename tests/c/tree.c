@@ -51,18 +51,13 @@ LR_API void tree_run(int32_t simd, const double (*corners)[3][3], uint64_t n,
         lr_tree_ray k = {.t = INFINITY, .triangle = LR_NO_TRIANGLE};
         memcpy(k.r.o, o_and_d[i], sizeof k.r.o);
         memcpy(k.r.d, o_and_d[i] + 3, sizeof k.r.d);
-        ops->meet(&tree, &k);
+        k.shear = lr_shear_of(&k.r);
+        if (lr_slabs_of(k.r.o, k.r.d, k.t_min, &k.slabs))
+            ops->meet(&tree, 0, &k);
         t[i] = k.t;
         triangle[i] = k.triangle;
         steps[i] = (uint32_t)(k.n_nodes + k.n_blocks);
     }
-}
-
-/* A leaf is a box. */
-static uint32_t take(void *own, const lr_hierarchy *binary, lr_child at)
-{
-    (void)own;
-    return binary->nodes[at.node].child[at.side] & ~LR_LEAF;
 }
 
 /* Through a tree over n_boxes boxes[][2][3], by n rays o_and_d[n][6] from t_min to t_max: which
@@ -76,12 +71,11 @@ LR_API uint32_t tree_boxes(int32_t simd, uint32_t n_boxes, const lr_box *boxes, 
     const lr_tree_ops *ops = simd == LR_SIMD_AVX512 ? &lr_tree_avx512
                              : simd == LR_SIMD_AVX2 ? &lr_tree_avx2
                                                     : &lr_tree_portable;
-    const lr_leaf_maker leaves = {.most = 1, .make = take};
     lr_hierarchy binary;
     lr_wide_tree tree;
     lr_error error;
     if (lr_hierarchy_build(boxes, n_boxes, &binary, &error) != LR_OK ||
-        lr_wide_build(&binary, &leaves, &tree, &error) != LR_OK)
+        lr_wide_build(&binary, &LR_ONE_BOX, &tree, &error) != LR_OK)
         return UINT32_MAX;
     bool fits = true;
     for (uint64_t i = 0; i < n; i++) {

@@ -9,7 +9,7 @@ from pathlib import Path
 import meshes
 import numpy as np
 import pytest
-from stage import FAR, camera, centre_rays, one, render
+from stage import FAR, at, camera, centre_rays, one, render
 
 import leapray
 from leapray import Light, _abi
@@ -92,6 +92,39 @@ def test_shadows_are_those_of_every_triangle_asked_in_turn():
     t, *_ = meshes.brute_rays(points, np.broadcast_to(to_sun, points.shape), *blocker)
     assert 0.05 < np.isfinite(t[ground]).mean() < 0.95
     assert (lit == ~np.isfinite(t))[ground].mean() > 0.999  # positions are rounded to f32
+
+
+@pytest.mark.parametrize("n", [2, 9, 30])
+def test_instances_that_overlap_give_the_hits_of_the_nearest_to_the_bit(n):
+    """Through each other, turned, of several sizes, some twice in one place: there the first
+    counts, by its object index."""
+    rng = np.random.default_rng(n)
+    meant = [soup(300, 5), meshes.torus(), meshes.icosphere(2)]
+    kinds = ["sheet", "solid", "solid"]
+    shapes = [
+        leapray.build(leapray.voxelize(*mesh, 0.2, kind=kind, exact="every"))
+        for mesh, kind in zip(meant, kinds, strict=True)
+    ]
+    placed, counts = [], []
+    for k in range(n):
+        turned, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        matrix = at(*rng.normal(0, 0.7, 3))
+        matrix[:3, :3] = turned * rng.choice([0.3, 0.5, 0.7])
+        placed.append(one(shapes[k % 3], matrix, object_index=k + 1))
+        if k % 4 == 0:
+            placed.append(one(shapes[k % 3], matrix, object_index=n + k + 1))
+    for eye in ((4, 0, 0), (2.5, -3, 1.7), (0.13, 0.1, 0.07)):
+        cam = camera(eye, (0.05, -0.03, -0.1), SIZE, 0.9)
+        got = render(cam, placed, size=SIZE)
+        each = [render(cam, [single], size=SIZE) for single in placed]
+        depth = np.array([one_alone["Depth"] for one_alone in each])
+        first = depth.argmin(axis=0)
+        counts.append(len(np.unique(first)))
+        for name in ("Depth", "Normal", "Object Index"):
+            alone = np.array([one_alone[name] for one_alone in each])
+            want = np.take_along_axis(alone, first[None], axis=0)[0]
+            np.testing.assert_array_equal(got[name], want)
+    assert max(counts) > n / 2
 
 
 # ---- instruction sets ----------------------------------------------------------------------------

@@ -46,10 +46,11 @@ typedef struct lr_cursor {
 #define LR_TINY_COMPONENT  1e-30
 #define LR_LEAST_COMPONENT 0x1p-1021
 
-/* From object space; false for a ray without direction or with a NaN or an
- * infinity; a component whose reciprocal is infinite is none. t is the same in both spaces. */
-LR_INLINE bool lr_ray_setup(lr_ray *r, const lr_volume *v, const double o[3], const double d[3],
-                            double t_max)
+/* From object space; points: only what points along it need, not planes. False for a ray without
+ * direction or with a NaN or an infinity; a component whose reciprocal is infinite is none. t is
+ * the same in both spaces. */
+LR_INLINE bool lr_ray_make(lr_ray *r, const lr_volume *v, const double o[3], const double d[3],
+                           double t_max, bool points)
 {
     r->planes = (const double *const *)v->planes;
     lr_map_point(v->storage_from_object, o, r->o);
@@ -66,11 +67,19 @@ LR_INLINE bool lr_ray_setup(lr_ray *r, const lr_volume *v, const double o[3], co
     for (int a = 0; a < 3; a++) {
         double x = r->d[a];
         r->s[a] = fabs(x) < least ? 0 : (x > 0.0) - (x < 0.0);
+        if (points)
+            continue;
         r->inv[a] = r->s[a] != 0 ? 1.0 / x : 0.0;
         r->never[a] = r->s[a] != 0 ? 0.0 : INFINITY;
     }
     r->t_max = t_max;
     return true;
+}
+
+LR_INLINE bool lr_ray_setup(lr_ray *r, const lr_volume *v, const double o[3], const double d[3],
+                            double t_max)
+{
+    return lr_ray_make(r, v, o, d, t_max, false);
 }
 
 /* The cell along one axis that a ray at q goes on into: floor, but the lower

@@ -228,27 +228,36 @@ bool lr_tree_takes(const lr_trace_options *o)
            o->normal <= LR_NORMAL_ZUCKER_HUMMEL;
 }
 
-lr_tree_outcome lr_tree_meet(const lr_structure *structure, const double o[3], const double d[3],
-                             double t_min, double t_max, const lr_start *start, const double *way,
-                             bool any, lr_tree_ray *k)
+bool lr_tree_aim(const lr_structure *structure, const double o[3], const double d[3], double t_min,
+                 const lr_start *start, const double *way, bool any, lr_tree_ray *k)
 {
     const lr_volume *v = structure->volume;
-    const int32_t side = start != NULL ? start->side : 0;
     lr_cursor u;
-    k->triangle = LR_NO_TRIANGLE;
-    k->n_nodes = k->n_blocks = 0;
-    if (!lr_ray_setup(&k->r, v, o, d, t_max) || !(t_min <= t_max && t_min < INFINITY) ||
-        (side != 0 && !lr_leave(v, &k->r, &u, start, t_min, way)))
-        return LR_TREE_MISSES;
     k->t_min = t_min;
-    k->side = side;
-    k->off = side != 0 ? lr_start_off(v) : 0.0;
+    k->side = start != NULL ? start->side : 0;
+    k->off = k->side != 0 ? lr_start_off(v) : 0.0;
     k->any = any;
+    k->n_nodes = k->n_blocks = 0;
+    if (!lr_ray_make(&k->r, v, o, d, INFINITY, true) || !(t_min < INFINITY) ||
+        (k->side != 0 && !lr_leave(v, &k->r, &u, start, t_min, way)))
+        return false;
+    k->shear = lr_shear_of(&k->r);
+    return structure->tree->boxes.n_nodes == 0 || lr_slabs_of(k->r.o, k->r.d, k->t_min, &k->slabs);
+}
+
+lr_tree_outcome lr_tree_meet(const lr_structure *structure, uint32_t branch, double t_max,
+                             uint32_t triangle, lr_tree_ray *k)
+{
     k->t = t_max;
-    lr_tree_ops_of(structure->tree->simd)->meet(structure->tree, k);
-    if (k->triangle != LR_NO_TRIANGLE)
+    k->triangle = triangle;
+    k->n_nodes = k->n_blocks = 0;
+    if (!(k->t_min <= t_max))
+        return LR_TREE_MISSES;
+    lr_tree_ops_of(structure->tree->simd)->meet(structure->tree, branch, k);
+    if (k->triangle != triangle)
         return LR_TREE_MEETS;
-    return side > 0 && v->desc.kind == LR_KIND_SOLID ? LR_TREE_ASKS : LR_TREE_MISSES;
+    return k->side > 0 && structure->volume->desc.kind == LR_KIND_SOLID ? LR_TREE_ASKS
+                                                                        : LR_TREE_MISSES;
 }
 
 bool lr_tree_put(const lr_structure *structure, const lr_tree_ray *k, const double d[3],
@@ -275,7 +284,9 @@ static bool trace_ray(const lr_structure *s, const lr_rays *rays, uint64_t i,
     const lr_start *start = rays->start != NULL ? &rays->start[i] : NULL;
     lr_put_miss(hits, i);
     const lr_tree_outcome outcome =
-        lr_tree_meet(s, o, d, t_min, t_max, start, lr_way_of(rays, i), any, &k);
+        lr_tree_aim(s, o, d, t_min, start, lr_way_of(rays, i), any, &k)
+            ? lr_tree_meet(s, lr_tree_root(s->tree), t_max, LR_NO_TRIANGLE, &k)
+            : LR_TREE_MISSES;
     if (outcome == LR_TREE_ASKS)
         return false;
     if (outcome == LR_TREE_MEETS && any)

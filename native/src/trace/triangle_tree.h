@@ -29,9 +29,11 @@ lr_status lr_triangle_tree_build(const lr_volume *volume, lr_triangle_tree **tre
                                  lr_error *error);
 void lr_triangle_tree_free(lr_triangle_tree *tree); /* NULL is fine */
 
-/* What a ray has met; each instruction set gives the same bits. */
+/* A ray in a tree, and what it has met; each instruction set gives the same bits. */
 typedef struct lr_tree_ray {
-    lr_ray r;
+    lr_ray r; /* for points along it */
+    lr_shear shear;
+    lr_slabs slabs; /* where there are boxes */
     double t_min;
     int32_t side;               /* see lr_leaving */
     double off;                 /* of the start, from triangles that it lies on */
@@ -42,7 +44,8 @@ typedef struct lr_tree_ray {
 } lr_tree_ray;
 
 typedef struct lr_tree_ops {
-    void (*meet)(const lr_triangle_tree *tree, lr_tree_ray *ray); /* the nearest triangle */
+    /* The nearest triangle of a branch: a node, or the number of a block | LR_LEAF. */
+    void (*meet)(const lr_triangle_tree *tree, uint32_t branch, lr_tree_ray *ray);
     /* The next leaf of a tree of boxes, as wide_next. */
     uint32_t (*next)(const lr_wide_node *nodes, const lr_slabs *slabs, float last, lr_branch *stack,
                      uint32_t *n, uint64_t *n_nodes);
@@ -67,12 +70,21 @@ typedef enum lr_tree_outcome {
 /* Do options ask for no more than a tree tells, so that nothing has to be checked by volume? */
 bool lr_tree_takes(const lr_trace_options *options);
 
-/* The nearest triangle from t_min to t_max, by the tree of a structure that has one, in object
- * space. start: of a ray that leaves a surface, or NULL; way: as lr_leave's. any: whatever the ray
- * meets will do. */
-lr_tree_outcome lr_tree_meet(const lr_structure *structure, const double o[3], const double d[3],
-                             double t_min, double t_max, const lr_start *start, const double *way,
-                             bool any, lr_tree_ray *ray);
+/* The branch that is the whole of a tree. */
+LR_INLINE uint32_t lr_tree_root(const lr_triangle_tree *tree)
+{
+    return tree->boxes.n_nodes > 0 ? 0 : LR_LEAF;
+}
+
+/* Prepare a ray for the tree of a structure that has one, from t_min on, in object space; false: it
+ * meets nothing. start: of a ray that leaves a surface, or NULL; way: as lr_leave's. any: whatever
+ * the ray meets will do. */
+bool lr_tree_aim(const lr_structure *structure, const double o[3], const double d[3], double t_min,
+                 const lr_start *start, const double *way, bool any, lr_tree_ray *ray);
+
+/* The nearest triangle of a branch, up to t_max; there only one before `triangle`. */
+lr_tree_outcome lr_tree_meet(const lr_structure *structure, uint32_t branch, double t_max,
+                             uint32_t triangle, lr_tree_ray *ray);
 
 /* Put what the ray has met into hits[i]; d as for lr_tree_meet. False where only a walk through
  * cells can tell. */

@@ -72,29 +72,25 @@ LR_INLINE bool visit_block(const lr_triangle_block *block, const lr_shear *s, lr
     return nearer;
 }
 
-static void meet_nearest(const lr_triangle_tree *tree, lr_tree_ray *k)
+static void meet_nearest(const lr_triangle_tree *tree, uint32_t branch, lr_tree_ray *k)
 {
-    const lr_shear shear = lr_shear_of(&k->r);
-    if (tree->boxes.n_nodes == 0) {
+    if ((branch & LR_LEAF) != 0) {
         k->n_blocks++;
-        visit_block(tree->blocks, &shear, k);
+        visit_block(&tree->blocks[branch & ~LR_LEAF], &k->shear, k);
         return;
     }
     lr_branch stack[LR_HEIGHT_MAX * (LR_TREE_LANES - 1) + 1];
-    lr_slabs slabs;
     uint32_t n = 1, leaf;
-    if (!lr_slabs_of(k->r.o, k->r.d, k->t_min, &slabs))
-        return;
-    stack[0] = (lr_branch){slabs.begin, 0};
-    float last = lr_wide_t(&slabs, k->t, 1);
-    while ((leaf = wide_next(tree->boxes.nodes, &slabs, last, stack, &n, &k->n_nodes)) !=
+    stack[0] = (lr_branch){k->slabs.begin, branch};
+    float last = lr_wide_t(&k->slabs, k->t, 1);
+    while ((leaf = wide_next(tree->boxes.nodes, &k->slabs, last, stack, &n, &k->n_nodes)) !=
            LR_NOWHERE) {
         k->n_blocks++;
-        if (!visit_block(&tree->blocks[leaf], &shear, k))
+        if (!visit_block(&tree->blocks[leaf], &k->shear, k))
             continue;
         if (k->any)
             return;
-        last = lr_wide_t(&slabs, k->t, 1);
+        last = lr_wide_t(&k->slabs, k->t, 1);
     }
 }
 

@@ -98,6 +98,14 @@ static uint32_t make_node(builder *b, uint32_t binary, uint32_t level)
     return number;
 }
 
+static uint32_t take_box(void *own, const lr_hierarchy *binary, lr_child at)
+{
+    (void)own;
+    return binary->nodes[at.node].child[at.side] & ~LR_LEAF;
+}
+
+const lr_leaf_maker LR_ONE_BOX = {.most = 1, .make = take_box};
+
 lr_status lr_wide_build(const lr_hierarchy *binary, const lr_leaf_maker *leaves, lr_wide_tree *tree,
                         lr_error *error)
 {

@@ -46,6 +46,9 @@ typedef struct lr_leaf_maker {
     void *own;
 } lr_leaf_maker;
 
+/* A leaf is one box, by its number. */
+extern const lr_leaf_maker LR_ONE_BOX;
+
 /* Over the boxes of a binary hierarchy. */
 lr_status lr_wide_build(const lr_hierarchy *binary, const lr_leaf_maker *leaves, lr_wide_tree *tree,
                         lr_error *error);

@@ -13,6 +13,7 @@
 
 #include "base/affine.h"
 #include "base/error.h"
+#include "trace/structure.h"
 #include "trace/triangle_tree.h"
 
 enum { DIGIT_BITS = 8, N_DIGITS = 1 << DIGIT_BITS };
@@ -24,41 +25,70 @@ static bool may_hit(const lr_placed *placed, lr_among among, uint32_t visibility
     return included && (placed->visibility & visibility) != 0;
 }
 
+/* A ray that is prepared for the tree of an instance. */
+typedef struct aimed {
+    uint32_t instance; /* or LR_NOWHERE */
+    bool meets;        /* something, perhaps */
+    double d[3];       /* in object space */
+    lr_tree_ray ray;
+} aimed;
+
+enum { AIMED_MAX = 8 };
+
 /* A ray of the wave on its way through the instances. */
 typedef struct traveller {
     uint32_t i; /* its place in the wave */
     double o[3], d[3];
     lr_slabs slabs;
     lr_branch *stack;
-    uint32_t n; /* branches on the stack */
+    uint32_t n;       /* branches on the stack */
+    aimed *aimed;     /* [n_aimed] */
+    uint32_t n_aimed; /* a power of two */
 } traveller;
 
-/* Meet an instance by its tree: writes a hit that is nearer than what the ray has met so far; false
- * where only a batch can tell. */
-static bool meet_by_tree(const lr_context *context, const lr_intersect_options *options,
-                         const lr_ray_queue *rays, const traveller *way, uint32_t instance,
-                         lr_hit_queue *hits)
+/* The ray, prepared for an instance's tree. */
+static aimed *aim(const lr_context *context, const lr_intersect_options *options,
+                  const lr_ray_queue *rays, const traveller *way, uint32_t instance)
 {
+    aimed *at = &way->aimed[instance & (way->n_aimed - 1)];
+    if (at->instance == instance)
+        return at;
     const lr_placed *placed = &context->scene->instances[instance];
-    const uint32_t i = way->i;
-    const bool left = options->leaving && rays->from[i] == instance;
-    double o[3], d[3];
-    lr_tree_ray ray;
+    const bool left = options->leaving && rays->from[way->i] == instance;
+    double o[3];
     lr_map_point(placed->object_from_world, way->o, o);
-    lr_map_vector(placed->object_from_world, way->d, d);
-    const lr_tree_outcome outcome =
-        lr_tree_meet(placed->structure, o, d, options->t_min, hits->t[i],
-                     left ? &rays->start[i] : NULL, left ? rays->way[i] : NULL, options->any, &ray);
+    lr_map_vector(placed->object_from_world, way->d, at->d);
+    at->instance = instance;
+    at->meets =
+        lr_tree_aim(placed->structure, o, at->d, options->t_min, left ? &rays->start[way->i] : NULL,
+                    left ? rays->way[way->i] : NULL, options->any, &at->ray);
+    if (context->counters != NULL) {
+        context->counters->pairs++;
+        context->counters->in_lanes++;
+    }
+    return at;
+}
+
+/* Meet a part of an instance by its tree: writes a hit that is nearer than what the ray has met so
+ * far; false where only a batch can tell. */
+static bool meet_by_tree(const lr_context *context, const lr_intersect_options *options, aimed *at,
+                         uint32_t i, uint32_t branch, lr_hit_queue *hits)
+{
+    const uint32_t instance = at->instance;
+    const lr_structure *structure = context->scene->instances[instance].structure;
+    const bool again = !options->any && hits->instance[i] == instance;
+    const lr_tree_outcome outcome = lr_tree_meet(
+        structure, branch, hits->t[i], again ? hits->hit.triangle[i] : LR_NO_TRIANGLE, &at->ray);
     if (outcome == LR_TREE_ASKS)
         return false;
     if (context->counters != NULL) {
-        context->counters->nodes += ray.n_nodes;
-        context->counters->tests += ray.n_blocks;
+        context->counters->nodes += at->ray.n_nodes;
+        context->counters->tests += at->ray.n_blocks;
     }
-    if (outcome == LR_TREE_MISSES || (ray.t == hits->t[i] && instance > hits->instance[i]))
+    if (outcome == LR_TREE_MISSES || (at->ray.t == hits->t[i] && instance > hits->instance[i]))
         return true;
     if (!options->any &&
-        !lr_tree_put(placed->structure, &ray, d, context->tile->trace.normal, &hits->hit, i))
+        !lr_tree_put(structure, &at->ray, at->d, context->tile->trace.normal, &hits->hit, i))
         return false;
     hits->instance[i] = instance;
     return true;
@@ -71,22 +101,30 @@ static uint32_t go_on(const lr_context *context, const lr_intersect_options *opt
 {
     const lr_scene *scene = context->scene;
     const uint32_t i = way->i;
+    const bool opened = by_trees && scene->opened.boxes.n_nodes > 0;
+    const lr_wide_node *nodes = opened ? scene->opened.boxes.nodes : scene->boxes.nodes;
+    const uint32_t from = options->leaving ? rays->from[i] : LR_NOWHERE;
+    bool left = false;
     uint64_t n_nodes = 0;
     for (float last = lr_wide_t(&way->slabs, hits->t[i], 1);;) {
-        const uint32_t instance = scene->tree_ops->next(scene->boxes.nodes, &way->slabs, last,
-                                                        way->stack, &way->n, &n_nodes);
-        if (instance == LR_NOWHERE)
+        const uint32_t leaf =
+            scene->tree_ops->next(nodes, &way->slabs, last, way->stack, &way->n, &n_nodes);
+        if (leaf == LR_NOWHERE)
             return LR_NOWHERE;
+        const uint32_t instance = opened ? scene->opened.parts[leaf].instance : leaf;
         const lr_placed *placed = &scene->instances[instance];
-        if (!may_hit(placed, options->among, rays->visibility[i]))
+        if (!may_hit(placed, options->among, rays->visibility[i]) || (left && instance == from))
             continue;
-        if (!by_trees || !placed->has_tree ||
-            !meet_by_tree(context, options, rays, way, instance, hits))
+        if (!by_trees || !placed->has_tree)
             return instance;
-        if (context->counters != NULL) {
-            context->counters->pairs++;
-            context->counters->in_lanes++;
-        }
+        left = left || instance == from;
+        aimed *at = aim(context, options, rays, way, instance);
+        const uint32_t branch = opened && instance != from ? scene->opened.parts[leaf].branch
+                                                           : lr_tree_root(placed->structure->tree);
+        if (!at->meets)
+            continue;
+        if (!meet_by_tree(context, options, at, i, branch, hits))
+            return instance;
         if (options->any && hits->instance[i] != LR_NOWHERE)
             return LR_NOWHERE;
         last = lr_wide_t(&way->slabs, hits->t[i], 1);
@@ -99,13 +137,20 @@ static uint32_t find_pairs(const lr_context *context, const lr_intersect_options
                            uint32_t n_active, const lr_ray_queue *rays, lr_hit_queue *hits,
                            lr_intersect_memory *memory)
 {
-    const uint32_t room = context->scene->boxes.n_branches;
+    const uint32_t room = context->scene->n_branches;
     const bool by_trees = !options->steps && lr_tree_takes(&context->tile->trace);
     uint32_t n_pairs = 0;
+    aimed trees[AIMED_MAX];
+    const uint32_t n_aimed = context->scene->opened.boxes.n_nodes > 0 ? AIMED_MAX : 1;
     for (uint32_t k = 0; k < n_active; k++) {
-        traveller way = {.i = memory->active[k], .n = memory->stacked[memory->active[k]]};
+        traveller way = {.i = memory->active[k],
+                         .n = memory->stacked[memory->active[k]],
+                         .aimed = trees,
+                         .n_aimed = n_aimed};
         if (way.n == 0)
             continue;
+        for (uint32_t n = 0; n < n_aimed; n++)
+            trees[n].instance = LR_NOWHERE;
         way.stack = memory->stack + (size_t)way.i * room;
         lr_get_ray(&rays->ray, way.i, way.o, way.d);
         if (!lr_slabs_of(way.o, way.d, options->t_min, &way.slabs))
@@ -333,15 +378,15 @@ static lr_status trace_pairs(const lr_context *context, const lr_intersect_optio
 }
 
 /* Begin without hits: reads the rays' ends; writes hits and stacks. */
-static void begin(const lr_wide_tree *boxes, const lr_intersect_options *options,
+static void begin(const lr_scene *scene, const lr_intersect_options *options,
                   const lr_ray_queue *rays, lr_hit_queue *hits, lr_intersect_memory *memory)
 {
-    const uint32_t root = boxes->n_nodes > 0 ? 1 : 0;
+    const uint32_t root = scene->boxes.n_nodes > 0 ? 1 : 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         hits->t[i] = rays->t_max[i];
         hits->instance[i] = LR_NOWHERE;
         memory->stacked[i] = root;
-        memory->stack[(size_t)i * boxes->n_branches] = (lr_branch){-INFINITY, 0};
+        memory->stack[(size_t)i * scene->n_branches] = (lr_branch){-INFINITY, 0};
         memory->active[i] = i;
     }
     for (uint32_t i = 0; i < rays->n && options->steps; i++)
@@ -358,7 +403,7 @@ lr_status lr_intersect_closest(const lr_context *context, const lr_intersect_opt
     lr_counters *counters = context->counters;
     const uint64_t rays_before = counters != NULL ? counters->rays : 0;
     const uint64_t hits_before = counters != NULL ? counters->hits : 0;
-    begin(&scene->boxes, options, rays, hits, memory);
+    begin(scene, options, rays, hits, memory);
     for (uint32_t n_active = rays->n; n_active > 0;) {
         const uint32_t n_pairs = find_pairs(context, options, n_active, rays, hits, memory);
         if (lr_stopped(context->watch))

@@ -63,7 +63,7 @@ static void take_wave(lr_arena *arena, uint64_t n, const lr_scene *scene, lr_wav
     wave->hits.hit = take_hits(arena, n);
     wave->hits.t = wave->hits.hit.t;
     lr_intersect_memory *m = &wave->memory;
-    m->stack = lr_arena_take(arena, n * scene->boxes.n_branches, sizeof *m->stack);
+    m->stack = lr_arena_take(arena, n * scene->n_branches, sizeof *m->stack);
     m->stacked = lr_arena_take(arena, n, sizeof *m->stacked);
     m->active = lr_arena_take(arena, n, sizeof *m->active);
     m->pairs = lr_arena_take(arena, n, sizeof *m->pairs);

@@ -103,7 +103,7 @@ typedef struct lr_pair {
 
 /* Further memory of the search for hits. */
 typedef struct lr_intersect_memory {
-    lr_branch *stack; /* [n][boxes.n_branches]: what each ray has still to visit */
+    lr_branch *stack; /* [n][scene->n_branches]: what each ray has still to visit */
     uint32_t *stacked;
     uint32_t *active; /* rays that are not done */
     lr_pair *pairs, *pairs_sorted;

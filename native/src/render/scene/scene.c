@@ -18,6 +18,8 @@ enum {
     LR_VISIBLE_GLOSSY | LR_VISIBLE_TRANSMISSION | LR_VISIBLE_VOLUME_SCATTER
 };
 
+static const lr_box EMPTY = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+
 static lr_status check_camera(const lr_camera *c, lr_error *error)
 {
     if (c->projection != LR_PERSPECTIVE && c->projection != LR_ORTHOGRAPHIC)
@@ -152,22 +154,8 @@ static void bound(const lr_instance *instance, lr_box *box)
     double m[16];
     lr_affine_multiply(instance->world_from_object,
                        lr_structure_volume(structure)->object_from_storage, m);
-    for (int a = 0; a < 3; a++) {
-        box->lo[a] = INFINITY;
-        box->hi[a] = -INFINITY;
-    }
-    if (structure->lo[0] > structure->hi[0])
-        return;
-    for (int corner = 0; corner < 8; corner++) {
-        double p[3], q[3];
-        for (int a = 0; a < 3; a++)
-            p[a] = corner >> a & 1 ? structure->hi[a] : structure->lo[a];
-        lr_map_point(m, p, q);
-        for (int a = 0; a < 3; a++) {
-            box->lo[a] = fmin(box->lo[a], q[a]);
-            box->hi[a] = fmax(box->hi[a], q[a]);
-        }
-    }
+    *box = structure->lo[0] <= structure->hi[0] ? lr_world_box(m, structure->lo, structure->hi)
+                                                : EMPTY;
 }
 
 static lr_status place(const lr_instance *instance, uint64_t i, lr_placed *placed, lr_box *box,
@@ -234,7 +222,6 @@ static lr_status place_fields(const lr_scene_desc *desc, lr_scene *scene, lr_err
 /* Take instances without a surface out of the hierarchy, as participants. */
 static void part(lr_scene *scene, lr_box *boxes)
 {
-    const lr_box empty = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     for (uint32_t i = 0; i < scene->n_instances; i++) {
         const bool visible = boxes[i].lo[0] <= boxes[i].hi[0];
         const lr_transfer *transfer = lr_structure_volume(scene->instances[i].structure)->transfer;
@@ -245,7 +232,7 @@ static void part(lr_scene *scene, lr_box *boxes)
                 (lr_participant){i, boxes[i], transfer->scatters};
             scene->scatters |= transfer->scatters;
         }
-        boxes[i] = empty;
+        boxes[i] = EMPTY;
     }
 }
 
@@ -287,22 +274,18 @@ static void set_flags(lr_scene *scene)
         scene->has_lights |= lr_light_has_extent(&scene->lights[k]);
 }
 
-/* A leaf of the tree of instances is one of them. */
-static uint32_t take_instance(void *own, const lr_hierarchy *binary, lr_child at)
-{
-    (void)own;
-    return binary->nodes[at.node].child[at.side] & ~LR_LEAF;
-}
-
-/* The hierarchy and the tree over the boxes of the instances. */
+/* The hierarchy and the trees over the boxes of the instances. */
 static lr_status gather(const lr_box *boxes, lr_scene *scene, lr_error *error)
 {
-    const lr_leaf_maker leaves = {.most = 1, .make = take_instance};
     scene->tree_ops = lr_tree_ops_of(lr_cpu_simd());
-    const lr_status status =
-        lr_hierarchy_build(boxes, scene->n_instances, &scene->hierarchy, error);
-    return status == LR_OK ? lr_wide_build(&scene->hierarchy, &leaves, &scene->boxes, error)
-                           : status;
+    lr_status status = lr_hierarchy_build(boxes, scene->n_instances, &scene->hierarchy, error);
+    if (status == LR_OK)
+        status = lr_wide_build(&scene->hierarchy, &LR_ONE_BOX, &scene->boxes, error);
+    if (status == LR_OK)
+        status = lr_rebraid(scene->instances, scene->n_instances, boxes, &scene->opened, error);
+    const uint32_t opened = scene->opened.boxes.n_branches, whole = scene->boxes.n_branches;
+    scene->n_branches = opened > whole ? opened : whole;
+    return status;
 }
 
 static lr_status place_all(const lr_scene_desc *desc, lr_scene *scene, lr_error *error)
@@ -404,6 +387,8 @@ void lr_scene_free(lr_scene *scene)
     lr_light_tree_free(&scene->light_tree);
     free(scene->hierarchy.nodes);
     lr_pages_free(scene->boxes.nodes);
+    lr_pages_free(scene->opened.boxes.nodes);
+    free(scene->opened.parts);
     free(scene->instances);
     free(scene->participants);
     free(scene->clips);

@@ -4,34 +4,10 @@
 #ifndef LR_RENDER_SCENE_SCENE_H
 #define LR_RENDER_SCENE_SCENE_H
 
-#include "render/bsdf/gradient_shading.h"
 #include "render/bsdf/material.h"
 #include "render/lights/environment.h"
 #include "render/lights/light_tree.h"
-#include "render/scene/clip.h"
-#include "render/scene/field_color.h"
-#include "trace/wide_nodes.h"
-
-/* An instance, as seen from a ray. */
-typedef struct lr_placed {
-    const lr_structure *structure;
-    double object_from_world[16], world_from_object[16];
-    uint32_t visibility; /* lr_visibility */
-    int32_t object_index;
-    uint32_t first_material, n_materials;
-    int32_t volume_index;
-    double error; /* of its surface, in world space */
-    double volume_unit;
-    lr_phase phase;               /* of what its volume scatters, */
-    lr_gradient_shading gradient; /* and how that is shaded */
-    bool clear;                   /* lets some light straight through */
-    bool enterable;               /* a solid that bends light or is filled */
-    bool holdout;
-    bool has_tree;               /* rays meet it by the tree of its structure alone */
-    const lr_placed_clip *clips; /* [n_clips] */
-    uint64_t n_clips;
-    lr_placed_color color;
-} lr_placed;
+#include "render/scene/rebraid.h"
 
 /* An instance without a surface: its volume emits, absorbs and scatters light along rays. */
 typedef struct lr_participant {
@@ -67,7 +43,9 @@ struct lr_scene {
     bool film_transparent;
     bool lone_media;        /* see lr_scene_desc */
     lr_hierarchy hierarchy; /* of instances: for points, */
-    lr_wide_tree boxes;     /* and for rays */
+    lr_wide_tree boxes;     /* and for rays, */
+    lr_rebraided opened;    /* which may go by trees */
+    uint32_t n_branches;    /* that a ray's stack needs in either */
     const struct lr_tree_ops *tree_ops;
 };
 
