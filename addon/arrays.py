@@ -66,7 +66,7 @@ def srgb(linear: NDArray[np.floating]) -> NDArray[np.float32]:
 
 def digest(arrays: Iterable[NDArray | None], told: bytes = b"") -> str:
     """A name for what arrays hold, some of which may be missing, and for what is told beside."""
-    name = hashlib.blake2b(told, digest_size=16)
+    name = hashlib.sha1(told, usedforsecurity=False)  # processors have instructions for it
     for array in arrays:
         if array is not None:
             name.update(np.ascontiguousarray(array).view(np.uint8).data)

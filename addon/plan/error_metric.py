@@ -395,15 +395,23 @@ def normal_errors(
     Rays that aim at a probe hit the field's surface beside it, as far as that is off and they
     are askew; beside an edge that may be another face's. Not above a quarter turn: which side
     is outside is not judged. off: (n,) what `measure_surface` gave. ids: (n,) of solids that
-    share the volume, or None. step: at every so manieth probe.
+    share the volume, or None. step: at every so manieth probe. In triangle cells hits have the
+    normal of the triangle that is met, unless it is smooth and the volume has none: there is no
+    error.
     """
-    some = slice(None, None, step)
+    errors = np.zeros(len(probes.surface[::step]), np.float32)
+    some = np.arange(0, len(probes.surface), step)
+    if mesh.corner_normals is None or volume.info.has_normals:
+        some = some[~volume.exact_at(probes.surface[::step])]
+    if not len(some):
+        return errors
     own = probes.shading_normals(mesh)[some]
     at = probes.surface[some] + off[some, None] * probes.askew[some]
     found = volume.normals(at, None if ids is None else ids[some], threads=threads)
     side = np.where(np.einsum("nc,nc->n", found, own) < 0, -1.0, 1.0)
     chord = lengths(found - side[:, None] * own)
-    return np.nan_to_num(2 * np.arcsin(np.minimum(chord / 2, 1.0))).astype(np.float32)
+    errors[some // step] = np.nan_to_num(2 * np.arcsin(np.minimum(chord / 2, 1.0)))
+    return errors
 
 
 def normal_seen(measure: Measure, weights: Weights, step: int) -> float:

@@ -44,6 +44,9 @@ def test_normals_are_off_by_their_angle_whichever_side_they_tell():
         askew=np.zeros((n, 3)),
         shading_normals=lambda mesh: np.tile([0.0, 0, 1], (n, 1)),
     )
-    volume = SimpleNamespace(normals=lambda at, ids, threads: found)
-    off = error_metric.normal_errors(volume, None, probes, np.zeros(n, np.float32))
+    volume = SimpleNamespace(
+        normals=lambda at, ids, threads: found, exact_at=lambda at: np.zeros(len(at), np.bool_)
+    )
+    mesh = SimpleNamespace(corner_normals=None)
+    off = error_metric.normal_errors(volume, mesh, probes, np.zeros(n, np.float32))
     assert np.abs(off - wanted).max() < 1e-6
