@@ -16,11 +16,6 @@ typedef union __m128 {
     uint32_t u[4];
 } __m128;
 
-typedef union __m128d {
-    _Alignas(16) double d[2];
-    uint64_t u[2];
-} __m128d;
-
 typedef union __m128i {
     _Alignas(16) uint8_t b[16];
     uint16_t w[8];
@@ -43,7 +38,6 @@ typedef union __m128i {
 LR_MAP(_mm_add_ps, __m128, 4, f[i] = a.f[i] + b.f[i])
 LR_MAP(_mm_sub_ps, __m128, 4, f[i] = a.f[i] - b.f[i])
 LR_MAP(_mm_mul_ps, __m128, 4, f[i] = a.f[i] * b.f[i])
-LR_MAP(_mm_div_ps, __m128, 4, f[i] = a.f[i] / b.f[i])
 LR_MAP(_mm_min_ps, __m128, 4, f[i] = a.f[i] < b.f[i] ? a.f[i] : b.f[i])
 LR_MAP(_mm_max_ps, __m128, 4, f[i] = a.f[i] > b.f[i] ? a.f[i] : b.f[i])
 LR_MAP(_mm_and_ps, __m128, 4, u[i] = a.u[i] & b.u[i])
@@ -52,7 +46,6 @@ LR_MAP(_mm_andnot_ps, __m128, 4, u[i] = ~a.u[i] & b.u[i])
 LR_MAP(_mm_cmplt_ps, __m128, 4, u[i] = a.f[i] < b.f[i] ? ~0u : 0)
 LR_MAP(_mm_cmpgt_ps, __m128, 4, u[i] = a.f[i] > b.f[i] ? ~0u : 0)
 LR_MAP(_mm_cmpge_ps, __m128, 4, u[i] = a.f[i] >= b.f[i] ? ~0u : 0)
-LR_MAP(_mm_movehl_ps, __m128, 4, f[i] = i < 2 ? b.f[i + 2] : a.f[i])
 
 LR_INLINE __m128 _mm_set1_ps(float x)
 {
@@ -79,78 +72,9 @@ LR_INLINE void _mm_store_ps(float *to, __m128 a)
     memcpy(to, a.f, sizeof a.f);
 }
 
-LR_INLINE __m128 _mm_sqrt_ps(__m128 a)
-{
-    LR_LANES(__m128, 4, f[i] = sqrtf(a.f[i]));
-}
-
 LR_INLINE int _mm_movemask_ps(__m128 a)
 {
     return (int)(a.u[0] >> 31 | a.u[1] >> 31 << 1 | a.u[2] >> 31 << 2 | a.u[3] >> 31 << 3);
-}
-
-LR_INLINE __m128 _mm_shuffle_ps(__m128 a, __m128 b, int which)
-{
-    LR_LANES(__m128, 4, f[i] = (i < 2 ? a : b).f[which >> 2 * i & 3]);
-}
-
-LR_INLINE float _mm_cvtss_f32(__m128 a)
-{
-    return a.f[0];
-}
-
-LR_INLINE void lr_transpose(__m128 *p, __m128 *q, __m128 *r, __m128 *s)
-{
-    const __m128 in[4] = {*p, *q, *r, *s};
-    for (int i = 0; i < 4; i++) {
-        p->f[i] = in[i].f[0];
-        q->f[i] = in[i].f[1];
-        r->f[i] = in[i].f[2];
-        s->f[i] = in[i].f[3];
-    }
-}
-#define _MM_TRANSPOSE4_PS(p, q, r, s) lr_transpose(&(p), &(q), &(r), &(s))
-
-/* ---- two doubles ------------------------------------------------------- */
-
-LR_MAP(_mm_sub_pd, __m128d, 2, d[i] = a.d[i] - b.d[i])
-LR_MAP(_mm_mul_pd, __m128d, 2, d[i] = a.d[i] * b.d[i])
-LR_MAP(_mm_min_pd, __m128d, 2, d[i] = a.d[i] < b.d[i] ? a.d[i] : b.d[i])
-LR_MAP(_mm_max_pd, __m128d, 2, d[i] = a.d[i] > b.d[i] ? a.d[i] : b.d[i])
-LR_MAP(_mm_cmple_pd, __m128d, 2, u[i] = a.d[i] <= b.d[i] ? ~0ull : 0)
-
-LR_INLINE __m128d _mm_set1_pd(double x)
-{
-    return (__m128d){.d = {x, x}};
-}
-
-LR_INLINE __m128d _mm_load_sd(const double *from)
-{
-    __m128d out = {.u = {0, 0}};
-    memcpy(out.d, from, sizeof *from); /* they may be two floats */
-    return out;
-}
-
-LR_INLINE void _mm_storeu_pd(double *to, __m128d a)
-{
-    memcpy(to, a.d, sizeof a.d);
-}
-
-LR_INLINE __m128 _mm_castpd_ps(__m128d a)
-{
-    __m128 out;
-    memcpy(&out, &a, sizeof out);
-    return out;
-}
-
-LR_INLINE __m128d _mm_cvtps_pd(__m128 a)
-{
-    return (__m128d){.d = {a.f[0], a.f[1]}};
-}
-
-LR_INLINE int _mm_movemask_pd(__m128d a)
-{
-    return (int)(a.u[0] >> 63 | a.u[1] >> 63 << 1);
 }
 
 /* ---- sixteen bytes, or eight words ------------------------------------- */

@@ -79,6 +79,18 @@ LR_INLINE lr_floats lr_absolute(lr_floats a)
     return (lr_floats)((lr_ints)a & INT32_MAX);
 }
 
+LR_INLINE lr_floats lr_root_floats(lr_floats a)
+{
+#ifdef __clang__
+    return __builtin_elementwise_sqrt(a);
+#else
+    lr_floats root;
+    for (int l = 0; l < LR_LANES; l++)
+        root[l] = sqrtf(a[l]);
+    return root;
+#endif
+}
+
 LR_INLINE lr_floats lr_rounded_down(lr_floats a)
 {
 #ifdef __clang__

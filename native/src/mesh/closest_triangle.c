@@ -2,10 +2,9 @@
  * instructions.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "base/sse2.h"
 #include "mesh/closest_triangle.h"
 #include "mesh/triangle_distance.h"
 
-#define LR_LANES_SIMD 0
-#define LR_SEARCH     lr_nearest_portable
+#define LR_VECTORS 0
+#define LR_SEARCH  lr_nearest_portable
 #include "mesh/closest_triangle_impl.h"

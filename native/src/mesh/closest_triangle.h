@@ -10,9 +10,9 @@
 /* A brick's samples as 32 tiles of 4 x 2 x 2, so that a tile fills vector
  * registers and stays small. Lanes run x, y, z; tiles run y (4), z (4), x (2), so that
  * each axis has four layers of half tiles, cubes of 2^3 samples. */
-enum { LR_TILES = 32, LR_LANES = 16, LR_LAYERS = 4 };
+enum { LR_TILES = 32, LR_TILE = 16, LR_LAYERS = 4 };
 
-_Static_assert(LR_TILES *LR_LANES == LR_CELLS && 2 * LR_LAYERS == LR_SIDE, "tiles fill a brick");
+_Static_assert(LR_TILES *LR_TILE == LR_CELLS && 2 * LR_LAYERS == LR_SIDE, "tiles fill a brick");
 
 LR_INLINE int lr_sample_x(int tile, int lane)
 {
@@ -30,12 +30,12 @@ LR_INLINE int lr_sample_z(int tile, int lane)
 }
 
 typedef struct lr_nearest {
-    _Alignas(64) float d2[LR_TILES][LR_LANES];       /* squared distance, to f32 accuracy */
-    _Alignas(64) float height[LR_TILES][LR_LANES];   /* signed, over the nearest triangle, if
+    _Alignas(64) float d2[LR_TILES][LR_TILE];       /* squared distance, to f32 accuracy */
+    _Alignas(64) float height[LR_TILES][LR_TILE];   /* signed, over the nearest triangle, if
                                                         the closest point lies in its face;
                                                         else infinity */
-    _Alignas(64) int32_t winner[LR_TILES][LR_LANES]; /* place in the list; -1: beyond the band */
-    _Alignas(64) float worst[LR_LAYERS][LR_LANES];   /* largest d2 of half tiles: x, y + 4 z */
+    _Alignas(64) int32_t winner[LR_TILES][LR_TILE]; /* place in the list; -1: beyond the band */
+    _Alignas(64) float worst[LR_LAYERS][LR_TILE];   /* largest d2 of half tiles: x, y + 4 z */
 } lr_nearest;
 
 /* Search the listed triangles around a brick whose samples lie within 3.5 of

@@ -11,10 +11,10 @@
  * triangle is some 1e-6 voxel. Slivers and long triangles are set up in f64, and their edges
  * measured from their point closest to the centre.
  *
- * The includer defines LR_LANES_SIMD and LR_SEARCH, the function's name.
+ * The includer defines LR_VECTORS and LR_SEARCH, the function's name.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "base/simd.h"
+#include "base/vectors.h"
 
 enum {
     EDGES = 3,
@@ -50,53 +50,60 @@ typedef struct corners {
     _Alignas(64) float edge[EDGES][3][LR_LANES];
 } corners;
 
+typedef float four __attribute__((vector_size(16)));
+
+LR_INLINE four load4(const float *from)
+{
+    four x;
+    memcpy(&x, from, sizeof x);
+    return x;
+}
+
 typedef struct vec {
-    lanes x, y, z;
+    lr_floats x, y, z;
 } vec;
 
 LR_INLINE vec load3(const float (*from)[LR_LANES])
 {
-    return (vec){lanes_load(from[0]), lanes_load(from[1]), lanes_load(from[2])};
+    return (vec){lr_load_floats(from[0]), lr_load_floats(from[1]), lr_load_floats(from[2])};
 }
 
-LR_INLINE lanes dot3(vec a, vec b)
+LR_INLINE lr_floats dot3(vec a, vec b)
 {
-    lanes xy = lanes_add(lanes_mul(a.x, b.x), lanes_mul(a.y, b.y));
-    return lanes_add(xy, lanes_mul(a.z, b.z));
+    lr_floats xy = a.x * b.x + a.y * b.y;
+    return xy + a.z * b.z;
 }
 
 LR_INLINE vec cross3(vec a, vec b)
 {
-    return (vec){lanes_sub(lanes_mul(a.y, b.z), lanes_mul(a.z, b.y)),
-                 lanes_sub(lanes_mul(a.z, b.x), lanes_mul(a.x, b.z)),
-                 lanes_sub(lanes_mul(a.x, b.y), lanes_mul(a.y, b.x))};
+    return (vec){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
-LR_INLINE vec scale3(vec a, lanes s)
+LR_INLINE vec scale3(vec a, lr_floats s)
 {
-    return (vec){lanes_mul(a.x, s), lanes_mul(a.y, s), lanes_mul(a.z, s)};
+    return (vec){a.x * s, a.y * s, a.z * s};
 }
 
-LR_INLINE lanes minus_dot3(vec g, vec on)
+LR_INLINE lr_floats minus_dot3(vec g, vec on)
 {
-    return lanes_sub(lanes_all(0.0f), dot3(g, on));
+    return 0.0f - dot3(g, on);
 }
 
 /* The form g.(x - on) of all triangles. */
 LR_INLINE void store_first(batch *b, int form, vec g, vec on)
 {
-    lanes_store(b->first[0][form], g.x);
-    lanes_store(b->first[1][form], g.y);
-    lanes_store(b->first[2][form], g.z);
-    lanes_store(b->first[3][form], minus_dot3(g, on));
+    lr_store_floats(b->first[0][form], g.x);
+    lr_store_floats(b->first[1][form], g.y);
+    lr_store_floats(b->first[2][form], g.z);
+    lr_store_floats(b->first[3][form], minus_dot3(g, on));
 }
 
 LR_INLINE void store_place(batch *b, int edge, vec g, vec on)
 {
-    lanes_store(b->place[edge][0], g.x);
-    lanes_store(b->place[edge][1], g.y);
-    lanes_store(b->place[edge][2], g.z);
-    lanes_store(b->place[edge][3], minus_dot3(g, on));
+    lr_store_floats(b->place[edge][0], g.x);
+    lr_store_floats(b->place[edge][1], g.y);
+    lr_store_floats(b->place[edge][2], g.z);
+    lr_store_floats(b->place[edge][3], minus_dot3(g, on));
 }
 
 static void gather(const lr_topology *mesh, const double centre[3], const uint32_t *who, int n,
@@ -116,40 +123,39 @@ static void gather(const lr_topology *mesh, const double centre[3], const uint32
 LR_INLINE void set_boxes(const corners *at, batch *b)
 {
     for (int a = 0; a < 3; a++) {
-        lanes p = lanes_load(at->p[0][a]), q = lanes_load(at->p[1][a]);
-        lanes r = lanes_load(at->p[2][a]), half = lanes_all(0.5f);
-        lanes lo = lanes_min(lanes_min(p, q), r), hi = lanes_max(lanes_max(p, q), r);
-        lanes_store(b->middle[a], lanes_mul(half, lanes_add(lo, hi)));
-        lanes_store(b->half[a], lanes_mul(half, lanes_sub(hi, lo)));
+        lr_floats p = lr_load_floats(at->p[0][a]), q = lr_load_floats(at->p[1][a]);
+        lr_floats r = lr_load_floats(at->p[2][a]), half = lr_all_floats(0.5f);
+        lr_floats lo = lr_least(lr_least(p, q), r), hi = lr_greatest(lr_greatest(p, q), r);
+        lr_store_floats(b->middle[a], half * (lo + hi));
+        lr_store_floats(b->half[a], half * (hi - lo));
     }
 }
 
 /* Set up all; returns the lanes of fat triangles, which alone are accurate. */
 LR_INLINE uint32_t set_fat(const corners *at, batch *b)
 {
-    const lanes one = lanes_all(1.0f), zero = lanes_all(0.0f);
-    lanes longest = zero, length[EDGES];
+    const lr_floats one = lr_all_floats(1.0f), zero = lr_all_floats(0.0f);
+    lr_floats longest = zero, length[EDGES];
     for (int e = 0; e < EDGES; e++) {
         vec edge = load3(at->edge[e]);
-        lanes square = dot3(edge, edge);
-        longest = lanes_max(longest, square);
-        length[e] = lanes_sqrt(square);
+        lr_floats square = dot3(edge, edge);
+        longest = lr_greatest(longest, square);
+        length[e] = lr_root_floats(square);
     }
     vec n = cross3(load3(at->edge[0]), load3(at->edge[1]));
-    lanes area = lanes_sqrt(dot3(n, n));
-    lane_mask fat = mask_and(lanes_less(lanes_mul(lanes_all(FAT), longest), area),
-                             lanes_less(longest, lanes_all(SHORT * SHORT)));
-    n = scale3(n, lanes_div(one, area));
+    lr_floats area = lr_root_floats(dot3(n, n));
+    lr_ints fat = (FAT * longest < area) & (longest < (SHORT * SHORT));
+    n = scale3(n, one / area);
     store_first(b, 0, n, load3(at->p[0]));
     for (int e = 0; e < EDGES; e++) {
-        vec u = scale3(load3(at->edge[e]), lanes_div(one, length[e])), on = load3(at->p[e]);
+        vec u = scale3(load3(at->edge[e]), one / length[e]), on = load3(at->p[e]);
         store_place(b, e, u, on);
         store_first(b, 1 + e, cross3(u, n), on);
-        lanes_store(b->lo[e], zero);
-        lanes_store(b->hi[e], length[e]);
+        lr_store_floats(b->lo[e], zero);
+        lr_store_floats(b->hi[e], length[e]);
     }
     set_boxes(at, b);
-    return mask_bits(fat);
+    return lr_bits_of(fat);
 }
 
 LR_INLINE void set_first(batch *b, int l, int form, const double g[3], double c)
@@ -187,13 +193,43 @@ static void set_thin(const lr_topology *mesh, const double centre[3], uint32_t t
 LR_INLINE void transpose(const float in[4][LR_LANES], float out[LR_LANES][4])
 {
     for (int l = 0; l < LR_LANES; l += 4) {
-        __m128 row[4];
+        four row[4];
         for (int i = 0; i < 4; i++)
-            row[i] = _mm_load_ps(&in[i][l]);
-        _MM_TRANSPOSE4_PS(row[0], row[1], row[2], row[3]);
-        for (int i = 0; i < 4; i++)
-            _mm_store_ps(out[l + i], row[i]);
+            row[i] = load4(&in[i][l]);
+        const four low[2] = {__builtin_shufflevector(row[0], row[1], 0, 4, 1, 5),
+                             __builtin_shufflevector(row[2], row[3], 0, 4, 1, 5)};
+        const four high[2] = {__builtin_shufflevector(row[0], row[1], 2, 6, 3, 7),
+                              __builtin_shufflevector(row[2], row[3], 2, 6, 3, 7)};
+        row[0] = __builtin_shufflevector(low[0], low[1], 0, 1, 4, 5);
+        row[1] = __builtin_shufflevector(low[0], low[1], 2, 3, 6, 7);
+        row[2] = __builtin_shufflevector(high[0], high[1], 0, 1, 4, 5);
+        row[3] = __builtin_shufflevector(high[0], high[1], 2, 3, 6, 7);
+        memcpy(out[l], row, sizeof row);
     }
+}
+
+/* Four numbers, four times; each of four numbers four times. */
+LR_INLINE lr_floats repeat(const float numbers[4])
+{
+    const four x = load4(numbers);
+    return __builtin_shufflevector(x, x, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3);
+}
+
+LR_INLINE lr_floats each(const float numbers[4])
+{
+    const four x = load4(numbers);
+    return __builtin_shufflevector(x, x, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3);
+}
+
+/* The largest of lanes 0, 1, 4, 5, 8 ... and of the others. */
+LR_INLINE void halves(lr_floats x, float *low, float *high)
+{
+    x = lr_greatest(
+        x, __builtin_shufflevector(x, x, 8, 9, 10, 11, 12, 13, 14, 15, 0, 1, 2, 3, 4, 5, 6, 7));
+    x = lr_greatest(x,
+                    __builtin_shufflevector(x, x, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3));
+    *low = x[0] > x[1] ? x[0] : x[1];
+    *high = x[2] > x[3] ? x[2] : x[3];
 }
 
 /* Centres of the tiles relative to the brick's, and of lanes to their tile's. */
@@ -220,14 +256,14 @@ static const float LAYER[LR_LAYERS] = {-3, -1, 1, 3};
 LR_INLINE void set_gaps(batch *b)
 {
     _Alignas(64) float square[LR_LAYERS][LR_LANES];
-    const lanes zero = lanes_all(0.0f), more = lanes_all(HALF_OF_TILE + SLACK);
+    const lr_floats zero = lr_all_floats(0.0f), more = lr_all_floats(HALF_OF_TILE + SLACK);
     for (int a = 0; a < 3; a++) {
-        const lanes middle = lanes_load(b->middle[a]);
-        const lanes half = lanes_add(lanes_load(b->half[a]), more);
+        const lr_floats middle = lr_load_floats(b->middle[a]);
+        const lr_floats half = lr_load_floats(b->half[a]) + more;
         for (int i = 0; i < LR_LAYERS; i++) {
-            lanes apart = lanes_sub(lanes_all(LAYER[i]), middle);
-            lanes gap = lanes_max(lanes_sub(lanes_abs(apart), half), zero);
-            lanes_store(square[i], lanes_mul(gap, gap));
+            lr_floats apart = LAYER[i] - middle;
+            lr_floats gap = lr_greatest(lr_absolute(apart) - half, zero);
+            lr_store_floats(square[i], gap * gap);
         }
         transpose((const float (*)[LR_LANES])square, b->gap[a]);
     }
@@ -284,36 +320,35 @@ static uint32_t golden_step(uint32_t n)
 LR_INLINE uint32_t near_box(const batch *b, int l, float worst[LR_LAYERS][LR_LANES])
 {
     uint32_t bits = 0;
-    const lanes yz = lanes_add(lanes_repeat(b->gap[1][l]), lanes_each(b->gap[2][l]));
+    const lr_floats yz = repeat(b->gap[1][l]) + each(b->gap[2][l]);
     for (int i = 0; i < LR_LAYERS; i++) {
-        lanes all = lanes_add(yz, lanes_all(b->gap[0][l][i]));
-        bits |= mask_bits(lanes_less(all, lanes_load(worst[i]))) << (i / 2 * LR_LANES);
+        lr_floats all = yz + b->gap[0][l][i];
+        bits |= lr_bits_of(all < lr_load_floats(worst[i])) << (i / 2 * LR_LANES);
     }
     return bits;
 }
 
 /* Change of a form with gradient (x, y, z) over a tile. */
-LR_INLINE lanes over_tile(float x, float y, float z)
+LR_INLINE lr_floats over_tile(float x, float y, float z)
 {
-    lanes sum = lanes_add(lanes_mul(lanes_all(x), lanes_load(LANE[0])),
-                          lanes_mul(lanes_all(y), lanes_load(LANE[1])));
-    return lanes_add(sum, lanes_mul(lanes_all(z), lanes_load(LANE[2])));
+    lr_floats sum = x * lr_load_floats(LANE[0]) + y * lr_load_floats(LANE[1]);
+    return sum + z * lr_load_floats(LANE[2]);
 }
 
 /* Squared distance in the plane from those lanes that lie beyond an edge. */
-LR_INLINE lanes beyond_edges(const batch *b, int l, int tile, const lanes excess[EDGES])
+LR_INLINE lr_floats beyond_edges(const batch *b, int l, int tile, const lr_floats excess[EDGES])
 {
-    lanes nearest = lanes_all(INFINITY);
-    const lanes zero = lanes_all(0.0f);
+    lr_floats nearest = lr_all_floats(INFINITY);
+    const lr_floats zero = lr_all_floats(0.0f);
     for (int e = 0; e < EDGES; e++) {
         float gx = b->place[e][0][l], gy = b->place[e][1][l], gz = b->place[e][2][l];
         float centre = gx * TILE[0][tile] + gy * TILE[1][tile] + gz * TILE[2][tile];
-        lanes place = lanes_add(over_tile(gx, gy, gz), lanes_all(b->place[e][3][l] + centre));
-        lanes below = lanes_min(lanes_sub(place, lanes_all(b->lo[e][l])), zero);
-        lanes above = lanes_max(lanes_sub(place, lanes_all(b->hi[e][l])), zero);
-        lanes outside = lanes_add(below, above);
-        lanes square = lanes_add(lanes_mul(excess[e], excess[e]), lanes_mul(outside, outside));
-        nearest = lanes_min(square, nearest);
+        lr_floats place = over_tile(gx, gy, gz) + (b->place[e][3][l] + centre);
+        lr_floats below = lr_least(place - b->lo[e][l], zero);
+        lr_floats above = lr_greatest(place - b->hi[e][l], zero);
+        lr_floats outside = below + above;
+        lr_floats square = excess[e] * excess[e] + outside * outside;
+        nearest = lr_least(square, nearest);
     }
     return nearest;
 }
@@ -335,8 +370,8 @@ LR_INLINE void list_trials(const batch *b, int n, lr_nearest *nearest, trials *t
     for (int l = 0; l < n; l++) {
         uint32_t left = near_box(b, l, nearest->worst);
         for (int i = 0; i < FIRST; i++)
-            lanes_store(t->difference[l][i],
-                        over_tile(b->of[0][l][i], b->of[1][l][i], b->of[2][l][i]));
+            lr_store_floats(t->difference[l][i],
+                            over_tile(b->of[0][l][i], b->of[1][l][i], b->of[2][l][i]));
         while (left != 0) {
             int count = __builtin_popcount(left);
             for (int i = 0; i < AT_ONCE; i++) {
@@ -352,26 +387,24 @@ LR_INLINE void list_trials(const batch *b, int n, lr_nearest *nearest, trials *t
 /* Values of height and excesses at the centre of a tile. */
 LR_INLINE void at_centre(const batch *b, int l, int tile, float value[FIRST])
 {
-    __m128 x = _mm_mul_ps(_mm_load_ps(b->of[0][l]), _mm_set1_ps(TILE[0][tile]));
-    __m128 y = _mm_mul_ps(_mm_load_ps(b->of[1][l]), _mm_set1_ps(TILE[1][tile]));
-    __m128 z = _mm_mul_ps(_mm_load_ps(b->of[2][l]), _mm_set1_ps(TILE[2][tile]));
-    __m128 sum = _mm_add_ps(_mm_add_ps(x, y), z);
-    _mm_store_ps(value, _mm_add_ps(sum, _mm_load_ps(b->of[3][l])));
+    const four x = load4(b->of[0][l]) * TILE[0][tile], y = load4(b->of[1][l]) * TILE[1][tile];
+    const four sum = x + y + load4(b->of[2][l]) * TILE[2][tile] + load4(b->of[3][l]);
+    memcpy(value, &sum, sizeof sum);
 }
 
 /* The first forms of the samples of a tile. */
 typedef struct forms {
-    lanes height2, height, excess[EDGES], most;
+    lr_floats height2, height, excess[EDGES], most;
 } forms;
 
 LR_INLINE forms forms_of(const trials *t, int l, const float centre[FIRST])
 {
     forms f;
-    f.height = lanes_add(lanes_load(t->difference[l][0]), lanes_all(centre[0]));
-    f.height2 = lanes_mul(f.height, f.height);
+    f.height = lr_load_floats(t->difference[l][0]) + centre[0];
+    f.height2 = f.height * f.height;
     for (int e = 0; e < EDGES; e++)
-        f.excess[e] = lanes_add(lanes_load(t->difference[l][1 + e]), lanes_all(centre[1 + e]));
-    f.most = lanes_max(lanes_max(f.excess[0], f.excess[1]), f.excess[2]);
+        f.excess[e] = lr_load_floats(t->difference[l][1 + e]) + (centre[1 + e]);
+    f.most = lr_greatest(lr_greatest(f.excess[0], f.excess[1]), f.excess[2]);
     return f;
 }
 
@@ -384,45 +417,43 @@ LR_INLINE void sift_trials(const batch *b, const lr_nearest *nearest, trials *t)
         const int l = what / LR_TILES, tile = what % LR_TILES;
         at_centre(b, l, tile, t->centre[kept]);
         const forms f = forms_of(t, l, t->centre[kept]);
-        lanes out = lanes_max(f.most, lanes_all(0.0f));
-        lanes least = lanes_add(f.height2, lanes_mul(out, out));
+        lr_floats out = lr_greatest(f.most, lr_all_floats(0.0f));
+        lr_floats least = f.height2 + out * out;
         t->what[kept] = what;
-        kept += mask_bits(lanes_less(least, lanes_load(nearest->d2[tile]))) != 0;
+        kept += lr_bits_of(least < lr_load_floats(nearest->d2[tile])) != 0;
     }
     t->n = kept;
 }
 
 /* Store the samples to which the triangle is nearest so far. */
-LR_INLINE void win(lr_nearest *nearest, int tile, lane_mask wins, lanes square, lanes height,
-                   lanes d2, int32_t who)
+LR_INLINE void win(lr_nearest *nearest, int tile, lr_ints wins, lr_floats square, lr_floats height,
+                   lr_floats d2, int32_t who)
 {
-    float number;
-    memcpy(&number, &who, sizeof number);
-    lanes winner = lanes_load(nearest->winner[tile]);
-    d2 = lanes_pick(wins, square, d2);
-    lanes_store(nearest->d2[tile], d2);
-    lanes_store(nearest->winner[tile], lanes_pick(wins, lanes_all(number), winner));
-    height = lanes_pick(wins, height, lanes_load(nearest->height[tile]));
-    lanes_store(nearest->height[tile], height);
+    int32_t *winner = nearest->winner[tile];
+    d2 = lr_pick(wins, square, d2);
+    lr_store_floats(nearest->d2[tile], d2);
+    lr_store_ints(winner, lr_pick_ints(wins, lr_all_ints(who), lr_load_ints(winner)));
+    height = lr_pick(wins, height, lr_load_floats(nearest->height[tile]));
+    lr_store_floats(nearest->height[tile], height);
     float *worst = &nearest->worst[tile / LR_LANES * 2][tile % LR_LANES];
-    lanes_halves(d2, worst, worst + LR_LANES);
+    halves(d2, worst, worst + LR_LANES);
 }
 
 /* Test the triangles at these places of the list. */
 LR_INLINE void compete(const batch *b, const trials *t, const int32_t *place, lr_nearest *nearest)
 {
-    const lanes zero = lanes_all(0.0f);
+    const lr_floats zero = lr_all_floats(0.0f);
     for (int i = 0; i < t->n; i++) {
         const int l = t->what[i] / LR_TILES, tile = t->what[i] % LR_TILES;
         const forms f = forms_of(t, l, t->centre[i]);
-        const lanes d2 = lanes_load(nearest->d2[tile]);
-        const lane_mask beyond = lanes_less(zero, f.most);
-        const lanes edge = beyond_edges(b, l, tile, f.excess);
-        const lanes square = lanes_add(f.height2, lanes_pick(beyond, edge, zero));
-        const lane_mask wins = lanes_less(square, d2);
-        if (mask_bits(wins) == 0)
+        const lr_floats d2 = lr_load_floats(nearest->d2[tile]);
+        const lr_ints beyond = zero < f.most;
+        const lr_floats edge = beyond_edges(b, l, tile, f.excess);
+        const lr_floats square = f.height2 + lr_pick(beyond, edge, zero);
+        const lr_ints wins = square < d2;
+        if (lr_bits_of(wins) == 0)
             continue;
-        const lanes height = lanes_pick(beyond, lanes_all(INFINITY), f.height);
+        const lr_floats height = lr_pick(beyond, lr_all_floats(INFINITY), f.height);
         win(nearest, tile, wins, square, height, d2, place[l]);
     }
 }

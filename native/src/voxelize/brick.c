@@ -26,7 +26,7 @@ static void take_ids(const lr_voxel_job *job, const uint32_t *list, const lr_nea
                      const float *distance, lr_brick *brick)
 {
     for (int tile = 0; tile < LR_TILES; tile++)
-        for (int lane = 0; lane < LR_LANES; lane++) {
+        for (int lane = 0; lane < LR_TILE; lane++) {
             int32_t who = nearest->winner[tile][lane], sample = lr_tile_sample(tile, lane);
             if (who >= 0 && distance[sample] != INFINITY)
                 brick->id[sample] = job->mesh->source.ids[list[who]];
@@ -97,7 +97,7 @@ static void set_profile(const lr_voxel_job *job, const float *distance, lr_brick
 static void group(const lr_nearest *nearest, float most, lr_scratch *scratch)
 {
     for (int tile = 0; tile < LR_TILES; tile++)
-        for (int lane = 0; lane < LR_LANES; lane++) {
+        for (int lane = 0; lane < LR_TILE; lane++) {
             int32_t who = nearest->winner[tile][lane];
             if (who < 0 || nearest->d2[tile][lane] > most)
                 continue;
@@ -114,7 +114,7 @@ static void name_nearest(const lr_voxel_job *job, const int32_t first[3], const 
     const float most = (float)(LR_ATTRIBUTE_RADIUS * LR_ATTRIBUTE_RADIUS);
     float nearest = INFINITY;
     for (int tile = 0; tile < LR_TILES; tile++)
-        for (int lane = 0; lane < LR_LANES; lane++)
+        for (int lane = 0; lane < LR_TILE; lane++)
             if (scratch->nearest.winner[tile][lane] >= 0)
                 nearest = fminf(nearest, scratch->nearest.d2[tile][lane]);
     if (!(nearest <= most))

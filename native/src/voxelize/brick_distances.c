@@ -24,7 +24,7 @@ static void take_heights(const lr_voxel_job *job, lr_scratch *scratch, float *di
     const lr_nearest *nearest = &scratch->nearest;
     const __m128 turn = _mm_set1_ps((float)-job->mesh->side), sign = _mm_set1_ps(-0.0f);
     for (int tile = 0; tile < LR_TILES; tile++)
-        for (int lane = 0; lane < LR_LANES; lane += 4) {
+        for (int lane = 0; lane < LR_TILE; lane += 4) {
             int32_t sample = lr_tile_sample(tile, lane);
             __m128 h = _mm_load_ps(&nearest->height[tile][lane]), size = _mm_andnot_ps(sign, h);
             __m128 sure = _mm_and_ps(_mm_cmpgt_ps(size, _mm_set1_ps(SURE)),
