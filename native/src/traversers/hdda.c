@@ -223,6 +223,7 @@ LR_INLINE bool walk(const void *data, const lr_volume *v, const lr_ray *r, lr_la
 LR_INLINE void begin(place *at)
 {
     at->brick[0] = -1; /* none yet */
+    at->entry = 0;
     at->steps = false;
 }
 
