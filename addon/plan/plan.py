@@ -90,7 +90,7 @@ class Planner(Refinement):
         for instance in instances:
             by_mesh.setdefault(self._mesh_and_colors(instance), []).append(instance)
         with Ahead(self.cache) as ahead:
-            self._prepare(ahead, dict.fromkeys(index for index, _ in by_mesh))
+            self._prepare(ahead, [*dict.fromkeys(index for index, _ in by_mesh)][1:])
             for done, ((index, color_set), users) in enumerate(by_mesh.items()):
                 self.check_cancelled()
                 ahead.take(index)
@@ -99,7 +99,7 @@ class Planner(Refinement):
         self.warnings += self.color_sets.warnings
 
     def _prepare(self, ahead: Ahead, indices: Iterable[int]) -> None:
-        """Let small meshes be split and their probes be drawn while the first are voxelized."""
+        """Let small meshes be split and their probes be drawn while those before are voxelized."""
         made: set[tuple] = set()
         room = AHEAD_SHARE * (self.budget - self.held())
         for index in indices if self.threads != 1 else ():
