@@ -7,10 +7,10 @@
 #include "trace/triangle_tree.h"
 
 /* The one rule of the core that the tree asks for: nothing is left. */
-bool lr_tree_accepts(const lr_tree_ray *ray, const lr_triangle_block *block, int lane, double t,
-                     bool inward)
+bool lr_tree_accepts(const lr_triangle_tree *tree, const lr_tree_ray *ray, uint32_t triangle,
+                     double t, bool inward)
 {
-    (void)ray, (void)block, (void)lane, (void)t, (void)inward;
+    (void)tree, (void)ray, (void)triangle, (void)t, (void)inward;
     return true;
 }
 
@@ -19,14 +19,21 @@ LR_API int32_t tree_simd(void)
     return lr_cpu_simd();
 }
 
-/* A node over eight blocks of eight triangles: corners[64][3][3]. Meet them by n rays
- * o_and_d[n][6]; t[n], infinity where none is met; triangle[n] and steps[n]. */
-LR_API void tree_run(int32_t simd, const double (*corners)[3][3], uint64_t n,
+/* A node over eight blocks of eight triangles: corners[64][3][3]; narrow ones where scale, of a
+ * voxel, is not 0, for which corners are in f32. Meet them by n rays o_and_d[n][6]; t[n], infinity
+ * where none is met; triangle[n] and steps[n]. */
+LR_API void tree_run(int32_t simd, const double (*corners)[3][3], double scale, uint64_t n,
                      const double (*o_and_d)[6], double *t, uint32_t *triangle, uint32_t *steps)
 {
     static lr_triangle_block blocks[LR_TREE_LANES];
+    static lr_narrow_block narrow[LR_TREE_LANES];
     static lr_wide_node node;
-    const lr_triangle_tree tree = {.boxes = {&node, 1, 8}, .blocks = blocks, .n_blocks = 8};
+    lr_triangle_tree tree = {.boxes = {&node, 1, 8}, .blocks = blocks, .n_blocks = 8};
+    for (int a = 0; a < 3 && scale != 0.0; a++) {
+        tree.narrow = narrow;
+        tree.scale[a] = scale;
+        tree.offset[a] = a - 3.0;
+    }
     const lr_tree_ops *ops = simd == LR_SIMD_AVX512 ? &lr_tree_avx512
                              : simd == LR_SIMD_AVX2 ? &lr_tree_avx2
                                                     : &lr_tree_portable;
@@ -37,10 +44,12 @@ LR_API void tree_run(int32_t simd, const double (*corners)[3][3], uint64_t n,
             node.bound[1][a][b] = -INFINITY;
         }
         for (uint32_t l = 0; l < LR_TREE_LANES; l++) {
-            blocks[b].triangle[l] = LR_TREE_LANES * b + l;
+            blocks[b].triangle[l] = narrow[b].triangle[l] = LR_TREE_LANES * b + l;
             for (int c = 0; c < 3; c++)
                 for (int a = 0; a < 3; a++) {
-                    const double x = corners[LR_TREE_LANES * b + l][c][a];
+                    const double given = corners[LR_TREE_LANES * b + l][c][a];
+                    const double x = scale != 0.0 ? given * scale + (a - 3.0) : given;
+                    narrow[b].corner[c][a][l] = (float)given;
                     blocks[b].corner[c][a][l] = x;
                     node.bound[0][a][b] = fminf(node.bound[0][a][b], (float)x - 0x1p-16f);
                     node.bound[1][a][b] = fmaxf(node.bound[1][a][b], (float)x + 0x1p-16f);
@@ -74,7 +83,7 @@ LR_API uint32_t tree_boxes(int32_t simd, uint32_t n_boxes, const lr_box *boxes, 
     lr_hierarchy binary;
     lr_wide_tree tree;
     lr_error error;
-    if (lr_hierarchy_build(boxes, n_boxes, &binary, &error) != LR_OK ||
+    if (lr_hierarchy_build(boxes, n_boxes, 1, &binary, &error) != LR_OK ||
         lr_wide_build(&binary, &LR_ONE_BOX, &tree, &error) != LR_OK)
         return UINT32_MAX;
     bool fits = true;

@@ -138,7 +138,7 @@ def library(tmp_path_factory) -> ctypes.CDLL:
 
 
 @pytest.mark.parametrize("simd", SETS)
-def test_all_instruction_sets_give_the_same_bits(library, simd):
+def test_all_instruction_sets_and_narrow_blocks_give_the_same_bits(library, simd):
     if library.tree_simd() < simd:
         pytest.skip("the processor lacks it")
     rng, n, met = np.random.default_rng(2), 2000, 0
@@ -149,17 +149,23 @@ def test_all_instruction_sets_give_the_same_bits(library, simd):
     for _ in range(20):
         corners = rng.uniform(-5, 5, (64, 1, 3)) + rng.normal(size=(64, 3, 3))
         corners[:8] = np.round(corners[:8])  # shared planes, rays through corners
+        corners = corners.astype(np.float32).astype(float)
+        voxel = 1.25 + rng.random()
+        stored = corners * voxel + (np.arange(3) - 3.0)
         rays = np.concatenate([rng.uniform(-8, 8, (n, 3)), rng.normal(size=(n, 3))], axis=1)
         rays[: n // 4] = np.round(rays[: n // 4])
         rays = rays[rays[:, 3:].any(axis=1)]
         got = []
         for which in (_abi.LR_SIMD_PORTABLE, simd):
-            t, triangle, steps = np.zeros(len(rays)), *np.zeros((2, len(rays)), np.uint32)
-            library.tree_run(which, pointer(corners), ctypes.c_uint64(len(rays)), pointer(rays),
-                             pointer(t), pointer(triangle), pointer(steps))  # fmt: skip
-            got.append((t, triangle, steps))
-        for one_set, other in zip(*got, strict=True):
-            np.testing.assert_array_equal(one_set, other)
+            for given, scale in ((stored, 0.0), (corners, voxel)):
+                t, triangle, steps = np.zeros(len(rays)), *np.zeros((2, len(rays)), np.uint32)
+                library.tree_run(which, pointer(given), ctypes.c_double(scale),
+                                 ctypes.c_uint64(len(rays)), pointer(rays), pointer(t),
+                                 pointer(triangle), pointer(steps))  # fmt: skip
+                got.append((t, triangle, steps))
+        for other in got[1:]:
+            for one_set, the_other in zip(got[0], other, strict=True):
+                np.testing.assert_array_equal(one_set, the_other)
         met += np.isfinite(got[0][0]).sum()
     assert met > 1000
 

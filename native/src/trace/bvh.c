@@ -18,6 +18,7 @@ enum { N_BINS = 16 };
 typedef struct lr_builder {
     const lr_box *boxes;
     uint32_t *order; /* boxes; a node owns a range of them */
+    uint32_t at_once;
     lr_hierarchy *out;
 } lr_builder;
 
@@ -54,14 +55,6 @@ LR_INLINE void include(lr_box *box, const lr_box *other)
     }
 }
 
-static double half_area(const lr_box *box)
-{
-    const double x = box->hi[0] - box->lo[0];
-    const double y = box->hi[1] - box->lo[1];
-    const double z = box->hi[2] - box->lo[2];
-    return x >= 0 ? x * y + y * z + z * x : 0;
-}
-
 /* Halved before the sum, which could overflow. */
 static double centre(const lr_box *box, int axis)
 {
@@ -85,7 +78,13 @@ static bool lay_bins(lr_bin_row *bins, double lo, double hi)
     return hi > lo && isfinite(bins->scale);
 }
 
-static void best_of_axis(const lr_bin_row *bins, int axis, lr_split *best)
+/* What it costs to meet n boxes in a box. */
+static double cost_of(const lr_box *box, uint32_t n, uint32_t at_once)
+{
+    return n > 0 ? lr_half_area(box) * ((n + at_once - 1) / at_once) : INFINITY;
+}
+
+static void best_of_axis(const lr_bin_row *bins, uint32_t at_once, int axis, lr_split *best)
 {
     double cost_right[N_BINS];
     lr_box box = EMPTY;
@@ -93,14 +92,14 @@ static void best_of_axis(const lr_bin_row *bins, int axis, lr_split *best)
     for (int b = N_BINS - 1; b > 0; b--) {
         include(&box, &bins->box[b]);
         n += bins->n[b];
-        cost_right[b] = n > 0 ? half_area(&box) * n : INFINITY;
+        cost_right[b] = cost_of(&box, n, at_once);
     }
     box = EMPTY;
     n = 0;
     for (int b = 0; b < N_BINS - 1; b++) {
         include(&box, &bins->box[b]);
         n += bins->n[b];
-        const double cost = n > 0 ? half_area(&box) * n + cost_right[b + 1] : INFINITY;
+        const double cost = cost_of(&box, n, at_once) + cost_right[b + 1];
         if (cost < best->cost)
             *best = (lr_split){cost, axis, b};
     }
@@ -165,7 +164,7 @@ static uint32_t partition(lr_builder *b, uint32_t *order, uint32_t n, uint32_t l
     }
     for (int a = 0; a < 3; a++)
         if (spread[a])
-            best_of_axis(&bins[a], a, &best);
+            best_of_axis(&bins[a], b->at_once, a, &best);
     if (!(best.cost < INFINITY))
         return n / 2;
     uint32_t left = 0;
@@ -218,8 +217,8 @@ static uint32_t build(lr_builder *b, uint32_t *order, uint32_t n, uint32_t level
     return node;
 }
 
-lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, lr_hierarchy *hierarchy,
-                             lr_error *error)
+lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, uint32_t at_once,
+                             lr_hierarchy *hierarchy, lr_error *error)
 {
     *hierarchy = (lr_hierarchy){.nodes = NULL};
     uint32_t *order = malloc((size_t)n * sizeof *order + 1);
@@ -236,7 +235,7 @@ lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, lr_hierarchy *hier
             free(order);
             return lr_fail_memory(error, nbytes, "the hierarchy over boxes");
         }
-        build(&(lr_builder){boxes, order, hierarchy}, order, n_leaves, 0);
+        build(&(lr_builder){boxes, order, at_once, hierarchy}, order, n_leaves, 0);
     }
     free(order);
     return LR_OK;

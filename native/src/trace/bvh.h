@@ -29,9 +29,18 @@ typedef struct lr_hierarchy {
     uint32_t n_nodes; /* 0: nothing to hit */
 } lr_hierarchy;
 
-/* Over n boxes, fewer than 2^31; empty ones are left out. nodes is freed by the
- * caller. */
-lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, lr_hierarchy *hierarchy,
-                             lr_error *error);
+/* Over n boxes, fewer than 2^31; empty ones are left out. at_once: so many are met for the cost of
+ * one. nodes is freed by the caller. */
+lr_status lr_hierarchy_build(const lr_box *boxes, uint32_t n, uint32_t at_once,
+                             lr_hierarchy *hierarchy, lr_error *error);
+
+/* Half the area of a box; 0 where it is empty. */
+LR_INLINE double lr_half_area(const lr_box *box)
+{
+    const double x = box->hi[0] - box->lo[0];
+    const double y = box->hi[1] - box->lo[1];
+    const double z = box->hi[2] - box->lo[2];
+    return x >= 0 ? x * y + y * z + z * x : 0;
+}
 
 #endif

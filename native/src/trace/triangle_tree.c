@@ -24,34 +24,68 @@ static const double MARGIN = 0x1p-16;
 /* A hit so near to a face lies in either cell, voxels. */
 static const double ON_FACE = 1e-6;
 
+/* From so many triangles on blocks are narrow where they can. */
+enum { NARROW_LEAST = 1 << 12 };
+
 /* ---- building --------------------------------------------------------------- */
 
 typedef struct builder {
     const lr_triangle_cells *cells;
     lr_triangle_tree *tree; /* whose blocks are NULL while they are counted */
+    bool narrow;            /* they will be */
     uint64_t *nbytes;
 } builder;
 
-static void put_triangle(const lr_triangle_cells *cells, uint32_t triangle, int lane,
-                         lr_triangle_block *block)
+static uint32_t *triangle_in(const lr_triangle_tree *t, uint32_t block, int lane)
+{
+    return t->narrow != NULL ? &t->narrow[block].triangle[lane] : &t->blocks[block].triangle[lane];
+}
+
+/* The number in f32 of which scale and offset make x; whether there is one. */
+static bool narrowed(const lr_triangle_tree *t, int axis, double x, float *f32)
+{
+    *f32 = (float)((x - t->offset[axis]) / t->scale[axis]);
+    return (double)*f32 * t->scale[axis] + t->offset[axis] == x;
+}
+
+/* Does the mesh have coordinates in f32, which voxels only scale and shift? Blocks of a small tree
+ * stay in the cache as they are. */
+static bool may_be_narrow(const lr_volume *v, lr_triangle_tree *t)
+{
+    bool all = t->cells->n_triangles >= NARROW_LEAST;
+    float f32;
+    for (int a = 0; a < 3; a++) {
+        t->scale[a] = v->storage_from_object[5 * a];
+        t->offset[a] = round(v->storage_from_object[4 * a + 3]); /* the lattice's own origin */
+    }
+    for (uint32_t i = 0; i < t->cells->n_vertices && all; i++)
+        for (int a = 0; a < 3; a++)
+            all = all && narrowed(t, a, t->cells->vertex[i][a], &f32);
+    return all;
+}
+
+static void put_triangle(const lr_triangle_tree *t, uint32_t triangle, int lane, uint32_t block)
 {
     const double *p[3];
-    lr_triangle_cell_corners(cells, triangle, p);
+    lr_triangle_cell_corners(t->cells, triangle, p);
     for (int c = 0; c < 3; c++)
         for (int a = 0; a < 3; a++)
-            block->corner[c][a][lane] = p[c][a];
-    block->triangle[lane] = triangle;
+            if (t->narrow != NULL)
+                narrowed(t, a, p[c][a], &t->narrow[block].corner[c][a][lane]);
+            else
+                t->blocks[block].corner[c][a][lane] = p[c][a];
+    *triangle_in(t, block, lane) = triangle;
 }
 
 /* Put the triangles of a branch into a block from a lane on; returns the next lane. */
-static int fill_block(const builder *b, const lr_hierarchy *binary, lr_child at,
-                      lr_triangle_block *block, int lane)
+static int fill_block(const builder *b, const lr_hierarchy *binary, lr_child at, uint32_t block,
+                      int lane)
 {
     const uint32_t child = binary->nodes[at.node].child[at.side];
     if (child == LR_NOWHERE)
         return lane;
     if ((child & LR_LEAF) != 0) {
-        put_triangle(b->cells, child & ~LR_LEAF, lane, block);
+        put_triangle(b->tree, child & ~LR_LEAF, lane, block);
         return lane + 1;
     }
     for (int side = 0; side < 2; side++)
@@ -59,23 +93,23 @@ static int fill_block(const builder *b, const lr_hierarchy *binary, lr_child at,
     return lane;
 }
 
-/* Triangles of no size, which no ray meets. */
-static lr_triangle_block *next_block(lr_triangle_tree *tree)
+/* Is there room for blocks, whose next is to be filled? At first its triangles have no size, so
+ * that no ray meets them. */
+static bool next_block(lr_triangle_tree *tree, uint32_t *number)
 {
-    lr_triangle_block *block = tree->blocks != NULL ? &tree->blocks[tree->n_blocks] : NULL;
-    tree->n_blocks++;
-    for (int l = 0; l < LR_TREE_LANES && block != NULL; l++)
-        block->triangle[l] = LR_NO_TRIANGLE;
-    return block;
+    const bool made = tree->blocks != NULL || tree->narrow != NULL;
+    *number = tree->n_blocks++;
+    for (int l = 0; l < LR_TREE_LANES && made; l++)
+        *triangle_in(tree, *number, l) = LR_NO_TRIANGLE;
+    return made;
 }
 
 static uint32_t make_block(void *own, const lr_hierarchy *binary, lr_child at)
 {
     const builder *b = own;
-    const uint32_t number = b->tree->n_blocks;
-    lr_triangle_block *block = next_block(b->tree);
-    if (block != NULL)
-        fill_block(b, binary, at, block, 0);
+    uint32_t number;
+    if (next_block(b->tree, &number))
+        fill_block(b, binary, at, number, 0);
     return number;
 }
 
@@ -83,10 +117,15 @@ static uint32_t make_block(void *own, const lr_hierarchy *binary, lr_child at)
 static lr_status get_room(void *own, lr_error *error)
 {
     const builder *b = own;
-    const uint64_t wanted = b->tree->n_blocks * (uint64_t)sizeof *b->tree->blocks;
-    b->tree->blocks = lr_pages_new(b->tree->n_blocks, sizeof *b->tree->blocks);
-    if (b->tree->blocks == NULL)
+    const size_t size = b->narrow ? sizeof *b->tree->narrow : sizeof *b->tree->blocks;
+    const uint64_t wanted = b->tree->n_blocks * (uint64_t)size;
+    void *room = lr_pages_new(b->tree->n_blocks, size);
+    if (room == NULL)
         return lr_fail_memory(error, wanted, "a tree of triangles");
+    if (b->narrow)
+        b->tree->narrow = room;
+    else
+        b->tree->blocks = room;
     *b->nbytes += wanted;
     b->tree->n_blocks = 0;
     return LR_OK;
@@ -99,9 +138,10 @@ static lr_status build_block(builder *b, lr_error *error)
     const lr_status status = get_room(b, error);
     if (status != LR_OK)
         return status;
-    lr_triangle_block *block = next_block(b->tree);
+    uint32_t number;
+    next_block(b->tree, &number);
     for (uint32_t i = 0; i < b->cells->n_triangles; i++)
-        put_triangle(b->cells, i, (int)i, block);
+        put_triangle(b->tree, i, (int)i, number);
     return LR_OK;
 }
 
@@ -126,7 +166,7 @@ static lr_status build_nodes(builder *b, lr_error *error)
         return lr_fail_memory(error, size, "the boxes of triangles");
     for (uint32_t i = 0; i < cells->n_triangles; i++)
         box_of(cells, i, &boxes[i]);
-    lr_status status = lr_hierarchy_build(boxes, cells->n_triangles, &binary, error);
+    lr_status status = lr_hierarchy_build(boxes, cells->n_triangles, LR_TREE_LANES, &binary, error);
     free(boxes);
     if (status == LR_OK)
         status = lr_wide_build(&binary, &leaves, &b->tree->boxes, error);
@@ -150,8 +190,9 @@ lr_status lr_triangle_tree_build(const lr_volume *volume, lr_triangle_tree **tre
     if (t == NULL)
         return lr_fail_memory(error, sizeof *t, "a tree of triangles");
     t->simd = lr_cpu_simd();
+    t->cells = cells;
     *nbytes = sizeof *t;
-    builder b = {cells, t, nbytes};
+    builder b = {cells, t, may_be_narrow(volume, t), nbytes};
     const lr_status status =
         cells->n_triangles <= LR_TREE_LANES ? build_block(&b, error) : build_nodes(&b, error);
     if (status == LR_OK)
@@ -167,21 +208,19 @@ void lr_triangle_tree_free(lr_triangle_tree *tree)
         return;
     lr_pages_free(tree->boxes.nodes);
     lr_pages_free(tree->blocks);
+    lr_pages_free(tree->narrow);
     free(tree);
 }
 
 /* ---- rays --------------------------------------------------------------- */
 
-bool lr_tree_accepts(const lr_tree_ray *k, const lr_triangle_block *block, int lane, double t,
-                     bool inward)
+bool lr_tree_accepts(const lr_triangle_tree *tree, const lr_tree_ray *k, uint32_t triangle,
+                     double t, bool inward)
 {
+    double n[3];
     if (k->side == 0)
         return true;
-    double corner[3][3], n[3];
-    for (int c = 0; c < 3; c++)
-        for (int a = 0; a < 3; a++)
-            corner[c][a] = block->corner[c][a][lane];
-    lr_corners_normal((const double *const[3]){corner[0], corner[1], corner[2]}, n);
+    lr_triangle_cell_normal(tree->cells, triangle, n);
     const double height = (t - k->t_min) * lr_plane_speed(&k->r, n);
     return height > k->off || inward == (k->side < 0);
 }

@@ -14,9 +14,19 @@ typedef struct lr_triangle_block {
     uint32_t triangle[LR_TREE_LANES];                /* LR_NO_TRIANGLE: none */
 } lr_triangle_block;
 
+/* The same in half the memory: corners as the mesh has them, in f32. */
+typedef struct lr_narrow_block {
+    _Alignas(64) float corner[3][3][LR_TREE_LANES];
+    uint32_t triangle[LR_TREE_LANES];
+} lr_narrow_block;
+
 typedef struct lr_triangle_tree {
-    lr_wide_tree boxes; /* none where there is but one block */
-    lr_triangle_block *blocks;
+    const lr_triangle_cells *cells; /* whose triangles these are */
+    lr_wide_tree boxes;             /* none where there is but one block */
+    lr_triangle_block *blocks;      /* or NULL, and: */
+    lr_narrow_block *narrow;
+    double scale[3],
+        offset[3]; /* that give corners of narrow blocks in storage space, to the bit */
     uint32_t n_blocks;
     int32_t simd; /* lr_simd */
 } lr_triangle_tree;
@@ -55,10 +65,10 @@ typedef struct lr_tree_ops {
 extern const lr_tree_ops lr_tree_portable, lr_tree_avx2, lr_tree_avx512;
 const lr_tree_ops *lr_tree_ops_of(int32_t simd);
 
-/* What a ray in the tree does with a triangle of a block whose line it meets at t: false where that
- * lies behind it, or is what it leaves. */
-bool lr_tree_accepts(const lr_tree_ray *ray, const lr_triangle_block *block, int lane, double t,
-                     bool inward);
+/* What a ray in the tree does with a triangle whose line it meets at t: false where that lies
+ * behind it, or is what it leaves. */
+bool lr_tree_accepts(const lr_triangle_tree *tree, const lr_tree_ray *ray, uint32_t triangle,
+                     double t, bool inward);
 
 /* What comes of a ray in the tree. */
 typedef enum lr_tree_outcome {

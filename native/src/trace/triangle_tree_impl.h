@@ -28,19 +28,29 @@ LR_INLINE uint32_t finite_lanes(const double *x)
 #define LR_TREE_FINITE finite_lanes
 #endif
 
+/* One coordinate of a corner of a block's triangles. */
+LR_INLINE tree_lanes corners_of(const lr_triangle_tree *tree, uint32_t block, bool narrow, int c,
+                                int axis)
+{
+    if (!narrow)
+        return *(const tree_lanes *)tree->blocks[block].corner[c][axis];
+    const wide_floats f32 = *(const wide_floats *)tree->narrow[block].corner[c][axis];
+    return __builtin_convertvector(f32, tree_lanes) * tree->scale[axis] + tree->offset[axis];
+}
+
 /* Where the ray meets each triangle, between t_min and its nearest hit so far; infinity where it
  * does not, or lies in the plane. sum: of the areas that it sees, whose sign tells from which side.
  */
-LR_INLINE void meet_triangles(const lr_triangle_block *block, const lr_tree_ray *k,
-                              const lr_shear *s, tree_lanes *t, tree_lanes *sum)
+LR_INLINE void meet_triangles(const lr_triangle_tree *tree, uint32_t block, bool narrow,
+                              const lr_tree_ray *k, tree_lanes *t, tree_lanes *sum)
 {
+    const lr_shear *s = &k->shear;
     const double *o = k->r.o;
     tree_lanes x[3], y[3], z[3];
     for (int c = 0; c < 3; c++) {
-        const tree_lanes *corner = (const tree_lanes *)block->corner[c];
-        z[c] = corner[s->z] - o[s->z];
-        x[c] = corner[s->x] - o[s->x] - s->sx * z[c];
-        y[c] = corner[s->y] - o[s->y] - s->sy * z[c];
+        z[c] = corners_of(tree, block, narrow, c, s->z) - o[s->z];
+        x[c] = corners_of(tree, block, narrow, c, s->x) - o[s->x] - s->sx * z[c];
+        y[c] = corners_of(tree, block, narrow, c, s->y) - o[s->y] - s->sy * z[c];
     }
     const tree_lanes u = x[2] * y[1] - y[2] * x[1];
     const tree_lanes v = x[0] * y[2] - y[0] * x[2];
@@ -54,16 +64,23 @@ LR_INLINE void meet_triangles(const lr_triangle_block *block, const lr_tree_ray 
 }
 
 /* Meet a block's triangles; true where one is the nearest so far. */
-LR_INLINE bool visit_block(const lr_triangle_block *block, const lr_shear *s, lr_tree_ray *k)
+LR_INLINE bool visit_block(const lr_triangle_tree *tree, uint32_t block, lr_tree_ray *k)
 {
     tree_lanes t, sum;
     bool nearer = false;
-    meet_triangles(block, k, s, &t, &sum);
+    const bool narrow = tree->narrow != NULL;
+    const uint32_t *triangles =
+        narrow ? tree->narrow[block].triangle : tree->blocks[block].triangle;
+    if (narrow)
+        meet_triangles(tree, block, true, k, &t, &sum);
+    else
+        meet_triangles(tree, block, false, k, &t, &sum);
     for (uint32_t lanes = LR_TREE_FINITE((const double *)&t); lanes != 0; lanes &= lanes - 1) {
         const int l = __builtin_ctz(lanes);
-        const uint32_t triangle = block->triangle[l];
+        const uint32_t triangle = triangles[l];
         const bool earlier = t[l] < k->t || (t[l] == k->t && triangle < k->triangle);
-        if (earlier && lr_tree_accepts(k, block, l, t[l], (sum[l] > 0.0) == (s->sz > 0.0))) {
+        if (earlier &&
+            lr_tree_accepts(tree, k, triangle, t[l], (sum[l] > 0.0) == (k->shear.sz > 0.0))) {
             k->t = t[l];
             k->triangle = triangle;
             nearer = true;
@@ -76,7 +93,7 @@ static void meet_nearest(const lr_triangle_tree *tree, uint32_t branch, lr_tree_
 {
     if ((branch & LR_LEAF) != 0) {
         k->n_blocks++;
-        visit_block(&tree->blocks[branch & ~LR_LEAF], &k->shear, k);
+        visit_block(tree, branch & ~LR_LEAF, k);
         return;
     }
     lr_branch stack[LR_HEIGHT_MAX * (LR_TREE_LANES - 1) + 1];
@@ -86,7 +103,7 @@ static void meet_nearest(const lr_triangle_tree *tree, uint32_t branch, lr_tree_
     while ((leaf = wide_next(tree->boxes.nodes, &k->slabs, last, stack, &n, &k->n_nodes)) !=
            LR_NOWHERE) {
         k->n_blocks++;
-        if (!visit_block(&tree->blocks[leaf], &k->shear, k))
+        if (!visit_block(tree, leaf, k))
             continue;
         if (k->any)
             return;

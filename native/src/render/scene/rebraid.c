@@ -39,14 +39,6 @@ lr_box lr_world_box(const double m[16], const double lo[3], const double hi[3])
     return box;
 }
 
-static double half_area(const lr_box *box)
-{
-    const double x = box->hi[0] - box->lo[0];
-    const double y = box->hi[1] - box->lo[1];
-    const double z = box->hi[2] - box->lo[2];
-    return x * y + y * z + z * x;
-}
-
 static const lr_triangle_tree *tree_of(const builder *b, uint32_t part)
 {
     return b->instances[b->parts[part].instance].structure->tree;
@@ -77,7 +69,7 @@ static void put(builder *b, uint32_t k, uint32_t instance, uint32_t branch, lr_b
 {
     b->parts[k] = (lr_scene_part){instance, branch};
     b->box[k] = box;
-    b->size[k] = may_be_opened(b, k) ? half_area(&box) : 0.0;
+    b->size[k] = may_be_opened(b, k) ? lr_half_area(&box) : 0.0;
 }
 
 /* Put the children of a part's node in its place. */
@@ -140,7 +132,7 @@ lr_status lr_rebraid(const lr_placed *instances, uint32_t n, const lr_box *boxes
             put(&b, b.n++, i,
                 instances[i].has_tree ? lr_tree_root(instances[i].structure->tree) : 0, boxes[i]);
     if (status == LR_OK && b.n > 0 && open_all(&b)) {
-        status = lr_hierarchy_build(b.box, b.n, &binary, error);
+        status = lr_hierarchy_build(b.box, b.n, 1, &binary, error);
         if (status == LR_OK)
             status = lr_wide_build(&binary, &LR_ONE_BOX, &out->boxes, error);
     }

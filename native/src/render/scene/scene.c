@@ -278,7 +278,7 @@ static void set_flags(lr_scene *scene)
 static lr_status gather(const lr_box *boxes, lr_scene *scene, lr_error *error)
 {
     scene->tree_ops = lr_tree_ops_of(lr_cpu_simd());
-    lr_status status = lr_hierarchy_build(boxes, scene->n_instances, &scene->hierarchy, error);
+    lr_status status = lr_hierarchy_build(boxes, scene->n_instances, 1, &scene->hierarchy, error);
     if (status == LR_OK)
         status = lr_wide_build(&scene->hierarchy, &LR_ONE_BOX, &scene->boxes, error);
     if (status == LR_OK)
