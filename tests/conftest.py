@@ -49,6 +49,14 @@ def made(monkeypatch):
     return counts
 
 
+@pytest.fixture
+def by_voxels(monkeypatch):
+    """Meshes of many triangles are never kept as they are for want of finer voxels."""
+    from addon.plan import refinement
+
+    monkeypatch.setattr(refinement, "CELLS_PER_TRIANGLE", float("inf"))
+
+
 @pytest.fixture(scope="module")
 def sphere():
     """The structure of stage's ball."""

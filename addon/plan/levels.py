@@ -509,21 +509,35 @@ class Levels:
     def share_finest(self) -> None:
         """Volumes of equal contents become one, on the finest level that one of them is on.
 
-        There the widest samples. So the levels are the same whatever lies in cache and folder.
+        There the widest samples, and before all others the one that keeps all triangles. So the
+        levels are the same whatever lies in cache and folder.
         """
 
-        def fineness(work: Work) -> tuple[float, float]:
-            return -work.measured.voxel_size, error_metric.STEPS[work.measured.dtype]
+        def fineness(work: Work) -> tuple[bool, float, float]:
+            m = work.measured
+            return work.exact == "every", -m.voxel_size, error_metric.STEPS[m.dtype]
 
         finest: dict[tuple, Work] = {}
         sharing = [work for work in self.works if not (work.fixed or self.settings.resolution)]
         for work in sorted(sharing, key=fineness, reverse=True):
-            key = self._key(work, "volume", 0.0, work.mesh.modelling.sample_type)
+            any_cells = self.perfect(work) if self.may_choose_cells(work) else work
+            key = self._key(any_cells, "volume", 0.0, work.mesh.modelling.sample_type)
             best = finest.setdefault(key, work)
             if fineness(best) > fineness(work):
                 self.drop(work)
-                work.measure, work.structure = best.measure, best.structure
-                work.errors = self._seen(work, best.measured)
+                self._take(work, best, best.measured, best.structure)
+
+    def _take(
+        self,
+        work: Work,
+        kept: Work,
+        measure: error_metric.Measure,
+        structure: leapray.Structure | None,
+    ) -> None:
+        """Let the work have a volume that the other has, or had."""
+        work.exact, work.own_normals = kept.exact, kept.own_normals
+        work.measure, work.structure = measure, structure
+        work.errors = self._seen(work, measure)
 
     def complete(self, work: Work) -> None:
         """Let the work have its structure, or that of a finer level at hand."""
@@ -535,14 +549,14 @@ class Levels:
     def take_finer(self, work: Work) -> bool:
         """Take an earlier frame's volume that is finer than asked for, where there is room."""
         size = work.measured.voxel_size
-        level = self._at_hand(work, [(size, work.measured.dtype), *self._finer(work, size)])
-        if level is None:
+        found = self._at_hand(work, [(size, work.measured.dtype), *self._finer(work, size)])
+        if found is None:
             return False
+        kept, level = found
         measure, _, structure = (
-            self.cache.get(self._key(work, what, *level)) for what in ("measure", *KEPT)
+            self.cache.get(self._key(kept, what, *level)) for what in ("measure", *KEPT)
         )
-        work.measure, work.structure = measure, structure
-        work.errors = self._seen(work, measure)
+        self._take(work, kept, measure, structure)
         return True
 
     def _finer(self, work: Work, voxel_size: float) -> list[tuple[float, str]]:
@@ -550,14 +564,24 @@ class Levels:
         types = self._types(work)
         return [(voxel_size / 2**n, dtype) for n in range(1, FINER) for dtype in types]
 
-    def _at_hand(self, work: Work, levels: list[tuple[float, str]]) -> tuple[float, str] | None:
-        """The first of the levels whose volume is in the cache, and fits in the work's place."""
+    def perfect(self, work: Work) -> Work:
+        """The same with all triangles in its cells, so that there are no errors."""
+        return dataclasses.replace(work, exact="every", own_normals=True)
+
+    def _at_hand(
+        self, work: Work, levels: list[tuple[float, str]]
+    ) -> tuple[Work, tuple[float, str]] | None:
+        """The first of the levels whose volume is in the cache, and fits in the work's place.
+
+        Else one of them with all triangles, where the plan may choose that; and which it is.
+        """
         room = self.budget - self.held() + (work.measure.nbytes if work.measure else 0)
-        for level in levels:
-            measure = self.cache.peek(self._key(work, "measure", *level))
-            structure = self.cache.peek(self._key(work, "structure", *level))
-            if measure is not None and structure is not None and measure.nbytes <= room:
-                return level
+        for kept in (work, self.perfect(work))[: 1 + self.may_choose_cells(work)]:
+            for level in levels:
+                measure = self.cache.peek(self._key(kept, "measure", *level))
+                structure = self.cache.peek(self._key(kept, "structure", *level))
+                if measure is not None and structure is not None and measure.nbytes <= room:
+                    return kept, level
         return None
 
     def keep_on_disk(self) -> None:

@@ -16,7 +16,7 @@ from . import error_metric, sample_types
 from .levels import Work
 from .separation import TRIANGLE_NBYTES, Separation
 
-CELLS_PER_TRIANGLE = 2.0  # of finer voxels: so many take longer than a tree of the triangles
+CELLS_PER_TRIANGLE = 0.1  # of finer voxels: so many take longer than a tree of the triangles
 # Shares of the memory, counted without structures, so that traversers see the same volumes:
 EDGE_SHARE = 1 / 32  # at most, that a volume takes for its creases' sake, or TRIANGLE_NBYTES each
 SHARP_SHARE = 1 / 100  # for finer edges than asked for, of all volumes together
@@ -78,7 +78,7 @@ class Refinement(Separation):
             self.advance(0.3 + 0.7 * (1.0 - left / total))
 
     def _keep_all(self, work: Work) -> bool:
-        """Let a mesh keep all its triangles, where finer voxels would take as many cells and more.
+        """Let a mesh keep all its triangles, unless finer voxels would be much fewer.
 
         Rays meet them by a tree, nothing is lost, and no finer level has to be made.
         """
@@ -87,7 +87,7 @@ class Refinement(Separation):
         finer = self.cells(work, work.measured.voxel_size / 2 ** self._levels(work))
         if finer < CELLS_PER_TRIANGLE * len(work.mesh.triangles):
             return False
-        work.asked_all = True  # finer levels would take more memory
+        work.asked_all = True  # finer levels would take longer
         return self._try(work, self.less_crowded(work), exact="every", own_normals=True)
 
     def _widen(self, work: Work, bar: float, volume_room: float = math.inf) -> bool:

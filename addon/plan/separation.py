@@ -7,7 +7,6 @@ with creases: near a rim normals turn so fast that refraction changes.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from functools import partial
 
@@ -78,7 +77,7 @@ class Separation(Levels):
 
     def _some_structure(self, work: Work) -> leapray.Structure:
         """A structure of the work's level, or of one without errors, to measure gaps."""
-        perfect = dataclasses.replace(work, exact="every", own_normals=True)
+        perfect = self.perfect(work)
         for n in range(MOST_FINER if work.structure is None else -1, -1, -1):
             size = work.measured.voxel_size / 2**n
             measure = self._known(perfect, size)

@@ -11,7 +11,7 @@ import scenes
 
 import leapray
 from addon import model, pipeline
-from addon.plan import plan
+from addon.plan import plan, refinement
 from addon.store.memory_cache import Cache
 
 
@@ -30,7 +30,7 @@ def test_meshes_of_few_triangles_are_kept_as_they_are(make_mesh):
     assert asked["exact_share"] < 1  # who chooses triangle cells has them as chosen
 
 
-def test_meshes_most_of_whose_cells_keep_triangles_keep_them_all():
+def test_meshes_most_of_whose_cells_keep_triangles_keep_them_all(by_voxels):
     """A folded sheet has a crease in nearly every cell; a smooth one keeps its few as they are."""
     x, y = np.meshgrid(np.linspace(-2, 2, 33), np.linspace(-2, 2, 33))
     at = np.arange(32 * 33).reshape(32, 33)[:, :-1].reshape(-1, 1)
@@ -57,12 +57,12 @@ def test_a_box_of_gas_lets_through_what_the_law_of_beer_says(sigma):
     assert np.abs(got / np.exp(-1.8 * sigma) - 1).max() < 2e-7
 
 
-@pytest.mark.parametrize("n", [20, 64])
-def test_triangles_are_kept_where_voxels_would_be_more(n):
-    """Seen from so near, a ball of 4,800 triangles would take 60,000 cells, one of 49,000 fewer."""
-    view = scenes.camera(eye=(0.0, -3.0, 0.0), width=960, height=640)
-    row = make(scenes.scene([scenes.sphere(n=n)], view=view, width=960, height=640)).volumes[0]
-    assert row["exact_share"] == (n == 20)
+@pytest.mark.parametrize("distance", [3.0, 10.0])
+def test_triangles_are_kept_where_voxels_would_be_as_many(distance):
+    """A ball of 49,000 triangles would take as many cells, seen from near; from afar 3,200."""
+    view = scenes.camera(eye=(0.0, -distance, 0.0), width=960, height=640)
+    row = make(scenes.scene([scenes.sphere(n=64)], view=view, width=960, height=640)).volumes[0]
+    assert row["exact_share"] == (distance == 3.0)
     assert row["error_footprints"] < 0.25 and row["normal_error"] < 1.5
     cells = 4 * np.pi / row["voxel_size"] ** 2
-    assert cells < 2 * 12 * n * n  # no more than that many triangles
+    assert cells < 12 * 64 * 64 * (2 if distance == 3.0 else refinement.CELLS_PER_TRIANGLE)

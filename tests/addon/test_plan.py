@@ -117,7 +117,7 @@ def test_a_mesh_is_as_fine_as_its_nearest_instance_asks():
     assert both["instances"] == 41
 
 
-def test_what_no_ray_meets_is_not_modelled_and_what_only_shades_is_coarser():
+def test_what_no_ray_meets_is_not_modelled_and_what_only_shades_is_coarser(by_voxels):
     hidden = {"visible_camera": False, "visible_diffuse": False}
 
     def rows(**more):
@@ -500,7 +500,7 @@ def test_the_report_is_plain_json():
     assert json.loads(json.dumps(row)) == row
 
 
-def test_corners_look_sharp():
+def test_corners_look_sharp(by_voxels):
     """A turned box is no voxels finer than it starts: its creases keep their triangles."""
     view = scenes.camera(eye=(2.0, -5.0, 2.0), width=320, height=240)
     box = scenes.divided(scenes.box(turn=0.5), 5)

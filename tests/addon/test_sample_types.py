@@ -168,7 +168,7 @@ def test_normals_turn_as_foretold():
     assert np.arccos(cosine).mean() == pytest.approx(told, rel=0.1)
 
 
-def test_large_flat_floors_get_32_bits():
+def test_large_flat_floors_get_32_bits(by_voxels):
     """Close to it voxels are many thousand pixels wide: steps are seen."""
     eye = scenes.camera(eye=(0.3, -8.0, 0.4), target=(0.0, 0.0, 0.3), width=960, height=540)
     floor = scenes.divided(scenes.plane(1000.0), 6)

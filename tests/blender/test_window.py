@@ -23,7 +23,7 @@ pytestmark = pytest.mark.alone
 STOPS_WITHIN = 0.5  # seconds
 # A busy machine that draws Blender's window without a graphics card may need longer now and then.
 LATE, LATEST = 2, 1.0  # cancels, seconds
-# Bytes that the second half may add, by the medians of its first and last five. The first half fills
+# Bytes that the second half may add, by the medians of its first and last five. The first fills
 # caches and the allocator's arenas, which takes some twenty renders; they alone move by 30e6.
 GROWTH = 40e6
 OURS = "[t.name for t in threading.enumerate() if t.name.startswith('leapray')]"
