@@ -366,9 +366,28 @@ LR_INLINE lr_eight_ints lr_pick_eight(lr_eight_ints m, lr_eight_ints a, lr_eight
     return (m & a) | (~m & b);
 }
 
+LR_INLINE lr_eight_floats lr_pick_eight_floats(lr_eight_ints m, lr_eight_floats a,
+                                               lr_eight_floats b)
+{
+    return (lr_eight_floats)lr_pick_eight(m, (lr_eight_ints)a, (lr_eight_ints)b);
+}
+
 LR_INLINE uint32_t lr_bits_of_eight(lr_eight_ints m)
 {
+#if LR_VECTORS == 2
+    return _mm256_movepi32_mask((__m256i)m);
+#elif LR_VECTORS == 1
+    return (uint32_t)_mm256_movemask_ps((__m256)m);
+#else
     return lr_bits_of_longs(lr_longs_of_ints(m));
+#endif
+}
+
+LR_INLINE lr_eight_floats lr_load_eight_floats(const float *from)
+{
+    lr_eight_floats x;
+    memcpy(&x, from, sizeof x);
+    return x;
 }
 
 LR_INLINE void lr_store_eight(int32_t *to, lr_eight_ints x)

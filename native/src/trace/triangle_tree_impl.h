@@ -1,81 +1,65 @@
 /* One ray through a tree of triangles, eight boxes or triangles at a time. Whoever includes this
- * defines LR_TREE_OPS, the name of what is made, and, for x86, has set its instruction set and may
- * define LR_TREE_FINITE(x), the lanes of x that are below infinity, as bits, and what
- * wide_nodes_impl.h asks for.
+ * defines LR_VECTORS, LR_TREE_OPS, the name of what is made, and, for x86, has set the instruction
+ * set.
  *
  * Triangles are met as in triangle_cell.c, by the same operations, so that a ray has the same hit,
  * to the bit, with the tree and without.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "base/vectors.h"
 #include "trace/triangle_tree.h"
 #include "trace/wide_nodes_impl.h"
 
-/* Vectors of compilers, of which these make whatever instructions there are. */
-typedef double tree_lanes __attribute__((vector_size(LR_TREE_LANES * sizeof(double))));
-typedef int64_t tree_mask __attribute__((vector_size(LR_TREE_LANES * sizeof(double))));
-
-#define EACH(x)            ((x) - (tree_lanes){0.0}) /* x in each lane */
-#define EITHER(mask, a, b) ((tree_lanes)(((mask) & (tree_mask)(a)) | (~(mask) & (tree_mask)(b))))
-
-#ifndef LR_TREE_FINITE
-LR_INLINE uint32_t finite_lanes(const double *x)
-{
-    uint32_t lanes = 0;
-    for (int l = 0; l < LR_TREE_LANES; l++)
-        lanes |= (uint32_t)(x[l] < INFINITY) << l;
-    return lanes;
-}
-#define LR_TREE_FINITE finite_lanes
-#endif
+_Static_assert(LR_TREE_LANES == LR_DOUBLE_LANES, "a block's corners are vectors");
 
 /* One coordinate of a corner of a block's triangles. */
-LR_INLINE tree_lanes corners_of(const lr_triangle_tree *tree, uint32_t block, bool narrow, int c,
+LR_INLINE lr_doubles corners_of(const lr_triangle_tree *tree, uint32_t block, bool narrow, int c,
                                 int axis)
 {
     if (!narrow)
-        return *(const tree_lanes *)tree->blocks[block].corner[c][axis];
-    const wide_floats f32 = *(const wide_floats *)tree->narrow[block].corner[c][axis];
-    return __builtin_convertvector(f32, tree_lanes) * tree->scale[axis] + tree->offset[axis];
+        return lr_load_doubles(tree->blocks[block].corner[c][axis]);
+    const lr_eight_floats f32 = lr_load_eight_floats(tree->narrow[block].corner[c][axis]);
+    return __builtin_convertvector(f32, lr_doubles) * tree->scale[axis] + tree->offset[axis];
 }
 
-/* Where the ray meets each triangle, between t_min and its nearest hit so far; infinity where it
- * does not, or lies in the plane. sum: of the areas that it sees, whose sign tells from which side.
- */
-LR_INLINE void meet_triangles(const lr_triangle_tree *tree, uint32_t block, bool narrow,
-                              const lr_tree_ray *k, tree_lanes *t, tree_lanes *sum)
+/* The triangles that the ray meets between t_min and its nearest hit so far, as bits: those in
+ * whose planes it lies are none. t: where. sum: of the areas that it sees, whose sign tells from
+ * which side. */
+LR_INLINE uint32_t meet_triangles(const lr_triangle_tree *tree, uint32_t block, bool narrow,
+                                  const lr_tree_ray *k, lr_doubles *t, lr_doubles *sum)
 {
     const lr_shear *s = &k->shear;
     const double *o = k->r.o;
-    tree_lanes x[3], y[3], z[3];
+    lr_doubles x[3], y[3], z[3];
     for (int c = 0; c < 3; c++) {
         z[c] = corners_of(tree, block, narrow, c, s->z) - o[s->z];
         x[c] = corners_of(tree, block, narrow, c, s->x) - o[s->x] - s->sx * z[c];
         y[c] = corners_of(tree, block, narrow, c, s->y) - o[s->y] - s->sy * z[c];
     }
-    const tree_lanes u = x[2] * y[1] - y[2] * x[1];
-    const tree_lanes v = x[0] * y[2] - y[0] * x[2];
-    const tree_lanes w = x[1] * y[0] - y[1] * x[0];
-    const tree_mask below = (u < 0.0) | (v < 0.0) | (w < 0.0);
-    const tree_mask above = (u > 0.0) | (v > 0.0) | (w > 0.0);
+    const lr_doubles u = x[2] * y[1] - y[2] * x[1];
+    const lr_doubles v = x[0] * y[2] - y[0] * x[2];
+    const lr_doubles w = x[1] * y[0] - y[1] * x[0];
+    const lr_longs below = (u < 0.0) | (v < 0.0) | (w < 0.0);
+    const lr_longs above = (u > 0.0) | (v > 0.0) | (w > 0.0);
     *sum = u + v + w;
-    const tree_lanes at = (u * z[0] + v * z[1] + w * z[2]) * s->sz / *sum;
-    const tree_mask met = ~(below & above) & (*sum != 0.0) & (at >= k->t_min) & (at <= k->t);
-    *t = EITHER(met, at, EACH(INFINITY));
+    const uint32_t crossed = lr_bits_of_longs(~(below & above) & (*sum != 0.0));
+    if (crossed == 0) /* of most blocks, and divisions take long */
+        return 0;
+    *t = (u * z[0] + v * z[1] + w * z[2]) * s->sz / *sum;
+    return crossed & lr_bits_of_longs((*t >= k->t_min) & (*t <= k->t));
 }
 
 /* Meet a block's triangles; true where one is the nearest so far. */
 LR_INLINE bool visit_block(const lr_triangle_tree *tree, uint32_t block, lr_tree_ray *k)
 {
-    tree_lanes t, sum;
+    lr_doubles t, sum;
     bool nearer = false;
     const bool narrow = tree->narrow != NULL;
     const uint32_t *triangles =
         narrow ? tree->narrow[block].triangle : tree->blocks[block].triangle;
-    if (narrow)
-        meet_triangles(tree, block, true, k, &t, &sum);
-    else
-        meet_triangles(tree, block, false, k, &t, &sum);
-    for (uint32_t lanes = LR_TREE_FINITE((const double *)&t); lanes != 0; lanes &= lanes - 1) {
+    uint32_t lanes = narrow ? meet_triangles(tree, block, true, k, &t, &sum)
+                            : meet_triangles(tree, block, false, k, &t, &sum);
+    for (; lanes != 0; lanes &= lanes - 1) {
         const int l = __builtin_ctz(lanes);
         const uint32_t triangle = triangles[l];
         const bool earlier = t[l] < k->t || (t[l] == k->t && triangle < k->triangle);

@@ -1,44 +1,27 @@
-/* A ray through a tree of wide nodes. Included by files compiled for their instructions, which
- * define LR_WIDE_CROSSED(in, out, last), the lanes in which in <= out and in <= last, as bits;
- * see triangle_tree_impl.h.
+/* A ray through a tree of wide nodes. Included after vectors.h, by files compiled for their
+ * instructions.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "trace/wide_nodes.h"
 
-typedef float wide_floats __attribute__((vector_size(LR_TREE_LANES * sizeof(float))));
-typedef int32_t wide_mask __attribute__((vector_size(LR_TREE_LANES * sizeof(float))));
-
-#define WIDE_EACH(x)       ((x) - (wide_floats){0.0f}) /* x in each lane */
-#define WIDE_PICK(m, a, b) ((wide_floats)(((m) & (wide_mask)(a)) | (~(m) & (wide_mask)(b))))
-#define WIDE_MORE(a, b)    WIDE_PICK((a) > (b), a, b) /* b where one is NaN */
-#define WIDE_LESS(a, b)    WIDE_PICK((a) < (b), a, b)
-
-#ifndef LR_WIDE_CROSSED
-LR_INLINE uint32_t wide_crossed(const wide_floats *in, const wide_floats *out, float last)
-{
-    uint32_t lanes = 0;
-    for (int l = 0; l < LR_TREE_LANES; l++)
-        lanes |= (uint32_t)((*in)[l] <= (*out)[l] && (*in)[l] <= last) << l;
-    return lanes;
-}
-#define LR_WIDE_CROSSED wide_crossed
-#endif
-
-/* The children whose boxes the ray enters, as bits, no later than `last`; *t: where. */
+/* The children whose boxes the ray enters, as bits, no later than `last`; *t: where. NaN narrows
+ * nothing. */
 LR_INLINE uint32_t wide_enter(const lr_wide_node *node, const lr_slabs *s, float last,
-                              wide_floats *t)
+                              lr_eight_floats *t)
 {
-    const wide_floats *bound = (const wide_floats *)node->bound;
-    wide_floats in = WIDE_EACH(s->begin), out = WIDE_EACH(INFINITY);
+    const float (*bound)[LR_TREE_LANES] = node->bound[0];
+    lr_eight_floats in = s->begin - (lr_eight_floats){0}, out = INFINITY - (lr_eight_floats){0};
     for (int a = 0; a < 3; a++) {
-        const wide_floats enters = (bound[s->near[a]] - s->near_o[a]) * s->inv[a];
-        const wide_floats leaves = (bound[s->far[a]] - s->far_o[a]) * s->inv[a];
-        in = WIDE_MORE(enters, in);
-        out = WIDE_LESS(leaves, out);
+        const lr_eight_floats enters =
+            (lr_load_eight_floats(bound[s->near[a]]) - s->near_o[a]) * s->inv[a];
+        const lr_eight_floats leaves =
+            (lr_load_eight_floats(bound[s->far[a]]) - s->far_o[a]) * s->inv[a];
+        in = lr_pick_eight_floats(enters > in, enters, in);
+        out = lr_pick_eight_floats(leaves < out, leaves, out);
     }
-    out += (wide_floats)((wide_mask)out & INT32_MAX) * LR_WIDE_OFF;
+    out += (lr_eight_floats)((lr_eight_ints)out & INT32_MAX) * LR_WIDE_OFF;
     *t = in;
-    return LR_WIDE_CROSSED(&in, &out, last);
+    return lr_bits_of_eight((in <= out) & (in <= last));
 }
 
 /* The next leaf that the ray may meet until `last`, the nearer child of a node first; LR_NOWHERE:
@@ -53,7 +36,7 @@ LR_INLINE uint32_t wide_next(const lr_wide_node *nodes, const lr_slabs *s, float
             continue;
         uint32_t at = branch.child;
         while ((at & LR_LEAF) == 0) {
-            wide_floats t;
+            lr_eight_floats t;
             const lr_wide_node *node = &nodes[at];
             uint32_t lanes = wide_enter(node, s, last, &t);
             ++*n_nodes;
