@@ -10,9 +10,9 @@
 #error "LR_VECTORS says which instructions to use"
 #endif
 
-#include "base/base.h"
+#include "base/cpu.h"
 
-#if LR_VECTORS > 0
+#ifdef LR_X86
 #include <immintrin.h>
 #endif
 
@@ -147,6 +147,13 @@ LR_INLINE uint32_t lr_bits_of(lr_ints m)
     __m256 half[2];
     memcpy(half, &m, sizeof m);
     return (uint32_t)_mm256_movemask_ps(half[0]) | (uint32_t)_mm256_movemask_ps(half[1]) << 8;
+#elif defined LR_X86
+    __m128 part[4];
+    uint32_t bits = 0;
+    memcpy(part, &m, sizeof m);
+    for (int q = 0; q < 4; q++)
+        bits |= (uint32_t)_mm_movemask_ps(part[q]) << 4 * q;
+    return bits;
 #else
     const lr_ints bit = {1 << 0, 1 << 1, 1 << 2,  1 << 3,  1 << 4,  1 << 5,  1 << 6,  1 << 7,
                          1 << 8, 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15};
@@ -379,7 +386,8 @@ LR_INLINE uint32_t lr_bits_of_eight(lr_eight_ints m)
 #elif LR_VECTORS == 1
     return (uint32_t)_mm256_movemask_ps((__m256)m);
 #else
-    return lr_bits_of_longs(lr_longs_of_ints(m));
+    const lr_ints all = {m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7]};
+    return lr_bits_of(all);
 #endif
 }
 
@@ -388,6 +396,11 @@ LR_INLINE lr_eight_floats lr_load_eight_floats(const float *from)
     lr_eight_floats x;
     memcpy(&x, from, sizeof x);
     return x;
+}
+
+LR_INLINE void lr_store_eight_floats(float *to, lr_eight_floats x)
+{
+    memcpy(to, &x, sizeof x);
 }
 
 LR_INLINE void lr_store_eight(int32_t *to, lr_eight_ints x)

@@ -9,8 +9,10 @@
 #include "grid/classify_cells.h"
 
 #include "base/error.h"
-#include "base/sse2.h"
 #include "grid/attributes/triangle_attributes.h"
+
+#define LR_VECTORS 0 /* rows are too short for more */
+#include "base/vectors.h"
 
 /* The constant brick that a brick is like, 2: neither. Ids other than 0, touched
  * cells and attributes are something to keep. */
@@ -64,6 +66,9 @@ static lr_status drop_constants(lr_volume *v, const lr_watch *watch, lr_error *e
     return stopped ? lr_fail_stopped(error) : LR_OK;
 }
 
+typedef uint8_t eight_bytes __attribute__((vector_size(8)));
+typedef uint16_t eight_words __attribute__((vector_size(16)));
+
 /* A row's samples that are at or above T, as bits. Whole numbers are where they are at or above the
  * next whole number, f32 at or above the next float. */
 static uint32_t above_row(const lr_volume *v, size_t at)
@@ -71,25 +76,21 @@ static uint32_t above_row(const lr_volume *v, size_t at)
     const double t = ceil(v->threshold);
     switch (v->desc.sample_type) {
     case LR_U8: {
-        __m128i row = _mm_loadl_epi64((const void *)(v->samples + at));
-        __m128i least = _mm_set1_epi8((char)(uint8_t)t);
-        return (uint32_t)_mm_movemask_epi8(_mm_cmpeq_epi8(_mm_max_epu8(row, least), row)) & 0xff;
+        eight_bytes row;
+        memcpy(&row, v->samples + at, sizeof row);
+        return lr_bits_of_eight(__builtin_convertvector(row >= (uint8_t)t, lr_eight_ints));
     }
     case LR_U16: {
-        __m128i row = _mm_loadu_si128((const void *)(v->samples + 2 * at));
-        __m128i least = _mm_set1_epi16((short)(uint16_t)t);
-        const __m128i zero = _mm_setzero_si128();
-        __m128i above = _mm_cmpeq_epi16(_mm_subs_epu16(least, row), zero);
-        return (uint32_t)_mm_movemask_epi8(_mm_packs_epi16(above, zero)) & 0xff;
+        eight_words row;
+        memcpy(&row, v->samples + 2 * at, sizeof row);
+        return lr_bits_of_eight(__builtin_convertvector(row >= (uint16_t)t, lr_eight_ints));
     }
     case LR_F32: {
         const float *row = (const float *)(const void *)v->samples + at;
         float least = (float)v->threshold;
         if ((double)least < v->threshold)
             least = nextafterf(least, INFINITY);
-        __m128 t4 = _mm_set1_ps(least);
-        uint32_t low = (uint32_t)_mm_movemask_ps(_mm_cmpge_ps(_mm_loadu_ps(row), t4));
-        return low | (uint32_t)_mm_movemask_ps(_mm_cmpge_ps(_mm_loadu_ps(row + 4), t4)) << 4;
+        return lr_bits_of_eight(lr_load_eight_floats(row) >= least);
     }
     default: {
         uint32_t above = 0;

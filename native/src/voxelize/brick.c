@@ -9,12 +9,14 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/brick.h"
 
-#include "base/sse2.h"
 #include "mesh/triangle_box.h"
 #include "voxelize/component_sides.h"
 #include "voxelize/coverage.h"
 #include "voxelize/filter_profile.h"
 #include "voxelize/hole_fill.h"
+
+#define LR_VECTORS 0 /* rows are too short for more */
+#include "base/vectors.h"
 
 enum { POLL = 1 << 8 }; /* triangles between checks of the stop word: each may meet all cells */
 
@@ -49,18 +51,17 @@ static void take_sides(const lr_scratch *scratch, float *distance)
 
 static bool contradicts(const float *distance)
 {
-    const __m128 infinity = _mm_set1_ps(INFINITY), sign = _mm_set1_ps(-0.0f);
-    int found = 0;
+    uint32_t found = 0;
     for (int a = 0; a < 3; a++)
-        for (int i = 0; i + lr_stride(a) < LR_CELLS; i += 4) {
+        for (int i = 0; i + lr_stride(a) < LR_CELLS; i += LR_SIDE) {
             if (a > 0 && lr_along(i, a) == LR_SIDE - 1)
                 continue;
-            __m128 p = _mm_load_ps(&distance[i]), q = _mm_loadu_ps(&distance[i + lr_stride(a)]);
-            __m128 known = _mm_and_ps(_mm_cmplt_ps(p, infinity), _mm_cmplt_ps(q, infinity));
-            __m128 apart = _mm_cmpgt_ps(_mm_andnot_ps(sign, _mm_sub_ps(p, q)), _mm_set1_ps(MOST));
-            int bits = _mm_movemask_ps(_mm_and_ps(known, apart));
-            const bool row_ends = a == 0 && lr_along(i, 0) == LR_SIDE - 4;
-            found |= row_ends ? bits & 0x7 : bits;
+            const lr_eight_floats p = lr_load_eight_floats(&distance[i]),
+                                  q = lr_load_eight_floats(&distance[i + lr_stride(a)]),
+                                  apart = (lr_eight_floats)((lr_eight_ints)(p - q) & INT32_MAX);
+            const uint32_t bits =
+                lr_bits_of_eight((p < INFINITY) & (q < INFINITY) & (apart > MOST));
+            found |= a == 0 ? bits & 0x7f : bits; /* a row ends with its brick */
         }
     return found != 0;
 }
@@ -68,17 +69,16 @@ static bool contradicts(const float *distance)
 /* Set the values of the ramp filter, and the sides; 0 and neither side beyond the band. */
 static void settle(const lr_voxel_job *job, const float *distance, sides *side, lr_brick *brick)
 {
-    const __m128 slope = _mm_set1_ps((float)(0.5 / job->half_width)), one = _mm_set1_ps(1.0f);
-    const __m128 half = _mm_set1_ps(0.5f), zero = _mm_setzero_ps();
-    for (int i = 0; i < LR_CELLS; i += 4) {
-        __m128 s = _mm_load_ps(&distance[i]), known = _mm_cmplt_ps(s, _mm_set1_ps(INFINITY));
-        __m128 value = _mm_add_ps(half, _mm_mul_ps(s, slope));
-        value = _mm_min_ps(_mm_max_ps(value, zero), one);
-        _mm_store_ps(&brick->value[i], _mm_and_ps(known, value));
-        uint64_t inside = (uint64_t)_mm_movemask_ps(_mm_and_ps(known, _mm_cmpge_ps(s, zero)));
-        uint64_t outside = (uint64_t)_mm_movemask_ps(_mm_cmplt_ps(s, zero));
-        lr_layers_add(side->inside, i, inside);
-        lr_layers_add(side->outside, i, outside);
+    const float slope = (float)(0.5 / job->half_width);
+    const lr_eight_floats zero = {0}, one = 1.0f - zero;
+    for (int i = 0; i < LR_CELLS; i += LR_SIDE) {
+        const lr_eight_floats s = lr_load_eight_floats(&distance[i]), ramp = 0.5f + s * slope;
+        const lr_eight_ints known = s < INFINITY;
+        const lr_eight_floats least = lr_pick_eight_floats(ramp > zero, ramp, zero),
+                              value = lr_pick_eight_floats(least < one, least, one);
+        lr_store_eight_floats(&brick->value[i], lr_pick_eight_floats(known, value, zero));
+        lr_layers_add(side->inside, i, lr_bits_of_eight(known & (s >= 0)));
+        lr_layers_add(side->outside, i, lr_bits_of_eight(s < 0));
     }
 }
 

@@ -8,8 +8,10 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "voxelize/brick_distances.h"
 
-#include "base/sse2.h"
 #include "mesh/signed_distance.h"
+
+#define LR_VECTORS 0 /* rows are too short for more */
+#include "base/vectors.h"
 
 /* The nearest triangle is chosen in f32; its exact distance can exceed the band by this. */
 #define BAND_SLACK 1e-3
@@ -22,25 +24,23 @@
 static void take_heights(const lr_voxel_job *job, lr_scratch *scratch, float *distance)
 {
     const lr_nearest *nearest = &scratch->nearest;
-    const __m128 turn = _mm_set1_ps((float)-job->mesh->side), sign = _mm_set1_ps(-0.0f);
-    for (int tile = 0; tile < LR_TILES; tile++)
-        for (int lane = 0; lane < LR_TILE; lane += 4) {
-            int32_t sample = lr_tile_sample(tile, lane);
-            __m128 h = _mm_load_ps(&nearest->height[tile][lane]), size = _mm_andnot_ps(sign, h);
-            __m128 sure = _mm_and_ps(_mm_cmpgt_ps(size, _mm_set1_ps(SURE)),
-                                     _mm_cmplt_ps(size, _mm_set1_ps(INFINITY)));
-            __m128 s = _mm_and_ps(sure, _mm_mul_ps(h, turn));
-            s = _mm_or_ps(s, _mm_andnot_ps(sure, _mm_set1_ps(INFINITY)));
-            _mm_store_ps(&distance[sample], s);
-            for (int left = ~_mm_movemask_ps(sure) & 15; left != 0; left &= left - 1) {
-                int i = __builtin_ctz((unsigned)left);
-                int32_t who = nearest->winner[tile][lane + i];
-                if (who < 0)
-                    continue;
-                scratch->next[sample + i] = scratch->first[who];
-                scratch->first[who] = sample + i;
-            }
+    const float turn = (float)-job->mesh->side;
+    for (int tile = 0; tile < LR_TILES; tile++) {
+        const lr_floats h = lr_load_floats(nearest->height[tile]), size = lr_absolute(h);
+        const lr_ints sure = (size > SURE) & (size < INFINITY);
+        float s[LR_TILE];
+        lr_store_floats(s, lr_pick(sure, h * turn, lr_all_floats(INFINITY)));
+        for (int lane = 0; lane < LR_TILE; lane += 4)
+            memcpy(&distance[lr_tile_sample(tile, lane)], s + lane, 4 * sizeof *s);
+        for (uint32_t left = ~lr_bits_of(sure) & LR_ALL_LANES; left != 0; left &= left - 1) {
+            const int lane = __builtin_ctz(left);
+            const int32_t who = nearest->winner[tile][lane], sample = lr_tile_sample(tile, lane);
+            if (who < 0)
+                continue;
+            scratch->next[sample] = scratch->first[who];
+            scratch->first[who] = sample;
         }
+    }
 }
 
 void lr_brick_frame(const lr_topology *mesh, const int32_t first[3], uint32_t t, lr_frame *frame)
