@@ -40,6 +40,19 @@ static bool is_over(const lr_triangle_cells *e, uint32_t triangle, const double 
     return !beside || lr_triangle_cell_distance2(e, triangle, q) <= off * off;
 }
 
+/* May q lie on the triangle of corners p, but for `off`? Twice, for what rounds. */
+static bool is_in_box(const double *const p[3], const double q[3], double off)
+{
+    bool in = true;
+    for (int a = 0; a < 3; a++) {
+        const double x[3] = {p[0][a] - q[a], p[1][a] - q[a], p[2][a] - q[a]};
+        const double low = x[0] < x[1] ? x[0] : x[1], high = x[0] < x[1] ? x[1] : x[0];
+        in &=
+            ((low < x[2] ? low : x[2]) <= 2.0 * off) & ((high > x[2] ? high : x[2]) >= -2.0 * off);
+    }
+    return in;
+}
+
 /* Does q lie on the triangle, but for `off`? n: its unit normal to the given side. height: how far
  * q is on that side of its plane. */
 static bool lies_on(const lr_triangle_cells *e, uint32_t triangle, int32_t side, const double q[3],
@@ -47,7 +60,9 @@ static bool lies_on(const lr_triangle_cells *e, uint32_t triangle, int32_t side,
 {
     const double *p[3];
     lr_triangle_cell_corners(e, triangle, p);
-    lr_triangle_cell_normal(e, triangle, n);
+    if (!is_in_box(p, q, off)) /* as few are */
+        return false;
+    lr_corners_normal(p, n);
     const double square = lr_dot(n, n), along = lr_height_over(p[0], n, q);
     if (!(along * along <= off * off * square) || !is_over(e, triangle, p, n, square, q, off))
         return false;
@@ -58,29 +73,33 @@ static bool lies_on(const lr_triangle_cells *e, uint32_t triangle, int32_t side,
     return true;
 }
 
-void lr_way_to_side(const lr_volume *v, const int32_t c[3], int32_t side, const double q[3],
-                    double way[3])
+void lr_ways_to_sides(const lr_volume *v, const int32_t c[3], int32_t side, const double q[3],
+                      double way[2][3])
 {
-    double n[3], sum[3] = {0}, height = 0.0, least = INFINITY;
+    double n[3], sum[3] = {0}, height = 0.0, low = INFINITY, high = -INFINITY;
     uint32_t count, n_near = 0;
     const double off = lr_start_off(v);
     const uint32_t *list = lr_triangle_cell_list(v, c, &count);
     for (uint32_t i = 0; i < count; i++)
         if (lies_on(v->triangle_cells, list[i], side, q, off, n, &height)) {
             n_near++;
-            least = fmin(least, height);
+            low = fmin(low, height);
+            high = fmax(high, height);
             for (int a = 0; a < 3; a++)
                 sum[a] += n[a];
         }
     const double length = sqrt(lr_dot(sum, sum));
-    double far = n_near == 1 ? fmax(CLEAR - least, 0.0) : 0.0;
-    if (n_near > 1 && least < CLEAR && length > LEAST_LEAN)
-        for (uint32_t i = 0; i < count; i++)
-            if (lies_on(v->triangle_cells, list[i], side, q, off, n, &height)) {
-                const double lean = lr_dot(n, sum) / length;
-                if (lean > LEAST_LEAN)
-                    far = fmax(far, (CLEAR - height) / lean);
-            }
-    for (int a = 0; a < 3; a++)
-        way[a] = far > 0.0 ? far / length * sum[a] : 0.0;
+    for (int other = 0; other < 2; other++) {
+        const double sign = other ? -1.0 : 1.0, least = other ? -high : low;
+        double far = n_near == 1 ? fmax(CLEAR - least, 0.0) : 0.0;
+        if (n_near > 1 && least < CLEAR && length > LEAST_LEAN)
+            for (uint32_t i = 0; i < count; i++)
+                if (lies_on(v->triangle_cells, list[i], side, q, off, n, &height)) {
+                    const double lean = lr_dot(n, sum) / length;
+                    if (lean > LEAST_LEAN)
+                        far = fmax(far, (CLEAR - sign * height) / lean);
+                }
+        for (int a = 0; a < 3; a++)
+            way[other][a] = far > 0.0 ? far / length * (sign * sum[a]) : 0.0;
+    }
 }

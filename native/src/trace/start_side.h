@@ -6,9 +6,9 @@
 
 #include "grid/triangle_cells.h"
 
-/* The way, in storage space, that takes a start q onto this side, -1 or +1, of those of a triangle
- * cell's triangles that it lies on but for rounding. */
-void lr_way_to_side(const lr_volume *v, const int32_t c[3], int32_t side, const double q[3],
-                    double way[3]);
+/* The ways, in storage space, that take a start q onto this side, -1 or +1, and onto the other one,
+ * of those of a triangle cell's triangles that it lies on but for rounding. */
+void lr_ways_to_sides(const lr_volume *v, const int32_t c[3], int32_t side, const double q[3],
+                      double way[2][3]);
 
 #endif

@@ -48,7 +48,7 @@ LR_INLINE const double *lr_way_of(const lr_rays *rays, uint64_t i)
 }
 
 /* Leave a surface: stand on its cell, on the side of the triangles that it keeps, whatever rounding
- * says. way: see lr_way_to_side, where it is known; else NULL, or NaN. */
+ * says. way: see lr_ways_to_sides, where it is known; else NULL, or NaN. */
 LR_INLINE bool lr_leave(const lr_volume *v, lr_ray *r, lr_cursor *u, const lr_start *start,
                         double t_min, const double *way)
 {
@@ -64,11 +64,11 @@ LR_INLINE bool lr_leave(const lr_volume *v, lr_ray *r, lr_cursor *u, const lr_st
     u->t = t_min;
     if (inside && v->triangle_cells != NULL && lr_is_triangle_cell(v, u->c)) {
         const int32_t c[3] = {u->c[0], u->c[1], u->c[2]}; /* copies, for the registers' sake */
-        double q[3], own[3];
+        double q[3], own[2][3];
         if (way == NULL || isnan(way[0])) {
             lr_point_at(r, t_min, q);
-            lr_way_to_side(v, c, start->side, q, own);
-            way = own;
+            lr_ways_to_sides(v, c, start->side, q, own);
+            way = own[0];
         }
         for (int a = 0; a < 3; a++)
             r->o[a] += way[a];

@@ -147,8 +147,8 @@ typedef struct lr_shading_point {
     double position[3];
     double origin[3];  /* of rays on the viewer's side */
     lr_start start;    /* in the cell of the hit, on the viewer's side */
-    double way[3];     /* by which rays get clear of triangles there, see lr_way_to_side; NaN: not
-                          known */
+    double way[2][3];  /* by which rays on that side, and beyond, get clear of triangles there, see
+                          lr_ways_to_sides; NaN: not known */
     bool is_offset;    /* origin lies above the cell's own surface */
     uint32_t triangle; /* that was hit, or LR_NO_TRIANGLE */
     const lr_path *path;

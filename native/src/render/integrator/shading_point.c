@@ -84,15 +84,14 @@ static void locate(const lr_placed *placed, const lr_shading_point *s, int32_t c
         p[a] = lr_clamp(q[a] - c[a], 0, 1);
 }
 
-/* The way of rays on the viewer's side, from q in storage cell c; NaN where none of them needs
- * one. */
-static void find_way(const lr_volume *v, const int32_t c[3], const double q[3], bool leaves,
-                     lr_shading_point *s)
+/* The ways of rays to both sides, from q in storage cell c; NaN where none of them needs one. */
+static void find_ways(const lr_volume *v, const int32_t c[3], const double q[3], bool leaves,
+                      lr_shading_point *s)
 {
     if (leaves && !s->is_offset && v->triangle_cells != NULL && lr_is_triangle_cell(v, c))
-        lr_way_to_side(v, c, s->start.side, q, s->way);
+        lr_ways_to_sides(v, c, s->start.side, q, s->way);
     else
-        s->way[0] = s->way[1] = s->way[2] = NAN;
+        s->way[0][0] = s->way[1][0] = NAN;
 }
 
 /* From the hit, at p of storage cell c, to the smooth surface above it, in world
@@ -214,7 +213,7 @@ void lr_surface_find(const lr_scene *scene, const lr_ray_queue *rays, const lr_h
     shading_point->is_offset = terminator_offset(placed, shading_point, hit->id[i], c, p, offset);
     for (int a = 0; a < 3 && shading_point->is_offset; a++)
         shading_point->origin[a] += offset[a];
-    find_way(volume, c, q, leaves, shading_point);
+    find_ways(volume, c, q, leaves, shading_point);
     uint32_t slot;
     shading_point->material_index = lr_material_of(scene, shading_point->instance, id, &slot);
     shading_point->material = &scene->materials[shading_point->material_index];

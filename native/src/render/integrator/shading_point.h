@@ -38,9 +38,7 @@ lr_start lr_surface_straight_start(const lr_shading_point *shading_point, uint32
 /* The way of a ray that starts so, if the shading point knows it. */
 LR_INLINE void lr_surface_way(const lr_shading_point *s, const lr_start *start, double way[3])
 {
-    const bool same = start->side == s->start.side;
-    for (int a = 0; a < 3; a++)
-        way[a] = same ? s->way[a] : NAN;
+    memcpy(way, s->way[start->side != s->start.side], sizeof s->way[0]);
 }
 
 /* Likewise, and from which point, for a shadow ray along d (unit). */
