@@ -69,6 +69,19 @@ static aimed *aim(const lr_context *context, const lr_intersect_options *options
     return at;
 }
 
+/* Does a ray that starts in a solid, and meets something else there before it ends, first leave the
+ * solid beyond that? Then it has missed nothing, and no walk through cells needs to tell. */
+static bool ends_within(const lr_structure *structure, uint32_t branch, const lr_tree_ray *ray)
+{
+    lr_tree_ray whole = *ray;
+    double n[3];
+    whole.any = false;
+    if (lr_tree_meet(structure, branch, INFINITY, LR_NO_TRIANGLE, &whole) != LR_TREE_MEETS)
+        return false;
+    lr_triangle_cell_normal(structure->tree->cells, whole.triangle, n);
+    return lr_dot(n, whole.r.d) > 0;
+}
+
 /* Meet a part of an instance by its tree: writes a hit that is nearer than what the ray has met so
  * far; false where only a batch can tell. */
 static bool meet_by_tree(const lr_context *context, const lr_intersect_options *options, aimed *at,
@@ -80,7 +93,7 @@ static bool meet_by_tree(const lr_context *context, const lr_intersect_options *
     const lr_tree_outcome outcome = lr_tree_meet(
         structure, branch, hits->t[i], again ? hits->hit.triangle[i] : LR_NO_TRIANGLE, &at->ray);
     if (outcome == LR_TREE_ASKS)
-        return false;
+        return hits->t[i] < INFINITY && ends_within(structure, branch, &at->ray);
     if (context->counters != NULL) {
         context->counters->nodes += at->ray.n_nodes;
         context->counters->tests += at->ray.n_blocks;
