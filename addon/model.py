@@ -139,6 +139,7 @@ class Look:
     scattering: Callable[[NDArray[np.float64]], NDArray[np.float64]] = nothing  # of extinction,
     forward: Callable[[NDArray[np.float64]], NDArray[np.float64]] = nothing  # by its mean cosine
     key: bytes = b""  # what they do
+    named: tuple[float, ...] = ()  # values that it may turn at, among others
     phase: str = "henyey_greenstein"  # of leapray.rendering.PHASES
     per_world_unit: bool = False  # else objects that are scaled stay as dense as they look
     shading: GradientShading = GradientShading()

@@ -25,7 +25,7 @@ import leapray
 
 from . import film, model
 from .methods import Method
-from .plan import culling, fastest, fields, objects
+from .plan import culling, fastest, fields, looks, objects
 from .plan.levels import MB
 from .plan.planned import Plan
 from .store.memory_cache import Cache
@@ -41,7 +41,6 @@ PLAIN: dict[str, Any] = {
     "least": 0,
     "interpolation": "linear",
 }
-SHADES = 1024  # values at which it is asked what a material emits
 
 
 class Values(fields.Fields):
@@ -302,7 +301,6 @@ def _mean(value, length, more, by) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 def _ramp(look: model.Look, low: float, high: float) -> tuple[NDArray, NDArray] | None:
     """What a look emits from low to high, the brightest channel 1; None where it emits nothing."""
-    values = np.linspace(low, high, SHADES)
-    colors = look.emission(values)
+    values, colors = looks.bends(look.emission, looks.places(low, high, look.named))
     most = colors.max()
     return (values, colors / most) if np.isfinite(colors).all() and most > 0 else None

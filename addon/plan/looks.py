@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,8 +15,16 @@ import leapray
 
 from .. import model
 
-SAMPLES = 4097  # at which a look is asked
+SAMPLES = 4097  # at which a look is asked at equal distances, before it is asked where it bends
+BETWEEN = 129  # and between two values that its nodes name
+OCTAVES = 128  # of distances from values that are named, each halved from the one before,
+PER_OCTAVE = 16  # with so many values in each
+MOST_NAMED = 64  # values that nodes name
+MOST_ASKED = 1 << 15  # knots that are found: half of what a transfer function may have
+FINEST = float(np.finfo(np.float32).eps)  # of a value, by which samples are told apart at least,
+LEAST = float(np.finfo(np.float32).tiny)  # and near 0
 ACCURACY = 1e-4  # what leaving out knots may change, as a share of the largest
+MOST = 1e30  # what is as dense over a voxel as any surface; more is no transfer function
 GREY = 0.02  # channels of extinction that differ by less are not told,
 EVEN = 0.01  # nor anisotropy
 TINY = float(np.finfo(np.float64).tiny)
@@ -55,16 +65,12 @@ def transfer(look: model.Look, low: float, high: float, voxel: float = 1.0) -> T
 
     Raises LeapRayError where a number of it is none.
     """
-    values = np.linspace(low, high, SAMPLES) if high > low else np.array([low])
-    extinction, emission = look.extinction(values), look.emission(values)
-    scattering, forward = look.scattering(values), look.forward(values)
-    if not np.isfinite(np.stack([extinction, emission, scattering, forward])).all():
-        raise leapray.LeapRayError("its look has a value that is no number (NaN or infinite)")
-    mean = extinction.mean(1)
-    scattering = np.where(mean[:, None] > 0, scattering, 0.0)
+    values, columns = _where_it_bends(look, low, high, voxel)
+    extinction, forward = columns[:, 7:10], columns[:, 10:]
+    columns = columns[:, :7]
+    mean, emission, scattering = columns[:, 0], columns[:, 1:4], columns[:, 4:]
     grey = bool((np.ptp(extinction, axis=1) <= GREY * mean.max(initial=0.0)).all())
-    columns = np.column_stack([mean, emission, scattering])
-    kept = knots(values, columns)
+    kept = knots(values, columns, 1.0 / voxel)
     width = _width(values[kept], columns[kept])
     full = look.modulation * width / voxel
     if look.modulation > 0:
@@ -73,11 +79,39 @@ def transfer(look: model.Look, low: float, high: float, voxel: float = 1.0) -> T
     made = leapray.TransferFunction(
         values[kept], mean[kept], dark, emission[kept], scattering[kept], full
     )
-    total = scattering.sum()
-    anisotropy = float(np.clip(forward.sum() / total, -1, 1)) if total > 0 else 0.0
+    weight = np.gradient(values)[:, None] if len(values) > 1 else 1.0
+    total = (weight * scattering).sum()
+    anisotropy = float(np.clip((weight * forward).sum() / total, -1, 1)) if total > 0 else 0.0
     off = np.abs(forward - anisotropy * scattering).max(initial=0.0)
     even = bool(off <= EVEN * scattering.max(initial=0.0))
     return Transfer(made, look.shading.amount > 0, bool(total > 0), anisotropy, width, grey, even)
+
+
+def _where_it_bends(
+    look: model.Look, low: float, high: float, voxel: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Values (n,) between which all of a look is linear, and of them its mean extinction, emission,
+    scattering, extinction and forward scattering, in columns (n, 13). Raises LeapRayError where a
+    number of it is none."""
+
+    def columns(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        parts = look.extinction, look.emission, look.scattering, look.forward
+        extinction, emission, scattering, forward = (part(values) for part in parts)
+        if not np.isfinite(np.stack([extinction, emission, scattering, forward])).all():
+            raise leapray.LeapRayError("its look has a value that is no number (NaN or infinite)")
+        largest = np.maximum(extinction, scattering).max(1)
+        share = np.minimum(1.0, MOST / np.maximum(largest, MOST))[:, None]
+        mean = np.minimum((share * extinction).mean(1), MOST)
+        scattering = np.where(mean[:, None] > 0, scattering, 0.0)
+        return np.column_stack(
+            [
+                mean,
+                np.minimum(emission, MOST),
+                *(np.minimum(share * each, MOST) for each in (scattering, extinction, forward)),
+            ]
+        )
+
+    return bends(columns, places(low, high, look.named), 1.0 / voxel)
 
 
 def _width(values: NDArray[np.float64], columns: NDArray[np.float64]) -> float:
@@ -116,22 +150,81 @@ def unit(look: model.Look, world_from_object: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(np.asarray(world_from_object)[:3, :3].sum(1)) / np.sqrt(3))
 
 
-def knots(x: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Which of the points (n,) are needed for lines between them to give columns (n, k).
+def places(low: float, high: float, named: Sequence[float] = ()) -> NDArray[np.float64]:
+    """Values from low to high, the closer the nearer they are to the ends, to 0 and to named ones:
+    what a look does between two tissues is found as well where a single voxel is a million."""
+    if not high > low:
+        return np.array([low])
+    marks = np.unique([low, high, *(v for v in (0.0, *named[:MOST_NAMED]) if low < v < high)])
+    steps = (high - low) * 0.5 ** (np.arange(OCTAVES * PER_OCTAVE) / PER_OCTAVE)
+    near = [marks, *(m + s * steps for m in marks for s in (-1.0, 1.0))]
+    between = [np.linspace(a, b, BETWEEN) for a, b in itertools.pairwise(marks)]
+    found = np.concatenate([np.linspace(low, high, SAMPLES), *near, *between])
+    return _apart(found[(found >= low) & (found <= high)])
 
+
+def _apart(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values in their order, of those that samples do not tell apart the first and the last."""
+    values = np.unique(values)
+    far = np.diff(values) > np.maximum(FINEST * np.abs(values[1:]), LEAST)
+    return values[np.concatenate([[True], far]) | np.concatenate([far, [True]])]
+
+
+def bends(
+    columns: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    values: NDArray[np.float64],
+    most: float = np.inf,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Values (m,), and columns (m, k) of them: halved between values (n,) wherever columns are not
+    linear there or cease to be 0, until they are or samples tell values no more apart; most: as of
+    knots."""
+    found = columns(values)
+    open_ = np.arange(len(values) - 1)  # intervals
+    while len(open_) and len(values) < MOST_ASKED:
+        middle = values[open_] + 0.5 * (values[open_ + 1] - values[open_])
+        told = columns(middle)
+        line = 0.5 * (found[open_] + found[open_ + 1])
+        off = np.abs(told - line) / _scale(found, most, told)
+        wide = np.diff(values)[open_] > np.maximum(FINEST * np.abs(middle), LEAST)
+        shown = found.any(1)
+        odd = (off > ACCURACY / 2).any(1) | (shown[open_] != shown[open_ + 1])
+        bent = np.flatnonzero(wide & odd)[: MOST_ASKED - len(values)]
+        after = open_[bent] + 1
+        values = np.insert(values, after, middle[bent])
+        found = np.insert(found, after, told[bent], axis=0)
+        first = open_[bent] + np.arange(len(bent))
+        open_ = np.column_stack([first, first + 1]).ravel()
+    return values, found
+
+
+def _scale(columns: NDArray, most: float, own: NDArray) -> NDArray[np.float64]:
+    """What own of the columns may be off in proportion to: the largest, up to a bound, from which
+    on it is what they are themselves."""
+    largest = np.maximum(np.abs(columns).max(0), TINY)
+    return np.maximum(np.minimum(largest, most), np.abs(own))
+
+
+def knots(
+    x: NDArray[np.float64], columns: NDArray[np.float64], most: float = np.inf
+) -> NDArray[np.int64]:
+    """Which of the points (n,) are needed for lines between them to give columns (n, k), and 0
+    wherever all are, so that nothing is seen there.
+
+    most: the largest number that a share of is nothing; larger ones count as they are.
     Source: Douglas and Peucker 1973.
     """
-    scale = np.maximum(np.abs(columns).max(0), np.finfo(float).tiny)
-    columns = columns / scale
-    kept = {0, len(x) - 1}
-    ranges = [(0, len(x) - 1)]
+    scale = _scale(columns, most, columns)
+    hidden = ~columns.any(1)
+    ends = np.flatnonzero(hidden[:-1] != hidden[1:])
+    kept = {0, len(x) - 1, *np.where(hidden[ends], ends, ends + 1).tolist()}
+    ranges = list(itertools.pairwise(sorted(kept)))
     while ranges:
         first, last = ranges.pop()
         if last - first < 2:
             continue
         share = ((x[first : last + 1] - x[first]) / (x[last] - x[first]))[:, None]
         line = (1 - share) * columns[first] + share * columns[last]
-        off = np.abs(columns[first : last + 1] - line).max(1)
+        off = (np.abs(columns[first : last + 1] - line) / scale[first : last + 1]).max(1)
         worst = int(off.argmax())
         if off[worst] > ACCURACY:
             kept.add(first + worst)

@@ -12,7 +12,7 @@ import vdb_files
 from blender_scenes import diffuse, light, mesh, nodes_of, plane, put, ramp_of, read
 from engines import bare, blocks, both, render, warnings
 
-from addon import pipeline
+from addon import model, pipeline
 from addon.plan import looks
 
 
@@ -221,6 +221,62 @@ def test_holdouts_and_cuts_of_what_has_no_surface_are_named(tmp_path):
     told = " ".join(warnings())
     assert "A cut through a volume that has no surface is not supported yet: 'Fog'" in told
     assert "Holdout of volumes without a surface is not supported yet: 'Fog'" in told
+
+
+@pytest.mark.parametrize("wild", [1e5, 1e30, np.inf])
+def test_a_single_wild_sample_changes_nothing_elsewhere(wild, tmp_path):
+    """It lies near a corner, and the picture's middle does not see it."""
+    pictures = []
+    for number in (0.5, wild):
+        scene = before_white(8)
+        material = ramped(
+            shaded("VolumePrincipled", Color=BLACK, Density=3.0, Emission_Strength=2.0),
+            "Emission Color",
+            [(0.1, (0, 0, 0)), (0.25, (1.0, 0.1, 0.0)), (0.3, (0.0, 0.2, 1.0)), (0.5, (1, 1, 1))],
+        )
+        values = np.broadcast_to(np.linspace(0, 1, 36)[:, None, None], (36, 36, 36)).copy()
+        values[2, 2, 2] = number
+        volume = smoke(material, tmp_path).data
+        volume.filepath = vdb_files.write(
+            tmp_path / f"{number}.vdb", vdb_files.grid(values, "density")
+        )
+        pictures.append(render(scene, "LEAPRAY", 4)["Combined"][3:5, 2:6])
+        assert not warnings()
+    assert np.ptp(pictures[0]) > 0.5
+    assert np.abs(pictures[1] - pictures[0]).max() < 2e-4
+
+
+def column(function):
+    return lambda values: np.repeat(function(values)[:, None], 3, axis=1)
+
+
+@pytest.mark.parametrize("high", [1.0, 1e6])
+def test_looks_jump_and_end_where_they_do_to_the_last_bit_of_a_sample(high):
+    def shown(values):
+        return np.where(values < 0.7, np.clip(values - 0.3, 0, 0.1), 5.0)
+
+    made = looks.transfer(model.Look(column(shown), model.nothing), 0.0, high).function
+    assert len(made.values) < 12
+    ulp = np.spacing(np.float32(0.7))
+    at = np.concatenate([np.linspace(0, 1, 1001), [0.7 - 2 * ulp, 0.7 + 2 * ulp]])
+    at = at[np.abs(at - 0.7) > ulp]
+    got = np.interp(at, made.values, made.extinction)
+    np.testing.assert_allclose(got, shown(at), atol=5 * looks.ACCURACY)
+    assert made.greatest(0.0, 0.3 - 2 * ulp)[0] == 0.0 < made.greatest(0.0, 0.3 + 2 * ulp)[0]
+
+
+def test_looks_turn_between_values_that_nodes_name():
+    """Between 1e6 and 1e6 + 4, of values from -1e9 to 1e9."""
+
+    def shown(values):
+        return np.clip(1 - np.abs(values - 1e6 - 2) / 2, 0, 1)
+
+    look = model.Look(column(shown), model.nothing, named=(1e6, 4.0, 1e6 + 4))
+    made = looks.transfer(look, -1e9, 1e9).function
+    at = 1e6 + np.linspace(-4, 8, 97)
+    np.testing.assert_allclose(
+        np.interp(at, made.values, made.extinction), shown(at), atol=5 * looks.ACCURACY + 0.06
+    )
 
 
 def test_few_knots_give_what_many_values_do():

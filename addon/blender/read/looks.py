@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from leapray import LeapRayError, Step, compile_program
-from leapray.programs import INPUTS
+from leapray.programs import INPUTS, numbers_of
 
 from ... import model
 from . import colors, phases
@@ -80,6 +80,7 @@ class _Reader(Constants):
         self.phases: set[str] = set()  # of what scatters,
         self.cosines: list[Part] = []  # and their means
         self.keys: list[bytes] = []
+        self.named: dict[float, None] = {}  # numbers among the nodes
 
     def read(self, output: Place) -> model.Look:
         found = self.flattened(output.node.inputs.get("Volume"))
@@ -106,6 +107,7 @@ class _Reader(Constants):
             _sum(self.scattering),
             _sum(self.forward),
             b"|".join(self.keys),
+            tuple(self.named),
             phase.lower(),
         )
 
@@ -254,6 +256,7 @@ class _Reader(Constants):
             self.strange[f"so many nodes ({error})"] = None
             return lambda v: np.zeros((len(v), 3))
         self.keys.append(program.key)
+        self.named |= dict.fromkeys(numbers_of(triple))
 
         def run(v: NDArray) -> NDArray:
             inputs = np.ones((len(v), 4), np.float32)
