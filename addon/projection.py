@@ -62,14 +62,19 @@ class Values(fields.Fields):
         samples = self._stored(key, field, 0.0, factor, room, leapray.FieldSamples)
         if not samples.low <= samples.high:
             return [], [f"{name!r} shows nothing, for its data hold no value."]
-        self.limits[n] = samples.low, samples.high
         nothing = leapray.TransferFunction([0.0], [0.0])
         made = functools.partial(
             samples.at, nothing, everywhere=True, threads=self.threads, watch=self.watch
         )
         structure = self._structure((*key, b"all"), made, room, samples.nbytes)
+        if not structure.volume.info.n_surface_cells:
+            return [], [f"{name!r} shows nothing, for {objects.no_cells(field.grid)}."]
+        self.limits[n] = samples.low, samples.high
+        told = []
+        if samples.infinite:
+            told = [f"{name!r} holds an infinite value, beside which all others look the same."]
         nbytes = structure.volume.info.nbytes
-        return [fields.Surface(n, 0, structure, factor, nbytes)], []
+        return [fields.Surface(n, 0, structure, factor, nbytes)], told
 
     def _row(self, surface: fields.Surface) -> dict[str, object]:
         low, high = self.limits[surface.field]

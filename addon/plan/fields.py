@@ -293,6 +293,8 @@ class Fields:
         )
         own = *self._seen_key(field, factor), *field.look.seen_key
         structure = self._structure(own, made, room, samples.nbytes)
+        if not structure.volume.info.n_surface_cells:
+            return [], [f"{name!r} shows nothing, for {objects.no_cells(field.grid)}."]
         nbytes = structure.volume.info.nbytes
         light = looks.light_of(field, transfer)
         return [Surface(n, 0, structure, factor, nbytes, light=light)], transfer.doubts(name)

@@ -62,6 +62,16 @@ def lattice(grid: ScalarGrid) -> NDArray[np.int64]:
     return np.array([first.min(axis=0) - 1, (first + sizes[:, None]).max(axis=0)])
 
 
+def no_cells(grid: ScalarGrid) -> str:
+    """Why there is nothing to see between the samples of a grid that hold values."""
+    layers = np.ptp(lattice(grid), axis=0).min() - 1
+    if layers < 1:
+        return "its data are empty"
+    if layers == 1:
+        return "its data are a single layer of samples, between which there is no space"
+    return "no eight samples that are neighbours hold values of which any is seen"
+
+
 def wrong_with_mesh(mesh: model.Mesh) -> str:
     """Why the mesh cannot be modelled, or ""."""
     if len(mesh.triangles) == 0:

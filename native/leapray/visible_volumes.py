@@ -60,6 +60,7 @@ class FieldSamples:
     grids that hold no real numbers, OutOfMemory beyond max_nbytes before anything is stored,
     Stopped when watch was told to stop.
     Attributes: low and high, the least and the largest value, low above high where there is none;
+    infinite: whether either is infinite, and counts as the largest number of f32;
     scale and offset: the value is offset + scale * occupancy in each of its volumes; nbytes: of the
     samples, which are part of the nbytes of each volume.
     """
@@ -91,6 +92,7 @@ class FieldSamples:
             self._scale = scale / made.gain
             self.offset = offset + self._scale * made.base
         self.low, self.high = ends if self._samples.low > self._samples.high else sorted(ends)
+        self.infinite = self._samples.infinite
         self.scale = self._scale * ONES[TYPES[made.sample_type]]
         self._only = transfer(self.low, self.high) if callable(transfer) else transfer
         if self._only is not None and self._bounded:

@@ -15,6 +15,7 @@ import leapray
 from addon import cli, methods
 from addon.blender import engine, result, ui
 
+nibabel = pytest.importorskip("nibabel")
 METHODS = leapray.image_methods()
 HEAD = Path(__file__).resolve().parents[2] / "blend_samples" / "head.nii.gz"
 
@@ -43,6 +44,25 @@ def add_fog(folder):
     volume = bpy.data.volumes.new("Fog")
     volume.filepath = vdb_files.write(folder / "fog.vdb", vdb_files.fog())
     return put("Fog", volume, location=(-0.5, 0, -1))
+
+
+@pytest.mark.parametrize("shown", ["auto", "volume", "labels"])
+def test_projections_ask_neither_for_a_threshold_nor_for_a_shader(scene, shown, tmp_path):
+    """Of one value everywhere, of which no surface is found, and without a material."""
+    volume = bpy.data.volumes.new("Even")
+    image = nibabel.Nifti1Image(np.full((16, 16, 16), 0.5, np.float32), 100 * np.eye(4))
+    nibabel.save(image, tmp_path / "even.nii")
+    volume.leapray.file = str(tmp_path / "even.nii")
+    volume.leapray.shown = shown
+    put("Even", volume, location=(-0.8, -0.8, 0))
+    scene.leapray.method, scene.leapray.samples = "maximum", 1
+    bpy.ops.render.render()
+    assert combined(scene)[24, 32, :3].min() == 1.0
+    (report,) = engine.reports.values()
+    assert report["values"] == [0.5, 0.5]
+    assert report["warnings"] == [
+        "The render method maximum shows values of volume objects alone, without 'Cube'."
+    ]
 
 
 @pytest.mark.parametrize("entry", METHODS, ids=lambda entry: entry.name)

@@ -229,6 +229,43 @@ def test_a_material_that_emits_gives_its_colors():
     assert_allclose(frame.passes["Combined"][..., :3][OWN], want[OWN], atol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("samples", "why"),
+    [
+        (noise()[:1], "its data are a single layer of samples, between which there is no space"),
+        (np.full((4, 4, 4), np.nan, np.float32), "its data hold no value"),
+        (
+            np.where(np.indices((4, 4, 4)).sum(0) % 2, noise(0, (4, 4, 4)), np.nan),
+            "no eight samples that are neighbours hold values of which any is seen",
+        ),
+        (
+            Leaves(np.zeros((0, 3), np.int32), np.zeros((0, 8, 8, 8), np.float32), background=0.0),
+            "its data are empty",
+        ),
+    ],
+    ids=["layer", "none", "apart", "empty"],
+)
+def test_what_shows_nothing_is_named(samples, why):
+    data = grid(samples) if isinstance(samples, np.ndarray) else ScalarGrid("d", samples, np.eye(4))
+    look = model.Look(*[lambda v: np.ones((len(v), 3))] * 2)
+    frame = pipeline.render(scene([field(data)], method="maximum"))
+    assert frame.warnings[0] == f"'Volume 0' shows nothing, for {why}."
+    assert not frame.passes["Combined"][..., :3].any()
+    lit = scene([field(data, look=look)], meshes=[scenes.sphere(1.0)])
+    told = pipeline.render(lit).warnings
+    assert told == frame.warnings[:1] or why == "its data are empty"  # light: its background
+
+
+def test_an_infinite_value_is_named():
+    samples = noise()
+    for wild in (np.inf, -np.inf):
+        samples[3, 3, 3] = wild
+        told = pipeline.render(scene([field(samples)], method="maximum")).warnings
+        assert told == [
+            "'Volume 0' holds an infinite value, beside which all others look the same."
+        ]
+
+
 def test_smoothing_is_done_before():
     samples = noise(8)
     plain = passes(scene([field(samples)], method="maximum"))["Value"]

@@ -18,7 +18,7 @@ import numpy as np
 from leapray import LeapRayError, Stopped
 from leapray.rendering import VISIBILITIES
 
-from ... import model
+from ... import methods, model
 from ...descriptions import WHOLE_MAX
 from ...memory import Resident
 from ...process import POLL
@@ -75,7 +75,8 @@ def read(
     _note_scene(scene, notes)
     _note_passes(depsgraph.view_layer, notes)
     _note_libraries(notes)
-    objects = _Objects(depsgraph, notes, volumes.Caller(stop, progress))
+    projected = bool(methods.find(settings.method).mode)
+    objects = _Objects(depsgraph, notes, volumes.Caller(stop, progress), projected)
     shown = objects.instances or objects.field_instances
     if not shown and depsgraph.view_layer_eval.use_solid:
         _nothing_shown(depsgraph, notes)
@@ -191,8 +192,8 @@ def _exposure(scene) -> float:
 class _Objects:
     """Walks the depsgraph's instances once: meshes, their places, materials, lights."""
 
-    def __init__(self, depsgraph, notes: Warnings, caller: volumes.Caller) -> None:
-        self.notes, self._caller = notes, caller
+    def __init__(self, depsgraph, notes: Warnings, caller: volumes.Caller, projected: bool) -> None:
+        self.notes, self._caller, self._projected = notes, caller, projected
         self.meshes: list[model.Mesh] = []
         self.instances: list[model.Instance] = []
         self.fields: list[model.Field] = []
@@ -385,7 +386,7 @@ class _Objects:
         if key not in self._field_at:
             try:
                 field = volumes.read_field(
-                    ob, original, worn, self._depsgraph, self.notes, self._caller
+                    ob, original, worn, self._depsgraph, self.notes, self._caller, self._projected
                 )
             except Stopped:
                 raise

@@ -53,12 +53,13 @@ class Caller:
 
 
 def read_field(
-    ob, original, material, depsgraph, notes, caller: Caller = Caller()
+    ob, original, material, depsgraph, notes, caller: Caller = Caller(), projected: bool = False
 ) -> model.Field | None:
     """The field of an evaluated volume object; None where a sequence shows nothing in this frame.
 
     original: the datablock of its object in the file. material: of its first slot, which says what
-    a field without a surface looks like. notes are told of what is in doubt. Raises
+    a field without a surface looks like. notes are told of what is in doubt. projected: its values
+    alone are wanted, and the colours that such a material has for them, if any. Raises
     LeapRayError with the reason that makes the volume useless, Stopped soon after the caller said
     so.
     """
@@ -74,6 +75,15 @@ def read_field(
         "read_nbytes": grid.nbytes,
         "clip": clips.read_clip(ob, own, depsgraph, notes),
     }
+    if projected:
+        return model.Field(
+            grid=grid,
+            contents=contents,
+            thresholds=(),
+            smoothing=own.smoothing,
+            look=_colors(material, grid, notes) if own.shown == "volume" else None,
+            **told,
+        )
     if own.shown == "volume":
         if told.pop("clip") is not None:
             notes.unsupported("A cut through a volume that has no surface is", ob.name)
@@ -116,6 +126,14 @@ def read_field(
         least=own.least,
         **told,
     )
+
+
+def _colors(material, grid: ScalarGrid, notes) -> model.Look | None:
+    """What a material makes of values; None where it has no volume shader."""
+    try:
+        return looks.read_look(material, grid.name, notes)
+    except LeapRayError:
+        return None
 
 
 def field_color(texture: Texture, field: model.Field) -> model.FieldColor | None:
