@@ -24,7 +24,8 @@ MOST_ASKED = 1 << 15  # knots that are found: half of what a transfer function m
 FINEST = float(np.finfo(np.float32).eps)  # of a value, by which samples are told apart at least,
 LEAST = float(np.finfo(np.float32).tiny)  # and near 0
 ACCURACY = 1e-4  # what leaving out knots may change, as a share of the largest
-MOST = 1e30  # what is as dense over a voxel as any surface; more is no transfer function
+DENSE = 1e10  # over a voxel: as good as any surface; of more rays would not find out again
+MOST = 1e30  # of light that is emitted
 GREY = 0.02  # channels of extinction that differ by less are not told,
 EVEN = 0.01  # nor anisotropy
 TINY = float(np.finfo(np.float64).tiny)
@@ -93,6 +94,7 @@ def _where_it_bends(
     """Values (n,) between which all of a look is linear, and of them its mean extinction, emission,
     scattering, extinction and forward scattering, in columns (n, 13). Raises LeapRayError where a
     number of it is none."""
+    dense = min(DENSE / voxel, MOST)
 
     def columns(values: NDArray[np.float64]) -> NDArray[np.float64]:
         parts = look.extinction, look.emission, look.scattering, look.forward
@@ -100,16 +102,13 @@ def _where_it_bends(
         if not np.isfinite(np.stack([extinction, emission, scattering, forward])).all():
             raise leapray.LeapRayError("its look has a value that is no number (NaN or infinite)")
         largest = np.maximum(extinction, scattering).max(1)
-        share = np.minimum(1.0, MOST / np.maximum(largest, MOST))[:, None]
-        mean = np.minimum((share * extinction).mean(1), MOST)
-        scattering = np.where(mean[:, None] > 0, scattering, 0.0)
-        return np.column_stack(
-            [
-                mean,
-                np.minimum(emission, MOST),
-                *(np.minimum(share * each, MOST) for each in (scattering, extinction, forward)),
-            ]
+        share = np.minimum(1.0, dense / np.maximum(largest, dense))[:, None]
+        extinction, emission, scattering, forward = (
+            share * each for each in (extinction, emission, scattering, forward)
         )
+        mean = extinction.mean(1)
+        scattering = np.where(mean[:, None] > 0, scattering, 0.0)
+        return np.column_stack([mean, np.minimum(emission, MOST), scattering, extinction, forward])
 
     return bends(columns, places(low, high, look.named), 1.0 / voxel)
 

@@ -238,14 +238,36 @@ def test_the_mean_of_an_anisotropy_is_by_what_is_scattered():
     assert not got.even
 
 
-def test_densities_beyond_all_numbers_are_those_of_a_wall(tmp_path):
+def test_densities_of_any_size_are_those_of_a_wall(tmp_path):
+    """Lit from before, scattered once: as bright at any density from some on."""
+    pictures = []
+    for density in (1e6, 1e20, 1e30, np.inf):
+        scene = dark()
+        under("SUN")
+        material = ramped(shaded("VolumeScatter"), "Color", [(0, (0, 0, 0)), (0.1, (1, 1, 1))])
+        shader_of(material).inputs["Density"].default_value = density
+        smoke(material, tmp_path)
+        pictures.append(render(scene, "LEAPRAY", 16)["Combined"][6:10, 6:10])
+        assert not warnings()
+        assert (pictures[-1][..., 3] == 1.0).all()
+    for picture in pictures[1:]:
+        assert picture.mean() == pytest.approx(pictures[0].mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("density", [1e6, 1e20, 1e36])
+def test_what_shines_within_is_as_bright_at_any_density(density, tmp_path):
     scene = dark()
-    material = ramped(shaded("VolumeScatter"), "Color", [(0, (0, 0, 0)), (1, (1, 1, 1))])
-    shader_of(material).inputs["Density"].default_value = float("inf")
+    material = shaded("VolumePrincipled", Color=(0, 0, 0, 1), Density=density)
+    tree = driven(material, "Emission Strength").node_tree
+    half = tree.nodes.new("ShaderNodeMath")
+    half.operation, half.inputs[1].default_value = "MULTIPLY", 0.5 * density
+    link = shader_of(material).inputs["Emission Strength"].links[0]
+    tree.links.new(link.from_socket, half.inputs[0])
+    tree.links.new(half.outputs[0], shader_of(material).inputs["Emission Strength"])
     smoke(material, tmp_path)
-    alpha = render(scene, "LEAPRAY", 4)["Combined"][..., 3]
+    picture = render(scene, "LEAPRAY", 1)["Combined"][6:10, 6:10, :3]
+    np.testing.assert_allclose(picture, 0.5, rtol=1e-4)
     assert not warnings()
-    assert alpha[4, 4] == 1.0
 
 
 @pytest.mark.parametrize("g", [-0.8, 0.0, 0.5, 0.9])

@@ -30,6 +30,7 @@ CHANNEL = INPUTS[0]  # through which programs get a value
 STEFAN_BOLTZMANN = 5.670373e-8 * 1e-6 / np.pi  # radiance by kelvin^4, as Cycles scales it
 LEAST_POWER = 1e-5  # as in Cycles: less is nothing
 SOME = np.linspace(-2.0, 2.0, 41)  # values at which anisotropies are compared
+FLOAT_MOST = float(np.finfo(np.float32).max)  # what infinities count as
 ALIKE = 0.01  # those that differ by less are not told
 HENYEY_GREENSTEIN, RAYLEIGH = "HENYEY_GREENSTEIN", "RAYLEIGH"  # phase functions of Blender's
 
@@ -261,7 +262,8 @@ class _Reader(Constants):
         def run(v: NDArray) -> NDArray:
             inputs = np.ones((len(v), 4), np.float32)
             inputs[:, :3] = v[:, None]
-            return program.run(inputs).astype(np.float64)
+            made = program.run(inputs).astype(np.float64)
+            return np.clip(made, -FLOAT_MOST, FLOAT_MOST)  # a NaN stays one
 
         return run
 
