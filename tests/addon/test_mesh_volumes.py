@@ -8,7 +8,7 @@ import flip_evaluator
 import numpy as np
 import pytest
 from blender_scenes import diffuse, light, mesh, nodes_of, plane, put, read
-from engines import blocks, both, warnings
+from engines import blocks, both, render, warnings
 from test_volume_looks import before_white, shaded, shader_of
 
 from addon import pipeline
@@ -290,3 +290,16 @@ def test_a_holdout_without_a_surface_is_named():
     box(shaded("VolumeScatter")).is_holdout = True
     (sentence,), _ = rendered()
     assert sentence == "Holdout of volumes without a surface is not supported yet: 'Box'"
+
+
+@pytest.mark.parametrize("density", [1e3, 1e17, 1e30, np.inf])
+def test_fog_as_dense_as_a_wall_scatters_what_the_integral_says(density):
+    """A sun behind the eye, upright: once scattered its light has gone in and out the same way,
+    and is the integral of exp(-2 x), by the isotropic phase function."""
+    scene = dark(8)
+    scene.camera.data.type, scene.camera.data.ortho_scale = "ORTHO", 1.0
+    put("Sun", light("SUN", energy=3.0, angle=0.0))
+    box(shaded("VolumeScatter", Density=density, Color=(1, 1, 1, 1)), rotation_euler=(0, 0, 0))
+    picture = render(scene, "LEAPRAY", 64)["Combined"][..., :3]
+    assert picture.mean() == pytest.approx(3 / (8 * np.pi), rel=0.01)
+    assert not warnings()

@@ -31,6 +31,7 @@ STEFAN_BOLTZMANN = 5.670373e-8 * 1e-6 / np.pi  # radiance by kelvin^4, as Cycles
 LEAST_POWER = 1e-5  # as in Cycles: less is nothing
 SOME = np.linspace(-2.0, 2.0, 41)  # values at which anisotropies are compared
 FLOAT_MOST = float(np.finfo(np.float32).max)  # what infinities count as
+DENSEST = 1e12  # that fills meshes: a wall's; from more light would not find out again
 ALIKE = 0.01  # those that differ by less are not told
 HENYEY_GREENSTEIN, RAYLEIGH = "HENYEY_GREENSTEIN", "RAYLEIGH"  # phase functions of Blender's
 
@@ -55,13 +56,18 @@ def read_inside(material: Constants, socket) -> dict[str, Any] | None:
         return None
     look = reader.look(found)
     one = np.zeros(1)  # of the values that there are not
-    scattering, forward = look.scattering(one)[0], look.forward(one)[0]
-    absorption = np.maximum(look.extinction(one)[0] - scattering, 0.0)
+    parts = look.extinction, look.scattering, look.forward, look.emission
+    extinction, scattering, forward, glow = (part(one)[0] for part in parts)
+    share = DENSEST / np.maximum(extinction.max(), DENSEST)
+    extinction, scattering, forward, glow = (
+        share * each for each in (extinction, scattering, forward, glow)
+    )
+    absorption = np.maximum(extinction - scattering, 0.0)
     total = scattering.sum()
     return {
         "absorption": tuple(absorption.tolist()),
         "scattering": tuple(scattering.tolist()),
-        "glow": tuple(look.emission(one)[0].tolist()),
+        "glow": tuple(glow.tolist()),
         "anisotropy": float(np.clip(forward.sum() / total, -1, 1)) if total > 0 else 0.0,
         "phase": look.phase,
     }
