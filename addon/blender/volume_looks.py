@@ -20,7 +20,9 @@ from .read import volumes
 from .read.labels import color_of
 from .read.links import node_tree
 
-BINS = 4096  # in which percentiles are found
+BINS = 4096  # in which percentiles are found,
+FEW = 256  # of which at least so many lie between them: else a few values lie far out
+EVEN = 1e-6  # of a value: samples that differ by less are of one
 MOST_STOPS = 32  # of a ramp of Blender's
 AIR = -1100.0, -900.0  # where the least value of a CT lies, which shows air
 BONE = 300.0, 5000.0  # where the greatest lies, of bone and metal
@@ -70,12 +72,28 @@ def limits(grid: leapray.ScalarGrid, look: Look) -> tuple[float, float, str]:
                     f"taken for Hounsfield units, for the values go from {least:.4g} to {most:.4g}"
                 )
             return *look.hounsfield, how
-    share = np.cumsum(told.counts) / told.counts.sum() * 100
     first, final = look.percentiles
-    low, high = (float(told.edges[np.searchsorted(share, p) + 1]) for p in (first, final))
+    low, high = _between(grid, told, first, final)
     if not low < high:
         low, high = least, most if most > least else least + 1.0
     return low, high, f"{first:g} to {final:g} % of the samples"
+
+
+def _between(
+    grid: leapray.ScalarGrid, told: leapray.Histogram, first: float, final: float
+) -> tuple[float, float]:
+    """The values below which two shares of the samples lie, in percent; told: the histogram."""
+    total, below = told.counts.sum(), 0
+    while True:
+        share = (below + np.cumsum(told.counts)) / total * 100
+        starts = np.minimum(np.searchsorted(share, (first, final)), len(told.counts) - 1)
+        (start, end), edges = starts.tolist(), told.edges
+        left, right = float(edges[start]), float(edges[end + 1])
+        narrow = right - left > 0.5 * (edges[-1] - edges[0])
+        if end - start >= FEW or narrow or right - left <= EVEN * max(abs(left), abs(right)):
+            return float(edges[start + 1]), right
+        below += told.counts[:start].sum()
+        told = leapray.histogram(grid, BINS, (left, right))
 
 
 def made(ob, grid: leapray.ScalarGrid, look: Look, low: float, high: float):

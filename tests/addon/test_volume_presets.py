@@ -75,6 +75,18 @@ def test_other_looks_lie_between_percentiles_and_hide_the_background(name):
     assert LOOKS[name].stops[0][2] == 0
 
 
+@pytest.mark.parametrize("wild", [3e4, 1e9, 1e30, np.inf, -1e30])
+@pytest.mark.parametrize("name", ["mr", "fire", "ct_bone"])
+def test_a_few_wild_values_do_not_move_percentiles(name, wild):
+    values = np.random.default_rng(0).normal(100, 20, 40000).astype(np.float32)
+    values[:3] = wild
+    low, high, how = volume_looks.limits(grid(values), LOOKS[name])
+    first, last = LOOKS[name].percentiles
+    assert (low, high) == pytest.approx(np.percentile(values, (first, last)), rel=0.01)
+    assert how == f"{first:g} to {last:g} % of the samples"
+    assert leapray.first_threshold(grid(values))[0] == pytest.approx(100, abs=10)
+
+
 def test_data_of_one_value_have_a_range_and_data_of_none_a_sentence():
     low, high, _ = volume_looks.limits(grid([7.0, 7.0]), LOOKS["mr"])
     assert low < high
