@@ -51,9 +51,10 @@ def made(monkeypatch):
 
 @pytest.fixture
 def by_voxels(monkeypatch):
-    """Meshes of many triangles are never kept as they are for want of finer voxels."""
-    from addon.plan import refinement
+    """Meshes of more than a thousand triangles are never kept as they are for these alone."""
+    from addon.plan import plan, refinement
 
+    monkeypatch.setattr(plan, "MANY_TRIANGLES", 0)
     monkeypatch.setattr(refinement, "CELLS_PER_TRIANGLE", float("inf"))
 
 

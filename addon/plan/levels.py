@@ -407,13 +407,20 @@ class Levels:
             return str(error)
         return ""
 
-    def _seen(self, work: Work, measure: error_metric.Measure) -> error_metric.Errors:
+    def pixels(self, work: Work) -> float:
+        """How many pixels the surface would cover if all of it were turned to the camera."""
+        return self._probes(work).area * float(self._weights(work).surface_pixels.mean())
+
+    def _weights(self, work: Work) -> probes.Weights:
         if work.weights is None:
             work.weights = probes.weigh(self._probes(work), self.scene, work.matrices, work.shown)
+        return work.weights
+
+    def _seen(self, work: Work, measure: error_metric.Measure) -> error_metric.Errors:
         for known, errors in work.seen:  # also of what had other bytes, which nobody sees
             if known.surface is measure.surface and known.normal is measure.normal:
                 return errors
-        errors = error_metric.seen(measure, work.weights, self.settings.pixel_error)
+        errors = error_metric.seen(measure, self._weights(work), self.settings.pixel_error)
         work.seen.append((measure, errors))
         return errors
 

@@ -46,9 +46,11 @@ from .levels import MB, Work
 from .objects import SceneError
 from .planned import Plan
 from .refinement import Refinement
+from .separation import PER_CELL
 
 COARSEST = 16  # voxels along the longest side at the start, but for meshes with more than
-FEW_TRIANGLES = 1024  # of a mesh: it is kept as it is
+FEW_TRIANGLES = 1024  # of a mesh: it is kept as it is,
+MANY_TRIANGLES = 16384  # up to so many as well, where they are larger than pixels
 MOST_CROWD = 64  # triangles in a cell, about: to sort them takes longer than finer voxels,
 FINEST_START = 512  # of which they get so many at most
 AHEAD_SHARE = 1 / 16  # of the memory, for the scratch of a mesh that is looked at ahead
@@ -138,9 +140,18 @@ class Planner(Refinement):
             work.refracts = any(self.scene.materials[m].refracts for m in used)
             work.fills = any(self.scene.materials[m].fills for m in used)
             work.exact = "sheets" if self.settings.exact == "auto" else self.settings.exact
-            if self.may_choose_cells(work) and len(work.mesh.triangles) <= FEW_TRIANGLES:
+            if self.may_choose_cells(work) and self._has_few_triangles(work):
                 work.exact, work.own_normals = "every", True
             self._start_one(work)
+
+    def _has_few_triangles(self, work: Work) -> bool:
+        """Whether voxels that are fine enough would hardly be fewer, or all are at hand."""
+        n = len(work.mesh.triangles)
+        if n <= FEW_TRIANGLES or (n <= MANY_TRIANGLES and n <= self.pixels(work)):
+            return True
+        kept = self.perfect(work)
+        size = self.first_size(kept)
+        return self._at_hand(kept, [(size, dtype) for dtype in self._types(work)]) is not None
 
     def _check_room(self, mesh: model.Mesh, name: str) -> None:
         """Refuse a mesh that cannot even be looked at within the budget, before it is."""
@@ -222,7 +233,9 @@ class Planner(Refinement):
         if n:
             return fixed_size(work.mesh, n)
         size = coarsest(work.mesh)
-        room = MOST_CROWD * self._probes(work).area / len(work.mesh.triangles)
+        n = len(work.mesh.triangles)
+        crowd = PER_CELL if work.exact == "every" and n > FEW_TRIANGLES else MOST_CROWD
+        room = crowd * self._probes(work).area / n
         finest = size * COARSEST / FINEST_START
         while size**2 > room and size > finest:
             size /= 2

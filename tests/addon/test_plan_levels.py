@@ -40,7 +40,7 @@ def smooth(mesh: model.Mesh) -> model.Mesh:
     return dataclasses.replace(mesh, corner_normals=(corners / length).astype(np.float32))
 
 
-def test_smooth_glass_with_creases_is_voxelized_twice(calls):
+def test_smooth_glass_with_creases_is_voxelized_twice(by_voxels, calls):
     """Once to see that it is a solid; then it keeps its triangles, so few in a cell that none
     of the levels between is needed."""
     mesh = smooth(scenes.divided(scenes.box(turn=0.3), 4))
@@ -51,6 +51,15 @@ def test_smooth_glass_with_creases_is_voxelized_twice(calls):
     row = make(dataclasses.replace(scene, materials=(clear, clear))).volumes[0]
     assert [exact for _, exact in calls] == ["sheets", "every"]
     assert row["exact_share"] == 1 and row["error_footprints"] == 0
+
+
+@pytest.mark.parametrize("distance", [3.0, 200.0])
+def test_triangles_larger_than_pixels_are_kept_at_once(calls, distance):
+    """A ball of 4,800 triangles has hundreds of thousands of pixels from near, and few from afar."""
+    view = scenes.camera(eye=(0.0, -distance, 0.0), width=960, height=640)
+    make(scenes.scene([scenes.sphere(n=20)], view=view, width=960, height=640))
+    assert calls[0][1] == ("every" if distance == 3.0 else "sheets")
+    assert len(calls) == 1 or distance > 3.0
 
 
 def wavy(n: int) -> model.Mesh:
