@@ -455,8 +455,10 @@ class Levels:
         return self.cache.put(key, measure)
 
     def _types(self, work: Work) -> tuple[str, ...]:
-        """Of the samples that the work may have, the smallest first."""
-        return (work.dtype,) if work.dtype else ("u8", "u16")
+        """Of the samples that the work may have, the smallest first; none meets rays in "every"."""
+        if work.dtype:
+            return (work.dtype,)
+        return ("u8",) if work.exact == "every" else ("u8", "u16")
 
     def _enough(self, work: Work, measure: error_metric.Measure) -> bool:
         enough = self._seen(work, measure).enough(self.settings.pixel_error)
@@ -479,7 +481,8 @@ class Levels:
         measure = error_metric.measure(volume, *known, threads=self.threads)
         if self._needs_normals(work, measure):
             measure = error_metric.with_normals(measure, volume, work.mesh, at, self.threads)
-        if not fresh or work.dtype or not self._enough(work, measure):
+        wide = volume.info.dtype != self._types(work)[0]
+        if not (fresh and wide and self._enough(work, measure)):
             return measure
         gain = sample_types.gain(kernel, width)
         narrow = error_metric.measure(volume, *known, gain, measure.normal)
@@ -557,14 +560,12 @@ class Levels:
         """Take an earlier frame's volume that is finer than asked for, where there is room."""
         size = work.measured.voxel_size
         found = self._at_hand(work, [(size, work.measured.dtype), *self._finer(work, size)])
-        if found is None:
-            return False
-        kept, level = found
-        measure, _, structure = (
-            self.cache.get(self._key(kept, what, *level)) for what in ("measure", *KEPT)
-        )
-        self._take(work, kept, measure, structure)
-        return True
+        if found is not None:
+            kept, level = found
+            all_of = (self.cache.get(self._key(kept, what, *level)) for what in ("measure", *KEPT))
+            measure, _, structure = all_of
+            self._take(work, kept, measure, structure)
+        return found is not None
 
     def _finer(self, work: Work, voxel_size: float) -> list[tuple[float, str]]:
         """Levels beyond, on which its volume may still be at hand."""
@@ -578,10 +579,8 @@ class Levels:
     def _at_hand(
         self, work: Work, levels: list[tuple[float, str]]
     ) -> tuple[Work, tuple[float, str]] | None:
-        """The first of the levels whose volume is in the cache, and fits in the work's place.
-
-        Else one of them with all triangles, where the plan may choose that; and which it is.
-        """
+        """The first of the levels, else of those with all triangles where the plan may choose them,
+        whose volume is in the cache and fits in the work's place; and which of the two it is."""
         room = self.budget - self.held() + (work.measure.nbytes if work.measure else 0)
         for kept in (work, self.perfect(work))[: 1 + self.may_choose_cells(work)]:
             for level in levels:

@@ -145,13 +145,12 @@ class Planner(Refinement):
             self._start_one(work)
 
     def _has_few_triangles(self, work: Work) -> bool:
-        """Whether voxels that are fine enough would hardly be fewer, or all are at hand."""
+        """Whether voxels that are fine enough would hardly be fewer, or all were kept before."""
         n = len(work.mesh.triangles)
         if n <= FEW_TRIANGLES or (n <= MANY_TRIANGLES and n <= self.pixels(work)):
             return True
         kept = self.perfect(work)
-        size = self.first_size(kept)
-        return self._at_hand(kept, [(size, dtype) for dtype in self._types(work)]) is not None
+        return self._known(kept, self.first_size(kept)) is not None
 
     def _check_room(self, mesh: model.Mesh, name: str) -> None:
         """Refuse a mesh that cannot even be looked at within the budget, before it is."""

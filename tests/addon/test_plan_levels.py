@@ -55,7 +55,7 @@ def test_smooth_glass_with_creases_is_voxelized_twice(by_voxels, calls):
 
 @pytest.mark.parametrize("distance", [3.0, 200.0])
 def test_triangles_larger_than_pixels_are_kept_at_once(calls, distance):
-    """A ball of 4,800 triangles has hundreds of thousands of pixels from near, and few from afar."""
+    """A ball of 4,800 triangles has 200,000 pixels and more from near, few from afar."""
     view = scenes.camera(eye=(0.0, -distance, 0.0), width=960, height=640)
     make(scenes.scene([scenes.sphere(n=20)], view=view, width=960, height=640))
     assert calls[0][1] == ("every" if distance == 3.0 else "sheets")
