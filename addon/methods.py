@@ -62,7 +62,8 @@ PROJECTIONS = (
 
 def _of_image(entry: leapray.ImageMethod) -> Method:
     """The entry of one of the core's, called as in charts, and as on the command line."""
-    about = f"{sentence(entry.about)} ({entry.source})"
+    views = "" if entry.perspective else ", by orthographic cameras alone"
+    about = f"{sentence(entry.about)} ({entry.source}){views}"
     return Method(entry.spec, f"{entry.label} ({entry.spec})", about, image=entry)
 
 

@@ -109,12 +109,12 @@ def _cut(
 
 def _shown_values(grid: leapray.ScalarGrid, threshold: float) -> tuple[float, float]:
     """Values between which most of the samples inside a surface lie."""
-    told = leapray.histogram(grid, 1024)
-    middles = (told.edges[:-1] + told.edges[1:]) / 2
-    inside = middles <= threshold if grid.kind == "level set" else middles >= threshold
-    share = np.cumsum(told.counts * inside) / max((told.counts * inside).sum(), 1)
-    at = np.searchsorted(share, (DARK, BRIGHT)).clip(0, len(share) - 1)
-    low, high = middles[at].tolist()
+    least, most = leapray.histogram(grid, 1).edges[[0, -1]].tolist()
+    inside = (least, threshold) if grid.kind == "level set" else (threshold, most)
+    if not inside[0] < inside[1]:
+        return threshold, threshold + 1.0
+    told = leapray.histogram(grid, volume_looks.BINS, inside)
+    low, high = volume_looks.between(grid, told, DARK * 100, BRIGHT * 100)
     return (low, high) if low < high else (threshold, threshold + 1.0)
 
 

@@ -73,16 +73,19 @@ def limits(grid: leapray.ScalarGrid, look: Look) -> tuple[float, float, str]:
                 )
             return *look.hounsfield, how
     first, final = look.percentiles
-    low, high = _between(grid, told, first, final)
+    low, high = between(grid, told, first, final)
     if not low < high:
         low, high = least, most if most > least else least + 1.0
     return low, high, f"{first:g} to {final:g} % of the samples"
 
 
-def _between(
+def between(
     grid: leapray.ScalarGrid, told: leapray.Histogram, first: float, final: float
 ) -> tuple[float, float]:
-    """The values below which two shares of the samples lie, in percent; told: the histogram."""
+    """The values below which two shares of the samples lie, in percent.
+
+    told: the histogram, of all samples or of those that count.
+    """
     total, below = told.counts.sum(), 0
     while True:
         share = (below + np.cumsum(told.counts)) / total * 100

@@ -23,13 +23,14 @@ MOST_NAMED = 64  # values that nodes name
 MOST_ASKED = 1 << 15  # knots that are found: half of what a transfer function may have
 FINEST = float(np.finfo(np.float32).eps)  # of a value, by which samples are told apart at least,
 LEAST = float(np.finfo(np.float32).tiny)  # and near 0
+ROUNDING = 16 * FINEST  # of what nodes make of a value, with f32
 ACCURACY = 1e-4  # what leaving out knots may change, as a share of the largest
 DENSE = 1e10  # over a voxel: as good as any surface; of more rays would not find out again
 MOST = 1e30  # of light that is emitted
 GREY = 0.02  # channels of extinction that differ by less are not told,
 EVEN = 0.01  # nor anisotropy
 TINY = float(np.finfo(np.float64).tiny)
-JUMP = 0.01  # a share of all values within which a look jumps: ramps are tables of 256 colours
+JUMP = 0.01  # a share of a ramp's values within which it jumps: ramps are tables of 256 colours
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def transfer(look: model.Look, low: float, high: float, voxel: float = 1.0) -> T
     mean, emission, scattering = columns[:, 0], columns[:, 1:4], columns[:, 4:]
     grey = bool((np.ptp(extinction, axis=1) <= GREY * mean.max(initial=0.0)).all())
     kept = knots(values, columns, 1.0 / voxel)
-    width = _width(values[kept], columns[kept])
+    width = _width(values, columns, look.named)
     full = look.modulation * width / voxel
     if look.modulation > 0:
         full = max(full, TINY)  # of one value nothing is seen
@@ -113,12 +114,22 @@ def _where_it_bends(
     return bends(columns, places(low, high, look.named), 1.0 / voxel)
 
 
-def _width(values: NDArray[np.float64], columns: NDArray[np.float64]) -> float:
-    """Of the range of values over which a look changes; of a jump, of all values."""
+def _width(
+    values: NDArray[np.float64], columns: NDArray[np.float64], named: Sequence[float]
+) -> float:
+    """Of the range of values over which a look changes; of a jump, of all values. Jumps are narrow
+    beside what lies between the values that are named next below and above."""
     whole = float(values[-1] - values[0])
-    turns = np.flatnonzero((np.diff(columns, axis=0) != 0).any(1))
-    width = float(values[turns[-1] + 1] - values[turns[0]]) if len(turns) else 0.0
-    return width if width > JUMP * whole else whole
+    least = ROUNDING * np.maximum(np.abs(columns).max(0), TINY)
+    begun = np.flatnonzero((np.abs(columns - columns[0]) > least).any(1))
+    going = np.flatnonzero((np.abs(columns - columns[-1]) > least).any(1))
+    if not len(begun) or not len(going):
+        return whole
+    low, high = float(values[begun[0] - 1]), float(values[going[-1] + 1])
+    slack = JUMP * (high - low)
+    below = max(v for v in (*named, float(values[0])) if v <= low + slack)
+    above = min(v for v in (*named, float(values[-1])) if v >= high - slack)
+    return high - low if high - low > JUMP * min(above - below, whole) else whole
 
 
 def light_of(field: model.Field, transfer: Transfer) -> dict[str, Any]:

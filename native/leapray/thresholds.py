@@ -262,6 +262,7 @@ def _bin_numbers(
     n = len(edges) - 1
     np.subtract(numbers, edges[0], out=place, dtype=np.float64)
     place *= n * (1 - 1e-15) / (edges[-1] - edges[0])
+    np.floor(place, out=place)  # first, or what lies below by little would be rounded up
     place += 1
     np.maximum(place, 0, out=place)
     np.minimum(place, n + 1, out=place)

@@ -2,17 +2,19 @@
 """Render methods in Blender and on the command line: pictures, animations, previews, refusals."""
 
 import json
+import re
 from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
+import scenes
 import vdb_files
 from blender_scenes import combined, diffuse, exr, fresh, light, mesh, polygons, put
 from mathutils import Vector
 
 import leapray
-from addon import cli, methods
+from addon import cli, image_method, methods
 from addon.blender import engine, result, ui
 
 nibabel = pytest.importorskip("nibabel")
@@ -174,6 +176,20 @@ def test_what_a_method_cannot_do_is_a_sentence_and_no_picture(
     lines = capfd.readouterr().err.strip().splitlines()
     assert sentence in lines[-1] and lines[-1].startswith("leapray: ")
     assert not list(tmp_path.glob("*.png")) and not list(tmp_path.glob("*.json"))
+
+
+@pytest.mark.parametrize("entry", leapray.image_variants(), ids=lambda entry: entry.spec)
+def test_the_menu_says_which_methods_want_parallel_rays_and_which_miss(entry):
+    (about,) = [each.tooltip for each in methods.choices() if each.name == entry.spec]
+    view = scenes.camera(width=8, height=8, scale=None)
+    made = scenes.scene([scenes.box()], [scenes.place()], view=view, width=8, height=8)
+    try:
+        image_method.check(made, methods.find(entry.spec))
+    except leapray.LeapRayError:
+        assert about.endswith(", by orthographic cameras alone")
+    else:
+        assert "orthographic" not in about
+    assert bool(re.search(r"loses|off the rays|beside its ray", about)) != entry.exact
 
 
 class Layout:

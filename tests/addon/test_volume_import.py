@@ -309,6 +309,19 @@ def test_one_word_cuts_a_scan_open(axis, share, tmp_path, capsys):
     assert np.ptp(greys[seen][:, 0]) > 0.3
 
 
+@pytest.mark.parametrize("wild", [1e6, 1e30])
+def test_the_greys_of_a_cut_are_those_of_most_samples(wild, tmp_path):
+    nrrd = pytest.importorskip("nrrd")
+    values = np.linspace(0, 100, 4096, dtype=np.float32).reshape(16, 16, 16)
+    values[3, 3, 3] = wild
+    nrrd.write(str(tmp_path / "some.nrrd"), values, {"space directions": np.eye(3), "space": "RAS"})
+    fresh()
+    data_scene.make(tmp_path / "some.nrrd", threshold=20.0, clip=("z", 0.5))
+    (place,) = (n for n in bpy.data.materials["Cut"].node_tree.nodes if n.type == "MAP_RANGE")
+    low, high = (place.inputs[name].default_value for name in ("From Min", "From Max"))
+    assert (low, high) == pytest.approx((20.8, 99.2), abs=0.2)
+
+
 def test_labels_are_cut_open_in_their_colors(tmp_path):
     samples = np.repeat([[[1, 2, 3, 0]] * 5], 4, 0).astype(np.uint8)
     path = tmp_path / "labels.nrrd"

@@ -75,7 +75,7 @@ def test_modulation_is_by_the_same_changes_and_thins_what_is_even(tmp_path):
         bpy.context.view_layer.update()
         field = read(8, 8).fields[0]
         told = looks.transfer(field.look, 0.0, 2.0, looks.voxel(field))
-        assert told.function.full_gradient == pytest.approx(2 * modulation / VOXEL)
+        assert told.function.full_gradient == pytest.approx(2 * modulation / VOXEL, rel=1e-5)
         alpha = render(scene, "LEAPRAY", 4)["Combined"][..., 3]
         seen[modulation] = -np.log(1 - alpha[7:9, 7:9]).mean()
     assert not warnings()
@@ -83,6 +83,20 @@ def test_modulation_is_by_the_same_changes_and_thins_what_is_even(tmp_path):
     assert seen[0.0] == pytest.approx((28 * 2 + 16) * VOXEL, rel=0.05)
     assert seen[0.125] == pytest.approx(16 * VOXEL, rel=0.1)
     assert seen[0.25] == pytest.approx(8 * VOXEL, rel=0.1)
+
+
+@pytest.mark.parametrize("ends", [(-600.0, 1200.0), (150.0, 1500.0), (-1000.0, 300.0)])
+def test_the_range_of_a_look_is_that_of_its_ramp_however_far_data_go(ends):
+    """Within data as of a CT; where it is constant, rounding is no change."""
+    low, high = ends
+
+    def ramp(values):
+        share = np.float32(1 / (high - low)) * (values - low).astype(np.float32)
+        return np.repeat(np.clip(share, 0, 1)[:, None], 3, axis=1).astype(float) ** 2
+
+    for most in (2136.0, 1e6):  # one wild sample
+        width = looks.transfer(model.Look(ramp, ramp, named=ends), -1000.0, most).width
+        assert width == pytest.approx(high - low, rel=0.02)
 
 
 def test_of_even_data_nothing_is_a_boundary():

@@ -223,3 +223,9 @@ def test_a_field_of_one_value_or_none_is_refused():
             leapray.first_threshold(grid_of(stored))
     with pytest.raises(LeapRayError, match=r"a\.nii holds no sample"):
         leapray.first_threshold(grid_of(stored, source="a.nii"))
+
+
+def test_what_lies_below_the_limits_is_not_counted_however_wide_these_are():
+    values = np.array([[[70.0, 79.0, 80.0, 90.0, 1e30]]], np.float32)
+    told = leapray.histogram(leapray.ScalarGrid("test", values, np.eye(4)), 4096, (80.0, 1e30))
+    assert told.counts.sum() == told.counts[0] == 2  # 1e30 of f32 lies above
