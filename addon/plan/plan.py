@@ -8,7 +8,8 @@ is measured at the probes of its mesh and divided by their pixels' footprints.
 The volume whose error is worst, as seen, is voxelized again with half the
 voxel, until all are good enough or the memory is spent: so the budget goes
 where it can be seen, a curved thing close by is fine, and a flat floor of any
-size stays a handful of bricks.
+size stays a handful of bricks. Meshes whose triangles are few, or no more than
+fine voxels would be, keep all of them, which rays meet by a tree.
 
 Source: Frisken et al. 2000, Adaptively sampled distance fields (refine by the
 measured error of the field). Departures: 1. one level per volume, not per cell,
