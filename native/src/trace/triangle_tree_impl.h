@@ -10,7 +10,7 @@
 #include "trace/triangle_tree.h"
 #include "trace/wide_nodes_impl.h"
 
-_Static_assert(LR_TREE_LANES == LR_DOUBLE_LANES, "a block's corners are vectors");
+_Static_assert((int)LR_TREE_LANES == (int)LR_DOUBLE_LANES, "a block's corners are vectors");
 
 /* One coordinate of a corner of a block's triangles. */
 LR_INLINE lr_doubles corners_of(const lr_triangle_tree *tree, uint32_t block, bool narrow, int c,
