@@ -84,9 +84,10 @@ class Values(fields.Fields):
 def check(scene: model.Scene, method: Method) -> None:
     """Refuse, in a sentence, a scene without values."""
     if not scene.field_instances:
+        why = "".join(f"; {sentence}" for sentence in scene.warnings)
         raise leapray.LeapRayError(
             f"The render method {method.spec} shows values of volume objects, and the scene has no "
-            "data of any"
+            f"data of any{why}"
         )
 
 

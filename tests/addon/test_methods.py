@@ -192,6 +192,14 @@ def test_the_menu_says_which_methods_want_parallel_rays_and_which_miss(entry):
     assert bool(re.search(r"loses|off the rays|beside its ray", about)) != entry.exact
 
 
+def test_projections_of_data_that_cannot_be_read_say_why(scene, tmp_path):
+    data = add_fog(tmp_path).data
+    data.leapray.grid = "smoke"
+    scene.leapray.method = "mean"
+    with pytest.raises(RuntimeError, match=r"no data of any; Skipped 'Fog': .* no grid 'smoke'"):
+        bpy.ops.render.render()
+
+
 class Layout:
     """Stands in for a layout of Blender's: notes properties, and whether they are active."""
 
