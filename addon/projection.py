@@ -261,14 +261,15 @@ class ProjectionPainter:
                 picture[where.reshape(shape)] = 0.0
         t = t.reshape(shape)
         size = self.scene.width, self.scene.height
+        most = float(np.finfo(np.float32).max)
         passes = {
             "Combined": picture,
             "Depth": film.depth_pass(t),
             "Position": film.position_pass(self.scene.camera, tile, size, t),
-            "Value": np.where(seen, value, 0.0).reshape(*shape, 1).astype(np.float32),
+            "Value": np.clip(np.where(seen, value, 0.0), -most, most).reshape(*shape, 1),
             **{k: v.reshape(*shape, 1).astype(np.float32) for k, v in index.items()},
         }
-        return {name: passes[name] for name in self.made}
+        return {name: passes[name].astype(np.float32, copy=False) for name in self.made}
 
     def _colors(self, value: NDArray, owner: NDArray) -> NDArray[np.float64]:
         """(n, 3): greys, or the ramps of those that have one."""

@@ -23,6 +23,7 @@ MOST_NAMED = 64  # values that nodes name
 MOST_ASKED = 1 << 15  # knots that are found: half of what a transfer function may have
 FINEST = float(np.finfo(np.float32).eps)  # of a value, by which samples are told apart at least,
 LEAST = float(np.finfo(np.float32).tiny)  # and near 0
+FLOAT_MOST = float(np.finfo(np.float32).max)  # of values: for nodes there are none beyond
 ROUNDING = 16 * FINEST  # of what nodes make of a value, with f32
 ACCURACY = 1e-4  # what leaving out knots may change, as a share of the largest
 DENSE = 1e10  # over a voxel: as good as any surface; of more rays would not find out again
@@ -163,6 +164,7 @@ def unit(look: model.Look, world_from_object: NDArray[np.float64]) -> float:
 def places(low: float, high: float, named: Sequence[float] = ()) -> NDArray[np.float64]:
     """Values from low to high, the closer the nearer they are to the ends, to 0 and to named ones:
     what a look does between two tissues is found as well where a single voxel is a million."""
+    low, high = (float(np.clip(end, -FLOAT_MOST, FLOAT_MOST)) for end in (low, high))
     if not high > low:
         return np.array([low])
     marks = np.unique([low, high, *(v for v in (0.0, *named[:MOST_NAMED]) if low < v < high)])

@@ -265,6 +265,17 @@ def test_looks_jump_and_end_where_they_do_to_the_last_bit_of_a_sample(high):
     assert made.greatest(0.0, 0.3 - 2 * ulp)[0] == 0.0 < made.greatest(0.0, 0.3 + 2 * ulp)[0]
 
 
+@pytest.mark.parametrize("ends", [(-1e308, 1e308), (0.0, 1.7e308), (0.0, 5e-324), (1.0, 1 + 1e-12)])
+def test_data_of_any_range_have_a_look(ends):
+    """Numbers beyond those of f32 are the largest that nodes know."""
+    look = model.Look(column(lambda v: np.clip(v, 0, 1)), model.nothing, named=(0.0, 1.0))
+    made = looks.transfer(look, *ends).function
+    at = np.linspace(max(ends[0], -1.0), min(ends[1], 2.0), 9)
+    np.testing.assert_allclose(
+        np.interp(at, made.values, made.extinction), np.clip(at, 0, 1), atol=looks.ACCURACY
+    )
+
+
 def test_looks_turn_between_values_that_nodes_name():
     """Between 1e6 and 1e6 + 4, of values from -1e9 to 1e9."""
 

@@ -267,7 +267,7 @@ class _Reader(Constants):
 
         def run(v: NDArray) -> NDArray:
             inputs = np.ones((len(v), 4), np.float32)
-            inputs[:, :3] = v[:, None]
+            inputs[:, :3] = np.clip(v, -FLOAT_MOST, FLOAT_MOST)[:, None]
             made = program.run(inputs).astype(np.float64)
             return np.clip(made, -FLOAT_MOST, FLOAT_MOST)  # a NaN stays one
 
