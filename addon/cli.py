@@ -22,6 +22,7 @@ from leapray import LeapRayError
 from . import arguments, pixel_report, process
 from .blender.open_file import be_registered, open_scene, render_frame, set_format
 from .descriptions import Setting
+from .methods import PROJECTIONS
 from .settings import SETTINGS
 from .store import files
 from .store.files import check_file, check_folder, part_folder, resolved
@@ -121,6 +122,11 @@ def check_data_options(args: argparse.Namespace, measured: bool) -> None:
     if args.preset and given[0] in of_surfaces:
         raise LeapRayError(
             f"--preset shows a volume without a surface, and --{given[0]} is for surfaces"
+        )
+    if args.method in {each.spec for each in PROJECTIONS} and given and given[0] in of_surfaces[:2]:
+        raise LeapRayError(
+            f"--method {args.method} shows values without a surface, and --{given[0]} is for "
+            "surfaces"
         )
 
 

@@ -61,7 +61,10 @@ def limits(grid: leapray.ScalarGrid, look: Look) -> tuple[float, float, str]:
     least, most = float(told.edges[0]), float(told.edges[-1])
     if not look.stops:
         last = min(max(round(most), 1), MOST_STOPS - 1)
-        return -0.5, last + 0.5, "the labels of the data"
+        how = "the labels of the data"
+        if least < -0.5 or most > last + 0.5:
+            how = f"values go from {least:.6g} to {most:.6g}, and those beyond look like the ends"
+        return -0.5, last + 0.5, how
     if look.hounsfield is not None:
         said = grid.quantity == "HU"
         seems = AIR[0] <= least <= AIR[1] and BONE[0] <= most <= BONE[1]

@@ -94,6 +94,16 @@ def test_data_of_one_value_have_a_range_and_data_of_none_a_sentence():
         volume_looks.limits(grid([np.nan]), LOOKS["mr"])
 
 
+def test_the_sentence_on_labels_says_what_lies_beyond_them():
+    for values, how in (
+        ([0, 3, 31], "the labels of the data"),
+        ([0, 3, 40], "values go from 0 to 40, and those beyond look like the ends"),
+        ([-1000, 3, 30], "values go from -1000 to 30, and those beyond look like the ends"),
+    ):
+        low, high, told = volume_looks.limits(grid(np.int16(values)), LOOKS["labels"])
+        assert (low, high, told) == (-0.5, min(values[-1], 31) + 0.5, how)
+
+
 def test_labels_have_the_colors_that_they_have_as_bodies():
     fresh()
     volume = bpy.data.volumes.new("Labels")
@@ -211,6 +221,11 @@ def test_the_menu_of_the_panel_offers_every_look():
         (["{head}", "--preset", "ct"], "--preset: invalid choice: 'ct'"),
         (["{head}", "--preset", "mr", "--threshold", "5"], "and --threshold is for surfaces"),
         (["{head}", "--preset", "mr", "--clip", "x=0.5"], "and --clip is for surfaces"),
+        (["{head}", "--method", "mean", "--threshold", "5"], "and --threshold is for surfaces"),
+        (
+            ["{head}", "--method", "maximum_depth", "--interpolation", "cubic"],
+            "--method maximum_depth shows values without a surface, and --interpolation is",
+        ),
         (["a.blend", "--preset", "mr"], "--preset is for measured data, and a.blend is a scene"),
     ],
 )
