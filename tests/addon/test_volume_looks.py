@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import bpy
 import numpy as np
@@ -244,6 +245,36 @@ def test_a_single_wild_sample_changes_nothing_elsewhere(wild, tmp_path):
         assert not warnings()
     assert np.ptp(pictures[0]) > 0.5
     assert np.abs(pictures[1] - pictures[0]).max() < 2e-4
+
+
+def fog_by_nodes(material, size=1.5):
+    """A mesh object of which geometry nodes make a fog of that material."""
+    tree = bpy.data.node_groups.new("Fog", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    kinds = "NodeGroupInput", "GeometryNodeMeshToVolume", "GeometryNodeSetMaterial"
+    nodes = [tree.nodes.new(kind) for kind in (*kinds, "NodeGroupOutput")]
+    nodes[2].inputs["Material"].default_value = material
+    for one, other in itertools.pairwise(nodes):
+        tree.links.new(one.outputs[0], other.inputs[0])
+    ob = put("Cube", mesh(size=size))
+    ob.modifiers.new("Fog", "NODES").node_group = tree
+    return ob
+
+
+def test_a_fog_that_nodes_make_of_a_mesh_is_a_volume_where_its_material_is():
+    scene = before_white()
+    material = shaded("VolumePrincipled", Color=BLACK, Density=1.0)
+    fog_by_nodes(material)
+    theirs, ours = both(scene, samples=16)
+    assert not warnings()
+    assert np.abs(folded(theirs) - folded(ours)).max() < 0.02
+    assert ours["Combined"][12, 12, 2] < 0.4
+    assert read(8, 8).fields[0].look is not None
+    tree = material.node_tree
+    bsdf = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(bsdf.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    assert read(8, 8).fields[0].look is None
 
 
 def column(function):

@@ -45,6 +45,15 @@ def read_look(material, grid: str, notes) -> model.Look:
     return _Reader(material.name, grid, notes).read(output)
 
 
+def is_alone(material) -> bool:
+    """Whether a material has a volume shader, and none of a surface."""
+    output = output_of(material) if material is not None else None
+    if output is None:
+        return False
+    sockets = output.node.inputs
+    return sockets["Volume"].is_linked and not sockets["Surface"].is_linked
+
+
 def read_inside(material: Constants, socket) -> dict[str, Any] | None:
     """What the shaders at a volume socket of a material fill meshes with: members of
     model.Material; None where there is no shader. What is not understood is told to the

@@ -379,9 +379,10 @@ class _Objects:
         the volume of.
         """
         worn = None
-        if volumes.wanted(original, self._depsgraph).shown == "volume":
-            slots = ob.material_slots
-            worn = self._override or (slots[0].material if len(slots) else None)
+        own = original.id_type == "VOLUME"
+        if not own or volumes.wanted(original, self._depsgraph).shown == "volume":
+            slots = [slot.material for slot in ob.material_slots] if own else ob.data.materials
+            worn = self._override or (slots[0] if len(slots) else None)
         key = ob.data.as_pointer(), original.as_pointer(), worn and worn.as_pointer()
         if key not in self._field_at:
             try:

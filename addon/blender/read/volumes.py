@@ -63,7 +63,7 @@ def read_field(
     LeapRayError with the reason that makes the volume useless, Stopped soon after the caller said
     so.
     """
-    own = wanted(original, depsgraph)
+    own = wanted(original, depsgraph, material)
     found = _grid(ob, own, original, depsgraph, caller)
     if found is None:
         return None
@@ -159,10 +159,11 @@ def grid_of(ob, original, depsgraph) -> ScalarGrid | None:
     return found and found[0]
 
 
-def wanted(original, depsgraph) -> Isosurfaces:
-    """Which surfaces the datablock of an object asks for; those of nodes ask for nothing."""
+def wanted(original, depsgraph, material=None) -> Isosurfaces:
+    """Which surfaces the datablock of an object asks for. What nodes made of a mesh asks for
+    nothing: it is shown as a volume if its material has no surface."""
     if not isinstance(original, bpy.types.Volume):
-        return Isosurfaces()
+        return Isosurfaces(shown="volume" if looks.is_alone(material) else "auto")
     return properties.isosurfaces(original.evaluated_get(depsgraph))
 
 
