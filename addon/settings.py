@@ -95,7 +95,12 @@ CLIP_CHOICES = (
     Choice("inside", "Inside", "What lies outside the object, or behind it, is cut away"),
 )
 SHOWN_CHOICES = (
-    Choice("auto", "Automatic", "Labels where the data are such, else thresholds"),
+    Choice(
+        "auto",
+        "Automatic",
+        "Labels where the data are such; a volume where the first material has no surface, but of "
+        "level sets; else thresholds",
+    ),
     Choice("threshold", "Thresholds", "The surfaces where values pass thresholds"),
     Choice("labels", "Labels", "Whole numbers name bodies, 0 none; each may have a material"),
     Choice(

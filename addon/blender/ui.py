@@ -10,6 +10,7 @@ import bpy
 from ..methods import PROJECTIONS, RAYS
 from . import ui_report, volume_data
 from .presets import LOOKS, PRESETS
+from .read import looks
 from .ui_report import ENGINE
 
 # Panels of another engine that show what LeapRay reads too.
@@ -389,7 +390,8 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         values = volume_data.known(volume)
         column.prop(own, "shown")
         column.menu("DATA_MT_leapray_volume_presets")
-        if own.shown == "volume":
+        worn = volume.materials[0] if len(volume.materials) else None
+        if own.shown == "volume" or (own.shown == "auto" and looks.is_alone(worn)):
             column.prop(own, "smoothing")
             optional(column, own, "gradient_modulation")
             _draw_shading(column, own)

@@ -141,7 +141,9 @@ def hide_surfaces(scene: bpy.types.Scene) -> list[str]:
     for thing in scene.objects:
         if thing.type != "VOLUME" or thing.hide_render:
             continue
-        if thing.data.leapray.shown != "volume":
+        worn = thing.material_slots[0].material if len(thing.material_slots) else None
+        shown = thing.data.leapray.shown
+        if not (shown == "volume" or (shown == "auto" and worn and is_volume(worn))):
             thing.hide_render = True
             notes.append(f"{thing.name} was left out, which Cycles renders as a cloud")
     return notes

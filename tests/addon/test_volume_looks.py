@@ -277,6 +277,21 @@ def test_a_fog_that_nodes_make_of_a_mesh_is_a_volume_where_its_material_is():
     assert read(8, 8).fields[0].look is None
 
 
+def test_a_volume_whose_material_has_no_surface_is_one_as_in_cycles(tmp_path):
+    """Without a setting, but where it is chosen otherwise, or the data are a level set."""
+    scene = before_white()
+    data = smoke(shaded("VolumePrincipled", Color=BLACK, Density=0.8), tmp_path).data
+    data.leapray.shown = "auto"
+    theirs, ours = both(scene, samples=16)
+    assert not warnings()
+    assert np.abs(folded(theirs) - folded(ours)).max() < 0.02
+    data.leapray.shown = "threshold"
+    assert read(8, 8).fields[0].look is None
+    data.leapray.shown = "auto"
+    data.filepath = vdb_files.write(tmp_path / "ball.vdb", vdb_files.level_set())
+    assert read(8, 8).fields[0].look is None
+
+
 def column(function):
     return lambda values: np.repeat(function(values)[:, None], 3, axis=1)
 

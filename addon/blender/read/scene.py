@@ -24,7 +24,7 @@ from ...memory import Resident
 from ...process import POLL
 from ...settings import Isosurfaces
 from .. import properties, result
-from . import labels, lights, materials, matrices, volumes
+from . import labels, lights, looks, materials, matrices, volumes
 from .meshes import NO_FACES, read_mesh, read_object_mesh
 from .warnings import Warnings
 
@@ -378,11 +378,12 @@ class _Objects:
         original: the datablock that its object has in the file, a volume or what nodes made
         the volume of.
         """
-        worn = None
-        own = original.id_type == "VOLUME"
-        if not own or volumes.wanted(original, self._depsgraph).shown == "volume":
-            slots = [slot.material for slot in ob.material_slots] if own else ob.data.materials
-            worn = self._override or (slots[0] if len(slots) else None)
+        in_object = original.id_type == "VOLUME"
+        slots = [s.material for s in ob.material_slots] if in_object else ob.data.materials
+        worn = self._override or (slots[0] if len(slots) else None)
+        shown = volumes.wanted(original, self._depsgraph).shown
+        if not (shown == "volume" or (shown == "auto" and looks.is_alone(worn))):
+            worn = None
         key = ob.data.as_pointer(), original.as_pointer(), worn and worn.as_pointer()
         if key not in self._field_at:
             try:

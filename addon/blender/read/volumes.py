@@ -37,6 +37,7 @@ T = TypeVar("T")
 
 NOT_IN_FRAME = 2**31 - 1  # Blender's frame of a sequence that has none now
 NUMBERS = "FLOAT", "DOUBLE", "INT", "INT64", "BOOLEAN"  # Blender's types of such grids
+SOLID = "level set", "labels"  # kinds of grids that are surfaces, whatever their material
 HASHED = 4096  # leaves that are looked at at a time
 MOST_KNOWN = 64  # thresholds that are kept for later frames
 
@@ -63,11 +64,13 @@ def read_field(
     LeapRayError with the reason that makes the volume useless, Stopped soon after the caller said
     so.
     """
-    own = wanted(original, depsgraph, material)
+    own = wanted(original, depsgraph)
     found = _grid(ob, own, original, depsgraph, caller)
     if found is None:
         return None
     grid, contents = found
+    if own.shown == "auto" and grid.kind not in SOLID and looks.is_alone(material):
+        own = replace(own, shown="volume")
     for doubt in grid.warnings:
         notes.missing("The data of", ob.name, f"are in doubt: {doubt}")
     told = {
@@ -159,11 +162,10 @@ def grid_of(ob, original, depsgraph) -> ScalarGrid | None:
     return found and found[0]
 
 
-def wanted(original, depsgraph, material=None) -> Isosurfaces:
-    """Which surfaces the datablock of an object asks for. What nodes made of a mesh asks for
-    nothing: it is shown as a volume if its material has no surface."""
+def wanted(original, depsgraph) -> Isosurfaces:
+    """Which surfaces the datablock of an object asks for; those of nodes ask for nothing."""
     if not isinstance(original, bpy.types.Volume):
-        return Isosurfaces(shown="volume" if looks.is_alone(material) else "auto")
+        return Isosurfaces()
     return properties.isosurfaces(original.evaluated_get(depsgraph))
 
 
