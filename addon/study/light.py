@@ -25,7 +25,10 @@ from .options import chosen, number
 
 STUDY = True
 
-SCENES = ("gallery", "suzanne", "cornell", "textured", "mirrors", "metal", "glass", "still")
+SCENES = (
+    *("gallery", "suzanne", "cornell", "textured", "mirrors", "metal", "glass", "still"),
+    *("xray", "fog"),  # volumes that absorb, and scatter
+)
 QUICK = ("cornell", "still")
 ENGINES = {"leapray": "LeapRay", "cycles": "Cycles"}
 
