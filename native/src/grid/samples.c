@@ -73,13 +73,6 @@ void lr_samples_free(lr_samples *s)
     free(s);
 }
 
-uint64_t lr_samples_nbytes(const lr_samples *s)
-{
-    return sizeof *s +
-           lr_samples_count(s) * (2 * sizeof(double) + 2 + (s->table != NULL ? 4u : 0u)) +
-           (uint64_t)s->n_bricks * LR_CELLS * lr_sample_nbytes(s->map.sample_type);
-}
-
 lr_status lr_samples_check_part(const lr_samples *s, int32_t part, lr_error *error)
 {
     if (part < 0 || part >= s->table_size[2])

@@ -30,9 +30,6 @@ struct lr_samples {
 /* One more owner, to be given to lr_samples_free. */
 lr_samples *lr_samples_share(lr_samples *samples);
 
-/* Bytes of all that it holds. */
-uint64_t lr_samples_nbytes(const lr_samples *samples);
-
 LR_INLINE size_t lr_samples_count(const lr_samples *s)
 {
     return (size_t)s->table_size[0] * (size_t)s->table_size[1] * (size_t)s->table_size[2];

@@ -30,21 +30,6 @@ LR_INLINE bool lr_apart(const lr_separator s[LR_SEPARATORS], const double c[3], 
     return false;
 }
 
-/* The margin by which the cell must be widened to meet the triangle; any value above `most` if
- * `most` does not suffice. */
-LR_INLINE double lr_gap(const lr_separator s[LR_SEPARATORS], const double c[3], double most)
-{
-    double gap = 0.0;
-    for (int i = 0; i < LR_SEPARATORS && gap <= most; i++) {
-        const double at = lr_dot(s[i].axis, c), half = 0.5 * s[i].extent;
-        const double below = s[i].lo - half - at, above = at - s[i].hi - half;
-        const double out = below > above ? below : above;
-        if (out > gap * s[i].extent)
-            gap = out / s[i].extent;
-    }
-    return gap;
-}
-
 /* The cells of a brick, in coordinates from its first sample, that the triangle's box
  * meets when they are widened by grow; false where there are none. */
 bool lr_cell_range(const double p[3][3], double grow, int32_t lo[3], int32_t hi[3]);
