@@ -16,9 +16,7 @@ LR_API int32_t light_simd(void)
 LR_API void light_run(int32_t simd, const lr_volume *volume, uint64_t n, const double *rays,
                       int32_t stops, double tolerance, double stop_opacity, double *out)
 {
-    lr_light_rays_of *run = simd == LR_SIMD_AVX512 ? lr_light_rays_avx512
-                            : simd == LR_SIMD_AVX2 ? lr_light_rays_avx2
-                                                   : lr_light_rays_portable;
+    lr_light_rays_of *run = LR_BY_SIMD(simd, lr_light_rays);
     lr_rays of = rays_of(rays, n);
     of.t_max = rays + 6 * n;
     of.stop = stops ? rays + 7 * n : NULL;

@@ -16,9 +16,7 @@ LR_API void samples_run(int32_t simd, const lr_volume *volume, uint64_t n, const
                         double step, double stop_opacity, const lr_phong *phong, int32_t normal,
                         double *out)
 {
-    lr_sample_rays_of *run = simd == LR_SIMD_AVX512 ? lr_sample_rays_avx512
-                             : simd == LR_SIMD_AVX2 ? lr_sample_rays_avx2
-                                                    : lr_sample_rays_portable;
+    lr_sample_rays_of *run = LR_BY_SIMD(simd, lr_sample_rays);
     const lr_rays of = rays_of(rays, n);
     const lr_hits hits = hits_of(out, n);
     const lr_trace_options options = {

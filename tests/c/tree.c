@@ -34,9 +34,7 @@ LR_API void tree_run(int32_t simd, const double (*corners)[3][3], double scale, 
         tree.scale[a] = scale;
         tree.offset[a] = a - 3.0;
     }
-    const lr_tree_ops *ops = simd == LR_SIMD_AVX512 ? &lr_tree_avx512
-                             : simd == LR_SIMD_AVX2 ? &lr_tree_avx2
-                                                    : &lr_tree_portable;
+    const lr_tree_ops *ops = LR_BY_SIMD(simd, &lr_tree);
     for (uint32_t b = 0; b < LR_TREE_LANES; b++) {
         node.child[b] = b | LR_LEAF;
         for (int a = 0; a < 3; a++) {
@@ -77,9 +75,7 @@ LR_API uint32_t tree_boxes(int32_t simd, uint32_t n_boxes, const lr_box *boxes, 
                            uint8_t *met)
 {
     static lr_branch stack[LR_HEIGHT_MAX * (LR_TREE_LANES - 1) + 1];
-    const lr_tree_ops *ops = simd == LR_SIMD_AVX512 ? &lr_tree_avx512
-                             : simd == LR_SIMD_AVX2 ? &lr_tree_avx2
-                                                    : &lr_tree_portable;
+    const lr_tree_ops *ops = LR_BY_SIMD(simd, &lr_tree);
     lr_hierarchy binary;
     lr_wide_tree tree;
     lr_error error;

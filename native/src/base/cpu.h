@@ -12,6 +12,16 @@
 #define LR_X86 1
 #endif
 
+/* Of name_portable, name_avx2 and name_avx512 the one for an lr_simd that the processor has. */
+#ifdef LR_X86
+#define LR_BY_SIMD(simd, name)                                                                     \
+    ((simd) == LR_SIMD_AVX512 ? name##_avx512                                                      \
+     : (simd) == LR_SIMD_AVX2 ? name##_avx2                                                        \
+                              : name##_portable)
+#else
+#define LR_BY_SIMD(simd, name) ((void)(simd), name##_portable)
+#endif
+
 /* The best of lr_simd. It asks the processor, which takes up to 0.1 ms under a
  * hypervisor: once per call of the interface, not per part. */
 int32_t lr_cpu_simd(void);

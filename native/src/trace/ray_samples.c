@@ -21,12 +21,6 @@ void lr_sample_rays(const lr_volume *v, const lr_empty_cubes *cubes, const lr_ra
                     uint64_t first, uint64_t end, const lr_trace_options *options,
                     const lr_hits *hits, lr_counters *counters, const lr_watch *watch)
 {
-    lr_sample_rays_of *run = lr_sample_rays_portable;
-#ifdef LR_X86
-    if (v->transfer->simd == LR_SIMD_AVX512)
-        run = lr_sample_rays_avx512;
-    else if (v->transfer->simd == LR_SIMD_AVX2)
-        run = lr_sample_rays_avx2;
-#endif
+    lr_sample_rays_of *run = LR_BY_SIMD(v->transfer->simd, lr_sample_rays);
     run(v, cubes, rays, first, end, options, hits, counters, watch);
 }

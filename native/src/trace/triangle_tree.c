@@ -227,14 +227,7 @@ bool lr_tree_accepts(const lr_triangle_tree *tree, const lr_tree_ray *k, uint32_
 
 const lr_tree_ops *lr_tree_ops_of(int32_t simd)
 {
-#ifdef LR_X86
-    if (simd == LR_SIMD_AVX512)
-        return &lr_tree_avx512;
-    if (simd == LR_SIMD_AVX2)
-        return &lr_tree_avx2;
-#endif
-    (void)simd;
-    return &lr_tree_portable;
+    return LR_BY_SIMD(simd, &lr_tree);
 }
 
 /* The surface cell that holds the hit, or one beside it where it lies on a face; false: none does.

@@ -106,24 +106,6 @@ static lr_status place_lattice(lr_voxelizer *v, lr_error *error)
     return LR_OK;
 }
 
-/* What is done by the instructions that were chosen. */
-static void choose_instructions(int32_t simd, lr_voxel_job *job)
-{
-    job->search = lr_nearest_portable;
-    job->test_cells = lr_test_cells_portable;
-#ifdef LR_X86
-    if (simd == LR_SIMD_AVX2) {
-        job->search = lr_nearest_avx2;
-        job->test_cells = lr_test_cells_avx2;
-    }
-    if (simd == LR_SIMD_AVX512) {
-        job->search = lr_nearest_avx512;
-        job->test_cells = lr_test_cells_avx512;
-    }
-#endif
-    (void)simd;
-}
-
 /* Of the band; kind is LR_KIND_SOLID or LR_KIND_SHEET. */
 static double band_of(const lr_voxelize_options *o, int32_t kind)
 {
@@ -138,7 +120,8 @@ static lr_status prepare(lr_voxelizer *v, const lr_mesh *mesh, const lr_watch *w
     lr_status status = lr_cpu_choose(o->simd, &v->simd, error);
     v->job = (lr_voxel_job){
         .mesh = &v->mesh, .filter = o->filter, .half_width = o->half_width, .flat = o->flat != 0};
-    choose_instructions(v->simd, &v->job);
+    v->job.search = LR_BY_SIMD(v->simd, lr_nearest);
+    v->job.test_cells = LR_BY_SIMD(v->simd, lr_test_cells);
     if (status == LR_OK)
         status = lr_topology_begin(mesh, o->voxel_size, watch, &v->mesh, error);
     if (status == LR_OK)
