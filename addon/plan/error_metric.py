@@ -250,6 +250,7 @@ def measure(
         normal = normal_errors(volume, mesh, probes, surface, own, threads, NORMAL_STEP)
     crease, _ = measure_surface(volume, probes.creases, None, *at, beside, gain)
     dtype = "u8" if gain else info.dtype
+    of_samples = info.n_triangle_cells < info.n_surface_cells  # some surface, and its normals
     why = ""
     if sheet and made.n_border_edges:
         why = f"open: {made.n_border_edges} border edges"
@@ -261,7 +262,7 @@ def measure(
         voxel_size=voxel_size,
         dtype=dtype,
         step=0.5 / STEPS[dtype] / slope_across * voxel_size,
-        turn=TURN_OF_U8 if dtype == "u8" else 0.0,
+        turn=TURN_OF_U8 if dtype == "u8" and of_samples else 0.0,
         surface=surface,
         lost=lost,
         normal=np.where(lost[:: len(lost) // len(normal)], np.float32(0), normal),
