@@ -98,7 +98,7 @@ def test_escape_cancels_at_once_and_leaves_nothing_behind(window, scene, picture
     for number in range(CANCELS):
         session.forget()
         window.key("F12")
-        session.await_stats(("Voxelizing", "Rendered 0/")[number % 2])
+        session.await_stats(("ViewLayer |", "Rendered 0/")[number % 2])  # its beginning, or tiles
         time.sleep(waits.uniform(0.0, 0.5))
         pressed = window.key("Escape")
         events = session.await_event("idle", timeout=30)
