@@ -17,9 +17,60 @@
 #endif
 
 enum { LR_LANES = 16, LR_ALL_LANES = 0xffff };
+enum { LR_DOUBLE_LANES = 8, LR_ALL_DOUBLE_LANES = 0xff };
 
 typedef float lr_floats __attribute__((vector_size(64)));
 typedef int32_t lr_ints __attribute__((vector_size(64))); /* as a mask: -1 where set, else 0 */
+
+typedef double lr_doubles __attribute__((vector_size(64)));
+typedef int64_t lr_longs __attribute__((vector_size(64))); /* as a mask, as lr_ints */
+typedef uint64_t lr_unsigned_longs __attribute__((vector_size(64)));
+
+/* Eight beside eight doubles. */
+typedef int32_t lr_eight_ints __attribute__((vector_size(32)));
+typedef float lr_eight_floats __attribute__((vector_size(32)));
+
+/* From memory and to it, aligned or not. */
+#define LR_IN_MEMORY(vector, number, kind)                                                         \
+    LR_INLINE vector lr_load_##kind(const number *from)                                            \
+    {                                                                                              \
+        vector x;                                                                                  \
+        memcpy(&x, from, sizeof x);                                                                \
+        return x;                                                                                  \
+    }                                                                                              \
+    LR_INLINE void lr_store_##kind(number *to, vector x)                                           \
+    {                                                                                              \
+        memcpy(to, &x, sizeof x);                                                                  \
+    }
+LR_IN_MEMORY(lr_floats, float, floats)
+LR_IN_MEMORY(lr_ints, int32_t, ints)
+LR_IN_MEMORY(lr_doubles, double, doubles)
+LR_IN_MEMORY(lr_eight_ints, int32_t, eight)
+LR_IN_MEMORY(lr_eight_floats, float, eight_floats)
+#undef LR_IN_MEMORY
+
+/* A function of each lane: gcc has none of vectors. */
+#ifdef __clang__
+#define LR_EACH_LANE(name, vector, of_vector, of_number)                                           \
+    LR_INLINE vector name(vector a)                                                                \
+    {                                                                                              \
+        return of_vector(a);                                                                       \
+    }
+#else
+#define LR_EACH_LANE(name, vector, of_vector, of_number)                                           \
+    LR_INLINE vector name(vector a)                                                                \
+    {                                                                                              \
+        vector all;                                                                                \
+        for (size_t l = 0; l < sizeof a / sizeof a[0]; l++)                                        \
+            all[l] = of_number(a[l]);                                                              \
+        return all;                                                                                \
+    }
+#endif
+LR_EACH_LANE(lr_root_floats, lr_floats, __builtin_elementwise_sqrt, sqrtf)
+LR_EACH_LANE(lr_rounded_down, lr_floats, __builtin_elementwise_floor, floorf)
+LR_EACH_LANE(lr_root_doubles, lr_doubles, __builtin_elementwise_sqrt, sqrt)
+LR_EACH_LANE(lr_rounded_down_doubles, lr_doubles, __builtin_elementwise_floor, floor)
+#undef LR_EACH_LANE
 
 LR_INLINE lr_floats lr_all_floats(float x)
 {
@@ -77,54 +128,6 @@ LR_INLINE lr_ints lr_greatest_ints(lr_ints a, lr_ints b)
 LR_INLINE lr_floats lr_absolute(lr_floats a)
 {
     return (lr_floats)((lr_ints)a & INT32_MAX);
-}
-
-LR_INLINE lr_floats lr_root_floats(lr_floats a)
-{
-#ifdef __clang__
-    return __builtin_elementwise_sqrt(a);
-#else
-    lr_floats root;
-    for (int l = 0; l < LR_LANES; l++)
-        root[l] = sqrtf(a[l]);
-    return root;
-#endif
-}
-
-LR_INLINE lr_floats lr_rounded_down(lr_floats a)
-{
-#ifdef __clang__
-    return __builtin_elementwise_floor(a);
-#else
-    lr_floats down;
-    for (int l = 0; l < LR_LANES; l++)
-        down[l] = floorf(a[l]);
-    return down;
-#endif
-}
-
-LR_INLINE lr_floats lr_load_floats(const float *from)
-{
-    lr_floats x;
-    memcpy(&x, from, sizeof x);
-    return x;
-}
-
-LR_INLINE lr_ints lr_load_ints(const int32_t *from)
-{
-    lr_ints x;
-    memcpy(&x, from, sizeof x);
-    return x;
-}
-
-LR_INLINE void lr_store_floats(float *to, lr_floats x)
-{
-    memcpy(to, &x, sizeof x);
-}
-
-LR_INLINE void lr_store_ints(int32_t *to, lr_ints x)
-{
-    memcpy(to, &x, sizeof x);
 }
 
 /* The mask of which a bit is set for each lane; and back. */
@@ -195,26 +198,9 @@ LR_INLINE lr_ints lr_gather(const void *base, lr_ints at, uint32_t bits)
 
 /* ---- doubles ---------------------------------------------------------------- */
 
-enum { LR_DOUBLE_LANES = 8, LR_ALL_DOUBLE_LANES = 0xff };
-
-typedef double lr_doubles __attribute__((vector_size(64)));
-typedef int64_t lr_longs __attribute__((vector_size(64))); /* as a mask: -1 where set, else 0 */
-
 LR_INLINE lr_doubles lr_all_doubles(double x)
 {
     return x - (lr_doubles){0};
-}
-
-LR_INLINE lr_doubles lr_load_doubles(const double *from)
-{
-    lr_doubles x;
-    memcpy(&x, from, sizeof x);
-    return x;
-}
-
-LR_INLINE void lr_store_doubles(double *to, lr_doubles x)
-{
-    memcpy(to, &x, sizeof x);
 }
 
 LR_INLINE lr_doubles lr_pick_doubles(lr_longs m, lr_doubles a, lr_doubles b)
@@ -237,18 +223,6 @@ LR_INLINE lr_doubles lr_clamp_doubles(lr_doubles x, lr_doubles lo, lr_doubles hi
 LR_INLINE lr_doubles lr_absolute_doubles(lr_doubles a)
 {
     return (lr_doubles)((lr_longs)a & INT64_MAX);
-}
-
-LR_INLINE lr_doubles lr_root_doubles(lr_doubles a)
-{
-#ifdef __clang__
-    return __builtin_elementwise_sqrt(a);
-#else
-    lr_doubles root;
-    for (int l = 0; l < LR_DOUBLE_LANES; l++)
-        root[l] = sqrt(a[l]);
-    return root;
-#endif
 }
 
 /* x with the sign of y. */
@@ -276,18 +250,6 @@ LR_INLINE uint32_t lr_bits_of_longs(lr_longs m)
 LR_INLINE bool lr_any(lr_longs m)
 {
     return lr_bits_of_longs(m) != 0;
-}
-
-LR_INLINE lr_doubles lr_rounded_down_doubles(lr_doubles a)
-{
-#ifdef __clang__
-    return __builtin_elementwise_floor(a);
-#else
-    lr_doubles down;
-    for (int l = 0; l < LR_DOUBLE_LANES; l++)
-        down[l] = floor(a[l]);
-    return down;
-#endif
 }
 
 LR_INLINE lr_longs lr_longs_of(uint32_t bits)
@@ -334,10 +296,6 @@ LR_INLINE lr_doubles lr_pick_of_eight(const double eight[LR_DOUBLE_LANES], lr_lo
 }
 
 /* ---- eight integers beside eight doubles ------------------------------------ */
-
-typedef int32_t lr_eight_ints __attribute__((vector_size(32)));
-typedef float lr_eight_floats __attribute__((vector_size(32)));
-typedef uint64_t lr_unsigned_longs __attribute__((vector_size(64)));
 
 /* Towards 0. */
 LR_INLINE lr_eight_ints lr_eight_ints_of(lr_doubles x)
@@ -389,28 +347,4 @@ LR_INLINE uint32_t lr_bits_of_eight(lr_eight_ints m)
     const lr_ints all = {m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7]};
     return lr_bits_of(all);
 #endif
-}
-
-LR_INLINE lr_eight_floats lr_load_eight_floats(const float *from)
-{
-    lr_eight_floats x;
-    memcpy(&x, from, sizeof x);
-    return x;
-}
-
-LR_INLINE void lr_store_eight_floats(float *to, lr_eight_floats x)
-{
-    memcpy(to, &x, sizeof x);
-}
-
-LR_INLINE void lr_store_eight(int32_t *to, lr_eight_ints x)
-{
-    memcpy(to, &x, sizeof x);
-}
-
-LR_INLINE lr_eight_ints lr_load_eight(const int32_t *from)
-{
-    lr_eight_ints x;
-    memcpy(&x, from, sizeof x);
-    return x;
 }
