@@ -10,6 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+FLOAT_MOST = float(np.finfo(np.float32).max)
 LUMINANCE = (0.2126729, 0.7151522, 0.0721750)  # Rec. 709
 
 

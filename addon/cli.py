@@ -115,15 +115,15 @@ def data_name(path: Path) -> str:
 
 def check_data_options(args: argparse.Namespace, measured: bool) -> None:
     """Refuse options of measured data for scenes, and those of surfaces for volumes without one."""
-    of_surfaces = "threshold", "interpolation", "clip"
-    given = [name for name in (*of_surfaces, "preset") if getattr(args, name) is not None]
+    of_surfaces = "threshold", "interpolation"
+    given = [name for name in (*of_surfaces, "clip", "preset") if getattr(args, name) is not None]
     if given and not measured:
         raise LeapRayError(f"--{given[0]} is for measured data, and {args.scene} is a scene")
-    if args.preset and given[0] in of_surfaces:
+    if args.preset and given[0] != "preset":
         raise LeapRayError(
             f"--preset shows a volume without a surface, and --{given[0]} is for surfaces"
         )
-    if args.method in {each.spec for each in PROJECTIONS} and given and given[0] in of_surfaces[:2]:
+    if args.method in {each.spec for each in PROJECTIONS} and given and given[0] in of_surfaces:
         raise LeapRayError(
             f"--method {args.method} shows values without a surface, and --{given[0]} is for "
             "surfaces"

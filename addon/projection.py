@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 import leapray
 
 from . import film, model
+from .arrays import FLOAT_MOST
 from .methods import Method
 from .plan import culling, fastest, fields, looks, objects
 from .plan.levels import MB
@@ -261,12 +262,12 @@ class ProjectionPainter:
                 picture[where.reshape(shape)] = 0.0
         t = t.reshape(shape)
         size = self.scene.width, self.scene.height
-        most = float(np.finfo(np.float32).max)
+        finite = np.clip(np.where(seen, value, 0.0), -FLOAT_MOST, FLOAT_MOST)
         passes = {
             "Combined": picture,
             "Depth": film.depth_pass(t),
             "Position": film.position_pass(self.scene.camera, tile, size, t),
-            "Value": np.clip(np.where(seen, value, 0.0), -most, most).reshape(*shape, 1),
+            "Value": finite.reshape(*shape, 1),
             **{k: v.reshape(*shape, 1).astype(np.float32) for k, v in index.items()},
         }
         return {name: passes[name].astype(np.float32, copy=False) for name in self.made}

@@ -391,7 +391,7 @@ class DATA_PT_leapray_volume(_Panel, bpy.types.Panel):
         column.prop(own, "shown")
         column.menu("DATA_MT_leapray_volume_presets")
         worn = volume.materials[0] if len(volume.materials) else None
-        if own.shown == "volume" or (own.shown == "auto" and looks.is_alone(worn)):
+        if looks.is_shown(own.shown, worn):
             column.prop(own, "smoothing")
             optional(column, own, "gradient_modulation")
             _draw_shading(column, own)

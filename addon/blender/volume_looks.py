@@ -95,8 +95,8 @@ def between(
         starts = np.minimum(np.searchsorted(share, (first, final)), len(told.counts) - 1)
         (start, end), edges = starts.tolist(), told.edges
         left, right = float(edges[start]), float(edges[end + 1])
-        narrow = right - left > 0.5 * (edges[-1] - edges[0])
-        if end - start >= FEW or narrow or right - left <= EVEN * max(abs(left), abs(right)):
+        as_wide = right - left > 0.5 * (edges[-1] - edges[0])
+        if end - start >= FEW or as_wide or right - left <= EVEN * max(abs(left), abs(right)):
             return float(edges[start + 1]), right
         below += told.counts[:start].sum()
         told = leapray.histogram(grid, BINS, (left, right))

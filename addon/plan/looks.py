@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import leapray
 
 from .. import model
+from ..arrays import FLOAT_MOST
 
 SAMPLES = 4097  # at which a look is asked at equal distances, before it is asked where it bends
 BETWEEN = 129  # and between two values that its nodes name
@@ -23,7 +24,6 @@ MOST_NAMED = 64  # values that nodes name
 MOST_ASKED = 1 << 15  # knots that are found: half of what a transfer function may have
 FINEST = float(np.finfo(np.float32).eps)  # of a value, by which samples are told apart at least,
 LEAST = float(np.finfo(np.float32).tiny)  # and near 0
-FLOAT_MOST = float(np.finfo(np.float32).max)  # of values: for nodes there are none beyond
 ROUNDING = 16 * FINEST  # of what nodes make of a value, with f32
 ACCURACY = 1e-4  # what leaving out knots may change, as a share of the largest
 DENSE = 1e10  # over a voxel: as good as any surface; of more rays would not find out again

@@ -148,7 +148,7 @@ class Planner(Refinement):
     def _has_few_triangles(self, work: Work) -> bool:
         """Whether voxels that are fine enough would hardly be fewer, or all were kept before."""
         n = len(work.mesh.triangles)
-        if n <= FEW_TRIANGLES or (n <= MANY_TRIANGLES and n <= self.pixels(work)):
+        if n <= FEW_TRIANGLES or n <= min(MANY_TRIANGLES, self.pixels(work)):
             return True
         kept = self.perfect(work)
         return self._known(kept, self.first_size(kept)) is not None
@@ -233,9 +233,10 @@ class Planner(Refinement):
         if n:
             return fixed_size(work.mesh, n)
         size = coarsest(work.mesh)
-        n = len(work.mesh.triangles)
-        crowd = PER_CELL if work.exact == "every" and n > FEW_TRIANGLES else MOST_CROWD
-        room = crowd * self._probes(work).area / n
+        n_triangles = len(work.mesh.triangles)
+        all_kept = work.exact == "every" and n_triangles > FEW_TRIANGLES
+        crowd = PER_CELL if all_kept else MOST_CROWD
+        room = crowd * self._probes(work).area / n_triangles
         finest = size * COARSEST / FINEST_START
         while size**2 > room and size > finest:
             size /= 2

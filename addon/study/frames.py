@@ -25,6 +25,7 @@ from leapray import LeapRayError
 
 from .. import methods
 from ..blender import open_file
+from ..blender.read import looks
 from ..blender.read.images import openimageio
 from ..blender.read.links import node_tree, tree_of
 from .metrics import View
@@ -142,8 +143,7 @@ def hide_surfaces(scene: bpy.types.Scene) -> list[str]:
         if thing.type != "VOLUME" or thing.hide_render:
             continue
         worn = thing.material_slots[0].material if len(thing.material_slots) else None
-        shown = thing.data.leapray.shown
-        if not (shown == "volume" or (shown == "auto" and worn and is_volume(worn))):
+        if not looks.is_shown(thing.data.leapray.shown, worn):
             thing.hide_render = True
             notes.append(f"{thing.name} was left out, which Cycles renders as a cloud")
     return notes
@@ -188,7 +188,7 @@ def make_diffuse() -> list[str]:
     changed = []
     for material in bpy.data.materials:
         color, plain = base_color(material)
-        if plain or is_volume(material):
+        if plain or looks.is_alone(material):
             continue
         changed.append(material.name)
         be_diffuse(material, color)
@@ -203,14 +203,6 @@ def be_diffuse(material: bpy.types.Material, color: tuple[float, ...]) -> None:
     bsdf.inputs["Color"].default_value = color
     output = tree.nodes.new("ShaderNodeOutputMaterial")
     tree.links.new(bsdf.outputs["BSDF"], output.inputs["Surface"])
-
-
-def is_volume(material: bpy.types.Material) -> bool:
-    """Whether it has a volume and no surface."""
-    tree = tree_of(material)
-    output = tree and (tree.get_output_node("CYCLES") or tree.get_output_node("ALL"))
-    linked = {name for name in ("Surface", "Volume") if output and output.inputs[name].is_linked}
-    return linked == {"Volume"}
 
 
 def base_color(material: bpy.types.Material) -> tuple[tuple[float, ...], bool]:

@@ -22,9 +22,7 @@ BLOCK = 1 << 19  # samples that are counted at a time, which fit the processor's
 CACHED = 1 << 16  # numbers whose bins are found at a time
 FIRST = 1 << 14  # bins of the whole range; more would cost more than the samples
 FINE = 4096  # bins in which thresholds are sought
-ZOOMS = (
-    10  # times at most that a histogram is counted again between the values that most samples have
-)
+ZOOMS = 10  # times at most that a histogram is counted again where most samples are
 TAIL = 1e-4  # share of samples at either end that may be artefacts, as of metal
 WIDTH = 4.0  # half-widths at half the height up to which a peak's noise reaches: 4.7 deviations
 FOOT = 0.1  # of a peak's height, below which a count is no longer of the peak's middle

@@ -12,6 +12,7 @@ pytest.importorskip("flip_evaluator")
 pytest.importorskip("matplotlib")
 
 from addon.blender import open_file  # noqa: E402
+from addon.blender.read import looks  # noqa: E402
 from addon.study import compare, cycles_volumes, frames, kept  # noqa: E402
 from leapray import LeapRayError  # noqa: E402
 
@@ -58,7 +59,7 @@ def test_surfaces_of_volume_objects_are_left_out_and_told_and_clouds_stay():
 def test_volume_materials_stay_where_surfaces_become_diffuse():
     opened("xray")
     before = [node.bl_idname for node in bpy.data.materials["Film"].node_tree.nodes]
-    assert frames.is_volume(bpy.data.materials["Film"])
+    assert looks.is_alone(bpy.data.materials["Film"])
     assert "Film" not in frames.make_diffuse()
     assert [node.bl_idname for node in bpy.data.materials["Film"].node_tree.nodes] == before
 

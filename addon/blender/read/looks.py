@@ -18,6 +18,7 @@ from leapray import LeapRayError, Step, compile_program
 from leapray.programs import INPUTS, numbers_of
 
 from ... import model
+from ...arrays import FLOAT_MOST
 from . import colors, phases
 from .links import Values, average
 from .nodes import Folder, Place, Unfolded, output_of, own_value, title
@@ -30,7 +31,6 @@ CHANNEL = INPUTS[0]  # through which programs get a value
 STEFAN_BOLTZMANN = 5.670373e-8 * 1e-6 / np.pi  # radiance by kelvin^4, as Cycles scales it
 LEAST_POWER = 1e-5  # as in Cycles: less is nothing
 SOME = np.linspace(-2.0, 2.0, 41)  # values at which anisotropies are compared
-FLOAT_MOST = float(np.finfo(np.float32).max)  # what infinities count as
 DENSEST = 1e12  # that fills meshes: a wall's; from more light would not find out again
 ALIKE = 0.01  # those that differ by less are not told
 HENYEY_GREENSTEIN, RAYLEIGH = "HENYEY_GREENSTEIN", "RAYLEIGH"  # phase functions of Blender's
@@ -52,6 +52,12 @@ def is_alone(material) -> bool:
         return False
     sockets = output.node.inputs
     return sockets["Volume"].is_linked and not sockets["Surface"].is_linked
+
+
+def is_shown(shown: str, material) -> bool:
+    """Whether a field is a volume without a surface: where the user says so, or, automatically,
+    the material does."""
+    return shown == "volume" or (shown == "auto" and is_alone(material))
 
 
 def read_inside(material: Constants, socket) -> dict[str, Any] | None:

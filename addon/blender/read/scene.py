@@ -382,7 +382,7 @@ class _Objects:
         slots = [s.material for s in ob.material_slots] if in_object else ob.data.materials
         worn = self._override or (slots[0] if len(slots) else None)
         shown = volumes.wanted(original, self._depsgraph).shown
-        if not (shown == "volume" or (shown == "auto" and looks.is_alone(worn))):
+        if not looks.is_shown(shown, worn):
             worn = None
         key = ob.data.as_pointer(), original.as_pointer(), worn and worn.as_pointer()
         if key not in self._field_at:

@@ -11,7 +11,7 @@
 #include "base/error.h"
 #include "grid/attributes/triangle_attributes.h"
 
-#define LR_VECTORS 0 /* rows are too short for more */
+#define LR_VECTORS 0 /* compiled once, for all processors */
 #include "base/vectors.h"
 
 /* The constant brick that a brick is like, 2: neither. Ids other than 0, touched

@@ -15,7 +15,7 @@
 #include "voxelize/filter_profile.h"
 #include "voxelize/hole_fill.h"
 
-#define LR_VECTORS 0 /* rows are too short for more */
+#define LR_VECTORS 0 /* compiled once, for all processors */
 #include "base/vectors.h"
 
 enum { POLL = 1 << 8 }; /* triangles between checks of the stop word: each may meet all cells */

@@ -10,7 +10,7 @@
 
 #include "mesh/signed_distance.h"
 
-#define LR_VECTORS 0 /* rows are too short for more */
+#define LR_VECTORS 0 /* compiled once, for all processors */
 #include "base/vectors.h"
 
 /* The nearest triangle is chosen in f32; its exact distance can exceed the band by this. */

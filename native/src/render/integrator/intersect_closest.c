@@ -92,13 +92,14 @@ static bool meet_by_tree(const lr_context *context, const lr_intersect_options *
     const bool again = !options->any && hits->instance[i] == instance;
     const lr_tree_outcome outcome = lr_tree_meet(
         structure, branch, hits->t[i], again ? hits->hit.triangle[i] : LR_NO_TRIANGLE, &at->ray);
-    if (outcome == LR_TREE_ASKS)
-        return hits->t[i] < INFINITY && ends_within(structure, branch, &at->ray);
+    if (outcome == LR_TREE_ASKS &&
+        !(hits->t[i] < INFINITY && ends_within(structure, branch, &at->ray)))
+        return false;
     if (context->counters != NULL) {
         context->counters->nodes += at->ray.n_nodes;
         context->counters->tests += at->ray.n_blocks;
     }
-    if (outcome == LR_TREE_MISSES || (at->ray.t == hits->t[i] && instance > hits->instance[i]))
+    if (outcome != LR_TREE_MEETS || (at->ray.t == hits->t[i] && instance > hits->instance[i]))
         return true;
     if (!options->any &&
         !lr_tree_put(structure, &at->ray, at->d, context->tile->trace.normal, &hits->hit, i))
